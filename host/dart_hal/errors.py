@@ -1,0 +1,203 @@
+"""The error catalogue: every failure a user can meet, with its remedy.
+
+Each class has a code, the likely cause and the command to type; the raiser
+adds what was found. Classes also inherit the builtin that a caller would
+expect. ``CATALOGUE`` lists them all; the documentation is generated from it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class DartHalError(Exception):
+    """Base of all errors of this library.
+
+    ``what``: one sentence with the facts; ``found``: what was there instead;
+    ``expected``; ``likely``: probable cause; ``remedy``: what to type;
+    ``read``: the file that was read.
+    """
+
+    code: ClassVar[str] = "D-000"
+    likely_default: ClassVar[str] = ""
+    remedy_default: ClassVar[str] = ""
+
+    def __init__(self, what: str, *, found: str = "", expected: str = "", likely: str = "",
+                 remedy: str = "", read: str = "") -> None:
+        self.what = what
+        self.found = found
+        self.expected = expected
+        self.likely = likely or self.likely_default
+        self.remedy = remedy or self.remedy_default
+        self.read = read
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        lines = [f"error {self.code}: {self.what}"]
+        pairs = (("found", self.found), ("expected", self.expected), ("likely", self.likely),
+                 ("try", self.remedy), ("read", self.read))
+        lines += [f"  {name:<8} : {text}" for name, text in pairs if text]
+        return "\n".join(lines)
+
+    def as_json(self) -> dict[str, str]:
+        """The object that every verb prints under "error" with ``--json``."""
+        return {"code": self.code, "what": self.what, "found": self.found, "try": self.remedy}
+
+
+class UnknownScheme(DartHalError, ValueError):
+    """A URL whose scheme no backend serves."""
+
+    code = "D-LINK-01"
+    remedy_default = "use sim://, serial:///dev/ttyUSB0, hwgrep://VID:PID, avr:// or replay://FILE"
+
+
+class PortMissing(DartHalError, OSError):
+    """The serial port is not there, or was not there in time."""
+
+    code = "D-LINK-02"
+    likely_default = "cable not plugged in, or another name after replugging"
+    remedy_default = "dart-hal doctor --url serial://PORT ; ports are listed by `ls /dev/ttyUSB* /dev/ttyACM*`"
+
+
+class PortBusy(DartHalError, OSError):
+    """Another process holds the port."""
+
+    code = "D-LINK-03"
+    likely_default = "a second dart-hal, a serial monitor or ModemManager has it open"
+    remedy_default = "close that program, then run the command again"
+
+
+class SchemaMismatch(DartHalError, RuntimeError):
+    """The firmware speaks another definition of the messages."""
+
+    code = "D-LINK-04"
+    remedy_default = "dart-hal flash"
+
+
+class NoHello(DartHalError, TimeoutError):
+    """No identification came at any baud rate."""
+
+    code = "D-LINK-05"
+    likely_default = "no DART firmware on the Nano, another baud rate, or a charge-only USB cable"
+    remedy_default = "dart-hal flash ; then dart-hal doctor"
+
+
+class LinkLost(DartHalError, ConnectionError):
+    """The stream stopped or the port vanished."""
+
+    code = "D-LINK-06"
+    likely_default = "cable pulled out, Nano without power, or its USB bridge reset"
+    remedy_default = "plug it in again, then dart-hal doctor"
+
+
+class PortDenied(DartHalError, PermissionError):
+    """The user may not open the port."""
+
+    code = "D-LINK-07"
+    likely_default = "the user is not in the group that owns the port (dialout)"
+    remedy_default = "sudo usermod -aG dialout $USER ; then log in again"
+
+
+class BusError(DartHalError, OSError):
+    """An I2C transaction failed."""
+
+    code = "D-I2C-01"
+    likely_default = "loose jumper, wrong bus number, or the board has no power"
+    remedy_default = "dart-hal doctor"
+
+
+class PcaMissing(BusError):
+    """No PCA9685 answers at its address."""
+
+    code = "D-I2C-02"
+    likely_default = "address jumpers set (0x41..0x7f), or VCC not powered from the 3.3 V pin"
+    remedy_default = "dart-hal doctor ; then [pwm] address in car.toml"
+
+
+class PcaFault(BusError):
+    """The PCA9685 does not hold what was written."""
+
+    code = "D-I2C-03"
+    likely_default = "brown-out of the board, or a second program writes to it"
+
+
+class BadCommand(DartHalError, ValueError):
+    """A command that is not a number; the car is tripped to neutral."""
+
+    code = "D-CMD-01"
+    remedy_default = "check the controller's output before drive()"
+
+
+class NotArmed(DartHalError, RuntimeError):
+    """``arm()`` refused; ``reasons`` holds every name that applies."""
+
+    code = "D-ARM-01"
+
+    def __init__(self, what: str, *, reasons: tuple[str, ...] = (), remedy: str = "",
+                 found: str = "") -> None:
+        self.reasons = reasons
+        super().__init__(what, found=found or ", ".join(reasons), remedy=remedy)
+
+
+class ConfigError(DartHalError, ValueError):
+    """A file of the car is not valid; the message names file and key."""
+
+    code = "D-FILE-01"
+
+
+class OtherCar(ConfigError):
+    """A calibration that belongs to another car."""
+
+    code = "D-FILE-02"
+    likely_default = "the file was copied from another car's folder"
+    remedy_default = "dart-hal calibrate steering"
+
+
+class NotMonotone(ConfigError):
+    """A steering map that cannot be inverted."""
+
+    code = "D-FILE-03"
+    remedy_default = "dart-hal calibrate steering"
+
+
+class RecordingError(DartHalError, ValueError):
+    """A recording that cannot be read or used; the message names the file."""
+
+    code = "D-REC-01"
+
+
+class CalibrationFailed(DartHalError, RuntimeError):
+    """The measurement did not yield a trustworthy result; nothing was written."""
+
+    code = "D-CAL-01"
+
+
+class EmulatorMissing(DartHalError, RuntimeError):
+    """The emulator of the firmware cannot be used here."""
+
+    code = "D-SIM-01"
+    likely_default = "simavr or the AVR compiler is not installed, or the bridge was not built"
+    remedy_default = "make firmware ; or use sim://?nano=mock"
+
+
+class FlashFailed(DartHalError, RuntimeError):
+    """avrdude could not write the firmware."""
+
+    code = "D-FLASH-01"
+    remedy_default = "dart-hal flash --port PORT ; hold reset, release it when avrdude starts"
+
+
+class UsageError(DartHalError, ValueError):
+    """An option or argument that makes no sense."""
+
+    code = "D-USE-01"
+
+
+def _all(cls: type[DartHalError]) -> list[type[DartHalError]]:
+    found = []
+    for sub in cls.__subclasses__():
+        found += [sub, *_all(sub)]
+    return found
+
+
+CATALOGUE: dict[str, type[DartHalError]] = {c.code: c for c in _all(DartHalError)}

@@ -1,0 +1,135 @@
+"""What a backend offers: bytes to and from a Nano, an I2C bus, a clock.
+
+Backends register under the entry-point group ``dart_hal.backends`` by URL
+scheme; each entry is a function ``open(url: Url) -> Backend``. Nothing above
+this file knows whether the car is real, emulated or recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Protocol, runtime_checkable
+from urllib.parse import parse_qsl, urlsplit
+
+from dart_hal.errors import UnknownScheme, UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes of the link and the host time [s] at which the last of them arrived."""
+
+    data: bytes
+    t: float
+
+
+class Link(Protocol):
+    """A byte stream to a Nano."""
+
+    def read(self, timeout: float) -> Chunk | None:
+        """Block up to ``timeout`` s of this backend's clock; None = nothing came.
+
+        Returns at the latest at the next frame delimiter in virtual time.
+        Raises LinkLost when the other end is gone.
+        """
+
+    def write(self, data: bytes) -> None:
+        """Queue bytes; they start on the line now. Raises LinkLost."""
+
+    def close(self) -> None: ...
+
+
+class Clock(Protocol):
+    """Host time of a backend: monotonic seconds, virtual or real."""
+
+    def now(self) -> float: ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass; in virtual time the world advances."""
+
+
+@runtime_checkable
+class Bus(Protocol):
+    """The shape of ``busio.I2C`` that Adafruit's drivers use."""
+
+    def try_lock(self) -> bool: ...
+    def unlock(self) -> None: ...
+    def scan(self) -> list[int]: ...
+    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
+                end: int | None = None) -> None: ...
+    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
+                      end: int | None = None) -> None: ...
+    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
+                              out_start: int = 0, out_end: int | None = None,
+                              in_start: int = 0, in_end: int | None = None) -> None: ...
+
+
+@dataclass(frozen=True)
+class Url:
+    """A parsed backend URL: ``scheme://target?key=value``."""
+
+    text: str
+    scheme: str
+    target: str
+    options: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def parse(cls, text: str) -> Url:
+        parts = urlsplit(text)
+        if not parts.scheme or "://" not in text:
+            raise UnknownScheme(f"{text!r} is not a backend URL")
+        return cls(text, parts.scheme, parts.netloc + parts.path,
+                   dict(parse_qsl(parts.query, keep_blank_values=True)))
+
+    def known(self, *names: str) -> None:
+        """Refuse options that the backend does not have (raises UsageError)."""
+        unknown = sorted(set(self.options) - set(names))
+        if unknown:
+            raise UsageError(f"{self.scheme}:// has no option {', '.join(unknown)}",
+                             found=self.text, expected=", ".join(names) or "no options")
+
+
+@dataclass
+class Backend:
+    """An opened backend.
+
+    ``virtual``: time advances only inside ``link.read`` and ``clock.sleep``.
+    ``car``: name of the car this backend is (``sim-7``), None = the caller's.
+    ``car_toml``: text of a car file that comes with the backend.
+    ``bus`` None: commands are accepted and reported as not sent (replay).
+    ``notices``: sentences the user must see once (for example: mock in use).
+    ``resets``: opening restarted the Nano, so HELLO comes unasked.
+    """
+
+    url: Url
+    link: Link
+    clock: Clock
+    bus: Bus | None
+    virtual: bool
+    car: str | None = None
+    car_toml: str | None = None
+    notices: tuple[str, ...] = ()
+    resets: bool = True
+    closers: tuple[Callable[[], None], ...] = ()
+
+    def close(self) -> None:
+        self.link.close()
+        for closer in self.closers:
+            closer()
+
+
+def schemes() -> dict[str, Callable[[Url], Backend]]:
+    """URL schemes that an installed package serves."""
+    return {e.name: e.load for e in entry_points(group="dart_hal.backends")}
+
+
+def open_backend(text: str) -> Backend:
+    """Open the backend of a URL. Raises UnknownScheme and what the backend raises."""
+    url = Url.parse(text)
+    loaders = schemes()
+    if url.scheme not in loaders:
+        raise UnknownScheme(f"no backend for {url.scheme}://", found=text,
+                            expected=", ".join(f"{s}://" for s in sorted(loaders)))
+    opener: Callable[[Url], Backend] = loaders[url.scheme]()
+    return opener(url)
