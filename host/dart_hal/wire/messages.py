@@ -296,3 +296,33 @@ PARAMS: tuple[Param, ...] = (
     Param("beat_timeout_ms", 10, 110, 50, 1000, "heartbeat limit"),
 )
 PARAM_BY_NAME = {p.name: p for p in PARAMS}
+
+STATE_IMU_AGE_NONE = 65535
+"""STATE.imu_age: no sample, or older than 262 ms."""
+
+PARAM_STATUS = {"OK": 0, "UNKNOWN_ID": 1, "OUT_OF_RANGE": 2, "EEPROM_BUSY": 3}
+CAPS = ("RING_B", "CAPTURE", "OUTPUT_ENABLE", "MULTIPLEXER", "WATCHDOG_RESET")
+"""Bit n of HELLO.caps has the n-th name."""
+
+BUILD_FLAGS = ("DIRTY", "EMULATOR_TEST", "MOCK")
+"""Bit n of HELLO.build has the n-th name."""
+
+REBOOT_KINDS = {"APPLICATION": 1, "BOOTLOADER": 2}
+DIRECTIONS = {"UNKNOWN": 0, "FORWARD": 1, "REVERSE": 2}
+"""Bits 0-1 of HEARTBEAT.flags."""
+
+RESET_WATCHDOG_MARK = 0x10
+"""HELLO.reset_cause: MCUSR bits, and this one when the mark in .noinit stood."""
+
+LOG_TEXT_MIN = 4
+"""LOG: shortest text; shorter ones are padded with spaces."""
+
+MAX_BLOCK = 256
+"""Longest COBS block a receiver keeps; anything longer is counted and dropped."""
+
+RETIRED: tuple[tuple[str, int], ...] = ()
+"""(canonical text, seed) of definitions that a release once carried.
+
+A definition that changes moves its old text here, so that the generator can
+refuse a new one whose seed an old program would accept.
+"""
