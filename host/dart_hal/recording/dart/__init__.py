@@ -1,0 +1,12 @@
+"""The DART recordings of 2024 and 2025: CSV of three schemas, with all their traps."""
+
+from __future__ import annotations
+
+from .grid import Grid, grid, savgol_derivative
+from .model import Messages, Mocap, Note, Recording
+from .quantum import encoder_quantum
+from .reader import read, read_all
+from .reference import Reference, fit_reference, reference_for
+
+__all__ = ["Grid", "Messages", "Mocap", "Note", "Recording", "Reference", "encoder_quantum",
+           "fit_reference", "grid", "read", "read_all", "reference_for", "savgol_derivative"]

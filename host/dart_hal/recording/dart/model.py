@@ -1,0 +1,122 @@
+"""What a DART recording is once it has been read: frozen, SI units, arrays read-only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that was dropped or changed while reading: why, and how many rows."""
+
+    why: str
+    rows: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.why}: {self.rows} row(s)" if self.rows else self.why
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """The 10 Hz sensor messages (schema C: the command rows), m of them, each once.
+
+    t (m,) s: stamp of the sensor node, advancing; arrival (m,) s: when the
+    recorder had it, on the clock of ``Mocap.t`` (schema A: the same as t).
+    segment (m,): counts up at each step back or gap above 0.3 s: never
+    differentiate or filter across. throttle (m,) -1..1 behind the safety gate,
+    throttle_raw before it, steering (m,) -1..1 (not gated), gate (m,).
+    speed (m,) m/s of the drive shaft, unsigned, mean of the last 0.1 s; yaw_rate
+    (m,) rad/s; accel_x, accel_y (m,) m/s2 with gravity and tilt. NaN where the
+    recording has no such sensor, or a dead one.
+    """
+
+    t: FloatArray
+    arrival: FloatArray
+    segment: IntArray
+    throttle: FloatArray
+    throttle_raw: FloatArray
+    steering: FloatArray
+    gate: BoolArray
+    speed: FloatArray
+    yaw_rate: FloatArray
+    accel_x: FloatArray
+    accel_y: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True)
+class Mocap:
+    """Pose of the marker frame, n rows with advancing time.
+
+    t (n,) s from the first row; epoch: Unix time of t = 0, None if unknown;
+    x, y (n,) m, yaw (n,) rad unwrapped; outlier (n,): a jump of 1 to 3 rows.
+    """
+
+    t: FloatArray
+    epoch: float | None
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    outlier: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One file. ``schema`` "A", "B" or "C"; ``mocap`` None for A.
+
+    encoder: "ok", "dead" (the car moved, it did not), "zero" (never moved, and
+    nothing shows that the car did), "none" (schema C). quantum: m/s per
+    encoder count, None if it cannot be told. sha256 of the file's bytes.
+    """
+
+    path: Path
+    schema: str
+    messages: Messages
+    mocap: Mocap | None
+    encoder: str
+    quantum: float | None
+    sha256: str
+    notes: tuple[Note, ...]
+
+    @property
+    def name(self) -> str:
+        """Folder and file name, for tables and messages."""
+        return f"{self.path.parent.name}/{self.path.name}"
+
+    @property
+    def duration(self) -> float:
+        """Recorded time [s], gaps between segments left out."""
+        step = np.diff(self.messages.t)
+        same = np.diff(self.messages.segment) == 0
+        return float(step[same].sum())
+
+    @property
+    def when(self) -> datetime | None:
+        """Start in UTC by the mocap clock (schemas B, C with epoch stamps), else None."""
+        if self.mocap is None or self.mocap.epoch is None:
+            return None
+        return datetime.fromtimestamp(self.mocap.epoch, tz=timezone.utc)
+
+
+def freeze(array: np.ndarray, dtype: type = np.float64) -> np.ndarray:
+    """A read-only copy; negative zeros become zeros."""
+    out = np.array(array, dtype=dtype)
+    if dtype is np.float64:
+        out += 0.0
+    out.setflags(write=False)
+    return out

@@ -1,0 +1,151 @@
+"""File -> Recording, folder -> Recordings; every trap handled and said."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.errors import RecordingError
+from dart_hal.types import FloatArray
+
+from .grid import marker_grid
+from .mocap import mocap as read_mocap
+from .model import Mocap, Note, Recording, freeze
+from .quantum import encoder_quantum
+from .schema import NEVER_MEASURED, USED
+from .sensors import check_commands, commands_only, messages, not_started
+from .table import keep_finite, parse
+
+MOVING = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
+MIN_MOCAP_ROWS = 30
+
+
+def read(path: str | Path) -> Recording:
+    """One DART recording of schema A, B or C.
+
+    Errors: RecordingError, naming the file, what was found, what was expected.
+    """
+    path = Path(path)
+    file = str(path)
+    schema, columns, dropped = parse(path)
+    notes = [Note(why, rows) for why, rows in dropped]
+    notes += _never_measured(columns)
+    columns, bad = keep_finite(columns, USED[schema], file)
+    if bad:
+        notes.append(Note("rows with an empty or non-finite cell", bad))
+    check_commands(columns, file)
+    if schema != "C":
+        idle = not_started(columns, schema)
+        if idle.all():
+            raise RecordingError(f"{file}: no sensor message in this recording", read=file,
+                                 found=f"{len(idle)} rows with elapsed time 0",
+                                 expected="rows with sensor data", remedy="leave this file out")
+        if idle.any():
+            notes.append(Note("rows before the first sensor message", int(idle.sum())))
+        columns = {c: v[~idle] for c, v in columns.items()}
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return _assemble(path, schema, columns, notes, digest)
+
+
+def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: list[Note],
+              digest: str) -> Recording:
+    pose: Mocap | None = None
+    if schema != "A":
+        pose, keep, more = read_mocap(columns)
+        notes += more
+        columns = {c: v[keep] for c, v in columns.items()}
+        if len(pose) < MIN_MOCAP_ROWS:
+            raise RecordingError(f"{path}: too few mocap rows", found=f"{len(pose)} rows",
+                                 expected=f"at least {MIN_MOCAP_ROWS}", read=str(path),
+                                 remedy="leave this file out")
+    if schema == "C" and pose is not None:
+        sensors, more = commands_only(columns, pose.t)
+    else:
+        sensors, more = messages(columns, None if pose is None else pose.t)
+    recording = Recording(path, schema, sensors, pose, "none" if schema == "C" else "ok", None,
+                          digest, ())
+    return _judge_encoder(_note_false_lock(recording, notes + more))
+
+
+def _never_measured(columns: dict[str, FloatArray]) -> list[Note]:
+    present = [c for c in NEVER_MEASURED if c in columns]
+    if not present:
+        return []
+    zero = all(bool(np.all(np.nan_to_num(columns[c]) == 0.0)) for c in present)
+    return [Note(f"columns {' and '.join(present)} are zero in every row: never measured, dropped"
+                 if zero else f"columns {' and '.join(present)} not used")]
+
+
+def _note_false_lock(recording: Recording, notes: list[Note]) -> Recording:
+    if recording.schema == "B":
+        lock = marker_grid(recording).false_lock
+        if lock.any():
+            share = float(lock.mean())
+            notes.append(Note(f"false lock of the mocap (pose stands, encoder turns): "
+                              f"{lock.sum() / 100.0:.2f} s, {share:.0%} of the recording"))
+    return replace(recording, notes=tuple(notes))
+
+
+def _judge_encoder(recording: Recording) -> Recording:
+    """Sort an encoder that is always 0 into dead or standing car; infer its quantum."""
+    if recording.schema == "C":
+        return recording
+    speed = recording.messages.speed
+    if np.any(speed != 0.0):
+        quantum = encoder_quantum(speed)
+        note = (f"encoder quantum {quantum:.5f} m/s per count" if quantum
+                else "encoder quantum cannot be told from these speeds")
+        return replace(recording, quantum=quantum, notes=(*recording.notes, Note(note)))
+    if _mocap_moves(recording):
+        nan = freeze(np.full(len(speed), np.nan))
+        note = "encoder dead: always 0 while the mocap shows the car driving"
+        return replace(recording, encoder="dead", notes=(*recording.notes, Note(note)),
+                       messages=replace(recording.messages, speed=nan))
+    note = "encoder always 0 and nothing shows that the car moved: taken as standstill"
+    return replace(recording, encoder="zero", notes=(*recording.notes, Note(note)))
+
+
+def _mocap_moves(recording: Recording) -> bool:
+    if recording.mocap is None:
+        return False
+    m = marker_grid(recording)
+    return int(((np.hypot(m.dx, m.dy) > MOVING) & ~m.bad).sum()) > 100
+
+
+def read_all(paths: Iterable[str | Path]
+             ) -> tuple[list[Recording], list[tuple[str, str]]]:
+    """(recordings, skipped as (file, reason)) of files and folders, in name order.
+
+    In a folder a file that cannot be used is skipped and listed; a file named
+    by itself is refused. Errors: RecordingError, also for a folder without any.
+    """
+    recordings: list[Recording] = []
+    skipped: list[tuple[str, str]] = []
+    seen: set[Path] = set()
+    for entry in map(Path, paths):
+        if not entry.is_dir():
+            if entry.resolve() not in seen:
+                recordings.append(read(entry))
+            seen.add(entry.resolve())
+            continue
+        found = 0
+        for file in sorted(entry.rglob("*.csv")):
+            if file.resolve() in seen:
+                continue
+            seen.add(file.resolve())
+            try:
+                recordings.append(read(file))
+                found += 1
+            except RecordingError as err:
+                skipped.append((str(file), err.what.removeprefix(f"{file}: ")))
+        if not found:
+            raise RecordingError(f"{entry}: no usable recording in this folder", read=str(entry),
+                                 found=f"{len(skipped)} CSV file(s), none usable"
+                                 if skipped else "no *.csv file",
+                                 expected="CSV files of schema A, B or C",
+                                 remedy="check the path; $DART_DATA is the folder of recordings")
+    return recordings, skipped

@@ -1,0 +1,64 @@
+"""Where the marker frame sat on the car, and the same found from driving.
+
+L_x, L_y [m] from the rear axle, theta [rad] added to the measured yaw; the
+markers were mounted anew for each recording campaign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+import numpy as np
+
+from .model import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words."""
+
+    lx: float
+    theta: float
+    ly: float
+    source: str
+
+
+FEB_24 = Reference(0.0900, -0.0164, 0.0, "February 2024")
+JUL_24 = Reference(0.0862, 0.0270, 0.0, "July 2024")
+SEP_24 = Reference(0.1150, 0.0100, -0.010, "September 2024")
+Y_2025 = Reference(0.0930, 0.0100, 0.0, "2025, already at the centre of mass")
+UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
+         (datetime(2024, 8, 16, tzinfo=timezone.utc), JUL_24),
+         (datetime(2025, 1, 1, tzinfo=timezone.utc), SEP_24))
+
+
+def reference_for(recording: Recording) -> Reference | None:
+    """Table entry by the UTC date of the mocap clock; None when no entry fits."""
+    if recording.schema == "C":
+        return Y_2025
+    when = recording.when
+    if when is None or when.year < 2024:
+        return None
+    return next((ref for limit, ref in UNTIL if when < limit), None)
+
+
+def fit_reference(recording: Recording) -> Reference | None:
+    """L_x and theta by least squares from turns to both sides; None without both.
+
+    v_lat = L_x omega + tan(theta) v_x + K v_x^2 omega over |v_x omega| < 2 m/s2
+    and v_x > 0.3 m/s. One constant circle is collinear and is refused.
+    """
+    from .grid import marker_grid  # the grid needs this module for its default
+
+    grid = marker_grid(recording)
+    v_lon = np.cos(grid.yaw) * grid.dx + np.sin(grid.yaw) * grid.dy
+    v_lat = -np.sin(grid.yaw) * grid.dx + np.cos(grid.yaw) * grid.dy
+    use = (~grid.bad) & (v_lon > 0.3) & (np.abs(v_lon * grid.omega) < 2.0)
+    if (use & (grid.omega > 0.3)).sum() < 300 or (use & (grid.omega < -0.3)).sum() < 300:
+        return None
+    v, w = v_lon[use], grid.omega[use]
+    solution = np.linalg.lstsq(np.column_stack([w, v, v * v * w]), v_lat[use], rcond=None)[0]
+    # v_lat of the uncorrected yaw is v_lat' + theta' v with theta' = -theta of the correction
+    return Reference(float(solution[0]), float(np.arctan(solution[1])), 0.0,
+                     "fitted to this recording")

@@ -1,0 +1,63 @@
+"""The three column sets of the DART recordings, by exact name.
+
+A: one row per 10 Hz sensor message. B: A plus motion capture, one row per
+100 Hz pose, the A columns held. C: resampled pose with commands, no encoder,
+no IMU. Order is free and further columns are ignored; a missing one that is
+used is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dart_hal.errors import RecordingError
+
+SENSOR_TIME = "elapsed time sensors"
+SENSOR = (SENSOR_TIME, "acc x (IMU)", "acc y (IMU)", "W (IMU)", "vel encoder", "safety_value",
+          "throttle", "steering")
+NEVER_MEASURED = ("current", "voltage")
+MOCAP = ("vicon time", "vicon x", "vicon y", "vicon yaw")
+COMMAND = ("throttle", "steering", "safety_value")
+USED = {"A": SENSOR, "B": SENSOR + MOCAP, "C": MOCAP + COMMAND}
+DERIVED_C = ("unwrapped yaw", "vx_abs_filtered", "vy_abs_filtered", "w", "ax_abs_filtered_more",
+             "ay_abs_filtered_more", "acc_w", "vx body", "vy body", "ax body no centrifugal",
+             "ay body no centrifugal", "ax body", "ay body")
+
+
+def split_header(line: str) -> list[str]:
+    """Column names of a header line; byte-order mark, quotes and blanks removed."""
+    return [cell.strip().strip('"').strip() for cell in line.lstrip("\ufeff").split(",")]
+
+
+def detect(columns: Sequence[str], file: str) -> str:
+    """"A", "B" or "C".
+
+    Errors: RecordingError when a used column is missing or one is there twice.
+    """
+    names = set(columns)
+    twice = sorted({c for c in columns if c and columns.count(c) > 1})
+    if twice:
+        raise RecordingError(f"{file}: a column name occurs twice", found=", ".join(twice),
+                             expected="every column once", read=file,
+                             remedy="delete or rename one of the two in the header line")
+    sensors = names & (set(SENSOR) - set(COMMAND))
+    mocap = names & set(MOCAP)
+    if sensors and mocap:
+        schema = "B"
+    elif mocap:
+        schema = "C"
+    else:
+        schema = "A"
+    missing = [c for c in USED[schema] if c not in names]
+    if missing:
+        raise RecordingError(
+            f"{file}: not a DART recording: {len(missing)} needed column(s) missing",
+            found=f"missing {_quoted(missing)} among {_quoted(columns[:24])}",
+            expected=f"schema {schema}: {_quoted(USED[schema])}", read=file,
+            likely="another kind of table, or a header that was edited",
+            remedy="name the columns as in docs/recordings.md; their order does not matter")
+    return schema
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(repr(n if len(n) <= 40 else n[:40] + "...") for n in names)

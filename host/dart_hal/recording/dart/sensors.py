@@ -1,0 +1,109 @@
+"""The 10 Hz sensor messages out of the rows: each once, gated, in segments."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dart_hal.errors import RecordingError
+from dart_hal.types import FloatArray
+
+from .model import BoolArray, IntArray, Messages, Note, freeze
+from .schema import SENSOR, SENSOR_TIME
+
+GAP = 0.3  # s; no value is used for longer than this
+LOST = 0.14  # s; a step above this skipped a 10 Hz message
+BREAK = 1.0  # s; put between what lies before and after a step back of the clock
+COMMAND_LIMIT = 1.0 + 1e-6
+
+
+def not_started(columns: dict[str, FloatArray], schema: str) -> BoolArray:
+    """Rows written before the first sensor message came."""
+    if schema == "B":
+        return np.asarray(columns[SENSOR_TIME] == 0.0)
+    return np.all([columns[c] == 0.0 for c in SENSOR], axis=0)
+
+
+def check_commands(columns: dict[str, FloatArray], file: str) -> None:
+    """Errors: RecordingError when a command leaves -1..1 or the gate is neither 0 nor 1."""
+    for name in ("throttle", "steering"):
+        worst = float(np.max(np.abs(columns[name])))
+        if worst > COMMAND_LIMIT:
+            raise RecordingError(f"{file}: column {name!r} leaves -1..1",
+                                 found=f"largest magnitude {worst:.6g}", expected="-1 to 1",
+                                 likely="per cent or pulse widths instead of commands",
+                                 remedy="convert the column to -1..1", read=file)
+    odd = ~np.isin(columns["safety_value"], (0.0, 1.0))
+    if odd.any():
+        raise RecordingError(f"{file}: column 'safety_value' is neither 0 nor 1", read=file,
+                             found=f"{columns['safety_value'][odd][0]:.6g} and "
+                                   f"{int(odd.sum())} row(s) in all", expected="0 or 1",
+                             remedy="repair the column")
+
+
+def monotone(t: FloatArray) -> tuple[FloatArray, IntArray, int]:
+    """(advancing time, segment, steps back) of row times that may step back.
+
+    What follows a step back is moved to 1 s after what came before it and gets
+    a new segment: sorting would shuffle two runs into each other.
+    """
+    step = np.diff(t)
+    back = step < 0.0
+    moved = np.where(back, BREAK, step)
+    out = t[:1] + np.concatenate([[0.0], np.cumsum(moved)]) if back.any() else t
+    segment = np.concatenate([[0], np.cumsum(back | (step > GAP))])
+    return np.asarray(out), np.asarray(segment, dtype=np.int64), int(back.sum())
+
+
+def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
+             ) -> tuple[Messages, list[Note]]:
+    """Messages of schema A or B out of rows of which none precedes the first message.
+
+    arrival (rows,) s: mocap stamp of each row, None for schema A.
+    """
+    stamp = columns[SENSOR_TIME]
+    fresh = np.concatenate([[True], np.diff(stamp) != 0.0])
+    kept = {c: columns[c][fresh] for c in SENSOR}
+    t, segment, back = monotone(kept[SENSOR_TIME])
+    notes = []
+    if not fresh.all():
+        why = ("held copies of the last sensor message" if arrival is not None
+               else "rows that repeat the stamp of the row before")
+        notes.append(Note(why, int((~fresh).sum())))
+    if back:
+        notes.append(Note(f"sensor time steps back {back} time(s): cut there, not sorted"))
+    step = np.diff(t)
+    lost = int(((step > LOST) & (step <= GAP)).sum())
+    gaps = int((step > GAP).sum())
+    if lost:
+        notes.append(Note(f"{lost} step(s) of 0.14 to 0.3 s between sensor messages "
+                          "(messages lost)"))
+    if gaps:
+        notes.append(Note(f"{gaps} gap(s) above 0.3 s between sensor messages: cut there"))
+    gate = kept["safety_value"] == 1.0
+    notes += gate_note(kept["throttle"], gate)
+    return Messages(
+        t=freeze(t), arrival=freeze(t if arrival is None else arrival[fresh]),
+        segment=freeze(segment, np.int64), throttle=freeze(np.where(gate, kept["throttle"], 0.0)),
+        throttle_raw=freeze(kept["throttle"]), steering=freeze(kept["steering"]),
+        gate=freeze(gate, np.bool_), speed=freeze(kept["vel encoder"]),
+        yaw_rate=freeze(kept["W (IMU)"]), accel_x=freeze(kept["acc x (IMU)"]),
+        accel_y=freeze(kept["acc y (IMU)"])), notes
+
+
+def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messages, list[Note]]:
+    """Messages of schema C: commands at the mocap rows, sensors NaN. t (rows,) s, advancing."""
+    gate = columns["safety_value"] == 1.0
+    nan = freeze(np.full(len(t), np.nan))
+    segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])
+    return Messages(
+        t=freeze(t), arrival=freeze(t), segment=freeze(segment, np.int64),
+        throttle=freeze(np.where(gate, columns["throttle"], 0.0)),
+        throttle_raw=freeze(columns["throttle"]), steering=freeze(columns["steering"]),
+        gate=freeze(gate, np.bool_), speed=nan, yaw_rate=nan, accel_x=nan, accel_y=nan,
+    ), gate_note(columns["throttle"], gate)
+
+
+def gate_note(throttle: FloatArray, gate: BoolArray) -> list[Note]:
+    """Says how many throttle values were logged while the car was not allowed to drive."""
+    rows = int(((throttle != 0.0) & ~gate).sum())
+    return [Note("throttle set to 0 where the safety gate was closed", rows)] if rows else []

@@ -1,0 +1,126 @@
+"""Text of a recording -> header and one float table; every refusal names the line."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.errors import RecordingError
+from dart_hal.types import FloatArray
+
+from .schema import detect, split_header
+
+MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not scratched
+
+
+def read_text(path: Path) -> str:
+    """Contents of ``path``.
+
+    Errors: RecordingError for a missing file, a folder, 0 bytes or binary.
+    """
+    file = str(path)
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError as err:
+        raise RecordingError(f"{file}: no such file", read=file,
+                             remedy="check the path; $DART_DATA is the folder of recordings") from err
+    except OSError as err:
+        raise RecordingError(f"{file}: cannot be read", found=err.strerror or str(err), read=file,
+                             remedy="check the path and its permissions") from err
+    if not raw.strip():
+        raise RecordingError(f"{file}: the file is empty", found=f"{len(raw)} bytes", read=file,
+                             expected="a header line and rows of numbers",
+                             likely="the recorder was stopped before the first row",
+                             remedy="leave this file out")
+    try:
+        text = raw.decode("utf-8")
+        if "\x00" in text[:65536]:
+            raise ValueError("NUL byte")
+    except ValueError as err:
+        raise RecordingError(f"{file}: not a text file", found=f"first bytes {raw[:8].hex(' ')}",
+                             expected="a CSV file of schema A, B or C", read=file,
+                             remedy="give the CSV export; our own recordings end in .mcap") from err
+    return text
+
+
+def parse(path: Path) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]]:
+    """(schema, columns by name, what was dropped as (reason, rows)).
+
+    Errors: RecordingError, naming the file and where it can be said the line.
+    """
+    file = str(path)
+    head, _, body = read_text(path).partition("\n")
+    names = split_header(head.rstrip("\r"))
+    schema = detect(names, file)
+    if not body.strip():
+        raise RecordingError(f"{file}: a header but no rows", found="0 rows",
+                             expected="at least one row of numbers", read=file,
+                             remedy="leave this file out")
+    dropped: list[tuple[str, int]] = []
+    try:
+        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+    except ValueError:
+        table = None
+    if table is None or table.shape[1] != len(names):
+        table, dropped = _parse_by_line(body, names, file)
+    columns = {n: table[:, i] for i, n in enumerate(names)}
+    return schema, columns, dropped
+
+
+def _parse_by_line(body: str, names: Sequence[str], file: str
+                   ) -> tuple[FloatArray, list[tuple[str, int]]]:
+    """The slow way for a file with a scratch: says which line, forgives a cut-off last one."""
+    lines = [(i + 2, text) for i, text in enumerate(body.splitlines()) if text.strip()]
+    rows: list[list[float]] = []
+    for number, (line, text) in enumerate(lines):
+        cells = text.split(",")
+        if len(cells) != len(names):
+            if number == len(lines) - 1 and len(cells) < len(names):
+                return _table(rows, names, file), [("last line cut off", 1)]
+            raise RecordingError(
+                f"{file}: line {line} has {len(cells)} cells, the header has {len(names)}",
+                found=repr(text[:80]), expected=f"{len(names)} numbers", read=file,
+                remedy="repair or delete that line")
+        rows.append([_number(cell, name, line, file)
+                     for cell, name in zip(cells, names, strict=True)])
+    return _table(rows, names, file), []
+
+
+def _table(rows: list[list[float]], names: Sequence[str], file: str) -> FloatArray:
+    if not rows:
+        raise RecordingError(f"{file}: no complete row", found="0 rows", read=file,
+                             expected="at least one row of numbers", remedy="leave this file out")
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+
+
+def _number(cell: str, name: str, line: int, file: str) -> float:
+    """An empty cell is a missing value (NaN); text is an error."""
+    text = cell.strip().strip('"').strip()
+    if not text:
+        return float("nan")
+    try:
+        return float(text)
+    except ValueError as err:
+        raise RecordingError(f"{file}: line {line}, column {name!r} is not a number",
+                             found=repr(cell[:40]), expected="a number", read=file,
+                             remedy="repair or delete that line") from err
+
+
+def keep_finite(columns: dict[str, FloatArray], used: Sequence[str], file: str
+                ) -> tuple[dict[str, FloatArray], int]:
+    """Rows in which every used column is a finite number, and how many were not.
+
+    Errors: RecordingError when more than 5 % of the rows are not.
+    """
+    finite = np.all([np.isfinite(columns[c]) for c in used], axis=0)
+    bad = int((~finite).sum())
+    if bad > MAX_BAD_SHARE * len(finite):
+        worst = max(used, key=lambda c: int((~np.isfinite(columns[c])).sum()))
+        raise RecordingError(
+            f"{file}: {bad} of {len(finite)} rows hold a cell that is not a finite number",
+            found=f"most of them in column {worst!r}", read=file,
+            expected=f"at most {MAX_BAD_SHARE:.0%} of the rows", remedy="leave this file out")
+    return {c: columns[c][finite] for c in used}, bad
