@@ -1,0 +1,35 @@
+"""The files of a car: ``car.toml``, ``calibration.toml``, ``model.toml``.
+
+No number of a particular car lives in code. Each file is read into a frozen
+struct; a refusal names the file that was read, the key, and the remedy.
+"""
+
+from dart_hal.config.calibration import (
+    QUANTITIES,
+    Calibration,
+    PaperForm,
+    SteeringTable,
+    check_calibration,
+    parse_calibration,
+)
+from dart_hal.config.car import CarConfig, parse_config
+from dart_hal.config.folders import (
+    CarFiles,
+    car_folders,
+    cars_home,
+    load_car,
+    load_model,
+    parse_car,
+    save_calibration,
+    save_model,
+)
+from dart_hal.config.model import EffectEntry, ModelFile, parse_model, plain
+from dart_hal.config.quantity import Quantities, Quantity
+from dart_hal.config.write import dump, save
+
+__all__ = [
+    "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "EffectEntry", "ModelFile", "PaperForm",
+    "Quantities", "Quantity", "SteeringTable", "car_folders", "cars_home", "check_calibration",
+    "dump", "load_car", "load_model", "parse_calibration", "parse_car", "parse_config",
+    "parse_model", "plain", "save", "save_calibration", "save_model",
+]

@@ -1,0 +1,208 @@
+"""``calibration.toml``: what the machine measured on one car, with standard errors.
+
+Keys and units are those of the ``calibrate`` verbs. A value without a std is
+refused, another car's file is refused, a steering map that turns back is
+refused. Tables that were not measured yet are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta, timezone
+from typing import Any
+
+import msgspec
+
+from dart_hal.config.parse import check_std, parse, require
+from dart_hal.config.quantity import Quantities, Quantity, Table
+from dart_hal.errors import ConfigError, NotMonotone, OtherCar
+
+SCHEMA = "dart-hal/calibration/1"
+OLD = timedelta(days=180)
+
+
+class PwmClock(Table, frozen=True, kw_only=True):
+    """oscillator_hz: the PCA9685's clock, nominally 25 MHz."""
+
+    oscillator_hz: Quantity | None = None
+
+
+class SteeringTable(Table, frozen=True, kw_only=True):
+    """Points of the steering map: pulse_us rising, angle_rad of the road wheels.
+
+    The angle is the middle of the backlash loop; it rises or falls throughout.
+    ``covariance`` of the angles, if the fit gave one, shape (n, n) [rad2].
+    """
+
+    pulse_us: Sequence[float]
+    angle_rad: Sequence[float]
+    std_rad: Sequence[float]
+    covariance: Sequence[Sequence[float]] | None = None
+
+
+class PaperForm(Table, frozen=True, kw_only=True):
+    """The same map in the paper's five numbers, for comparison (not used to drive)."""
+
+    k_left: float
+    a_left_rad: float
+    s0: float
+    a_right_rad: float
+    k_right: float
+
+
+class SteeringCalibration(Table, frozen=True, kw_only=True):
+    """The map, its paper form, backlash [rad] and the fit's residual [rad]."""
+
+    map: SteeringTable | None = None
+    paper_form: PaperForm | None = None
+    backlash: Quantity | None = None
+    residual_rms_rad: float | None = None
+
+
+class ThrottleCalibration(Table, frozen=True, kw_only=True):
+    """Pulse widths of the ESC [us]: neutral, first motion either way, full throttle."""
+
+    neutral_us: Quantity | None = None
+    deadband_forward_us: Quantity | None = None
+    deadband_reverse_us: Quantity | None = None
+    saturation_us: Quantity | None = None
+
+
+class EncoderCalibration(Table, frozen=True, kw_only=True):
+    """metres_per_edge [m]; ring: share of the revolution of each interval x N (sum N)."""
+
+    metres_per_edge: Quantity | None = None
+    ring: Quantities | None = None
+
+
+class ImuCalibration(Table, frozen=True, kw_only=True):
+    """gyro_bias [rad/s] and gyro_scale about the yaw axis; mounting angles [rad]."""
+
+    gyro_bias: Quantity | None = None
+    gyro_scale: Quantity | None = None
+    mount_yaw: Quantity | None = None
+    mount_pitch: Quantity | None = None
+    mount_roll: Quantity | None = None
+
+
+class LatencyCalibration(Table, frozen=True, kw_only=True):
+    """Delays [s] of the loop."""
+
+    command_to_pulse: Quantity | None = None
+    pulse_to_wheel: Quantity | None = None
+    sensor_to_host: Quantity | None = None
+
+
+class Calibration(Table, frozen=True, kw_only=True):
+    """All that was measured on the car ``car``; ``provenance`` is free text and hashes."""
+
+    schema: str = SCHEMA
+    car: str
+    pwm: PwmClock = PwmClock()
+    steering: SteeringCalibration = SteeringCalibration()
+    throttle: ThrottleCalibration = ThrottleCalibration()
+    encoder: EncoderCalibration = EncoderCalibration()
+    imu: ImuCalibration = ImuCalibration()
+    latency: LatencyCalibration = LatencyCalibration()
+    provenance: dict[str, Any] = msgspec.field(default_factory=dict)
+
+    def with_quantities(self, values: dict[str, Quantity | Quantities]) -> Calibration:
+        """A copy with some quantities replaced, named as the verbs do: "pwm.oscillator_hz".
+
+        Raises ConfigError for a name that calibration.toml does not have.
+        """
+        changed = self
+        for name, value in values.items():
+            table, _, key = name.partition(".")
+            if table not in TABLES or key not in getattr(self, table).__struct_fields__:
+                raise ConfigError(f"calibration.toml has no quantity {name}", found=name,
+                                  expected="one of " + ", ".join(QUANTITIES),
+                                  remedy="use a name of that list")
+            inner = msgspec.structs.replace(getattr(changed, table), **{key: value})
+            changed = msgspec.structs.replace(changed, **{table: inner})
+        return changed
+
+    def quantities(self) -> dict[str, Quantity | Quantities]:
+        """Every quantity that was measured, by its name "table.key"."""
+        found = {name: getattr(getattr(self, name.partition(".")[0]), name.partition(".")[2])
+                 for name in QUANTITIES}
+        return {name: value for name, value in found.items() if value is not None}
+
+    def warnings(self, now: datetime, firmware: str | None = None) -> tuple[str, ...]:
+        """Names of what is worth a second look: CALIBRATION_OLD, FIRMWARE_CHANGED.
+
+        ``now`` with a time zone; ``firmware`` the hash of the running image,
+        None = not known.
+        """
+        names = []
+        when = self.provenance.get("when")
+        if isinstance(when, datetime):
+            aware = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+            names += ["CALIBRATION_OLD"] if now - aware > OLD else []
+        recorded = self.provenance.get("firmware")
+        names += ["FIRMWARE_CHANGED"] if firmware and recorded not in (None, firmware) else []
+        return tuple(names)
+
+
+TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency")
+QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
+              "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
+              "throttle.saturation_us", "encoder.metres_per_edge", "encoder.ring",
+              "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
+              "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
+              "latency.sensor_to_host")
+"""Names of the measured quantities, as the verbs print them."""
+
+_POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
+             "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale"}
+
+
+def parse_calibration(text: str, origin: str, car: str | None = None) -> Calibration:
+    """Read the text of a calibration.toml that must belong to ``car`` (None = any).
+
+    Raises OtherCar, NotMonotone, ConfigError, each naming ``origin`` and key.
+    """
+    return check_calibration(parse(text, Calibration, origin), origin, car)
+
+
+def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> Calibration:
+    """The laws of the file; returns ``cal``. Raises as ``parse_calibration``."""
+    if car is not None and cal.car != car:
+        raise OtherCar(f"{origin}: key car names another car", found=cal.car, expected=car,
+                       read=origin)
+    for name, value in cal.quantities().items():
+        check_std(value, name, origin, positive=name in _POSITIVE)
+    hertz = cal.pwm.oscillator_hz
+    require(hertz is None or 15e6 < hertz.value < 35e6, origin, "pwm.oscillator_hz.value",
+            hertz and hertz.value, "15 to 35 MHz (nominal 25 MHz)")
+    ring = cal.encoder.ring
+    require(ring is None or abs(sum(ring.value) - len(ring.value)) < 1e-3 * len(ring.value),
+            origin, "encoder.ring.value", ring and sum(ring.value),
+            f"the sum {len(ring.value) if ring else 0} (mean 1)")
+    if cal.steering.map is not None:
+        _check_map(cal.steering.map, origin)
+    return cal
+
+
+def _check_map(table: SteeringTable, origin: str) -> None:
+    n = len(table.pulse_us)
+    require(n >= 2, origin, "steering.map.pulse_us", f"{n} points", "at least 2 points")
+    for key in ("angle_rad", "std_rad", "covariance"):
+        column = getattr(table, key)
+        require(column is None or len(column) == n, origin, f"steering.map.{key}",
+                f"{len(column or ())} rows", f"{n}, one for each pulse_us")
+    require(min(table.std_rad) >= 0, origin, "steering.map.std_rad", min(table.std_rad), ">= 0")
+    _refuse_turn("pulse_us", table.pulse_us, origin, falling=False)
+    _refuse_turn("angle_rad", table.angle_rad, origin, falling=True)
+
+
+def _refuse_turn(key: str, column: Sequence[float], origin: str, *, falling: bool) -> None:
+    sign = -1.0 if falling and column[-1] < column[0] else 1.0
+    for index in range(len(column) - 1):
+        if not sign * (column[index + 1] - column[index]) > 0:
+            direction = "fall" if sign < 0 else "rise"
+            raise NotMonotone(
+                f"{origin}: steering.map.{key} turns back at point {index + 2}",
+                found=f"{column[index]} then {column[index + 1]}",
+                expected=f"values that {direction} at every point",
+                likely="backlash or a slipping horn during the measurement", read=origin)

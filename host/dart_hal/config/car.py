@@ -1,0 +1,207 @@
+"""``car.toml``: what a human knows about one car, and what it may do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from dart_hal.config.parse import check_std, parse, require
+from dart_hal.config.quantity import Quantity, Table
+
+SCHEMA = "dart-hal/car/1"
+
+
+class Geometry(Table, frozen=True, kw_only=True):
+    """Lengths [m] from the axles, mass [kg], yaw inertia [kg m2].
+
+    l_f, l_r: centre of mass to front and rear axle; ``length``, ``width`` of
+    the outline; ``lidar_x`` of the lidar ahead of the rear axle.
+    """
+
+    wheelbase: float
+    l_f: float
+    l_r: float
+    mass: float
+    yaw_inertia: float | None = None
+    length: float | None = None
+    width: float | None = None
+    track: float | None = None
+    wheel_radius: float | None = None
+    lidar_x: float | None = None
+
+
+class Steering(Table, frozen=True, kw_only=True):
+    """The servo: pulse = center_us + direction x span_us x command, command +1 = full left.
+
+    ``follow_disarmed``: the servo obeys commands while the car is disarmed.
+    """
+
+    channel: int = 0
+    center_us: float = 1500.0
+    span_us: float = 375.0
+    direction: Literal[-1, 1] = 1
+    follow_disarmed: bool = False
+
+
+class Throttle(Table, frozen=True, kw_only=True):
+    """The ESC: pulse = neutral_us + span_us x throttle; its behaviour where known.
+
+    arm_neutral [s] of neutral after power-on; stop_ramp [s] from full throttle
+    to neutral on stop (0 = at once); deadband_us, saturation_us either side of
+    neutral; signal_loss [s] until the ESC cuts without pulses; None = unknown.
+    """
+
+    channel: int = 1
+    neutral_us: float = 1500.0
+    span_us: float = 450.0
+    arm_neutral: float = 2.0
+    stop_ramp: float = 0.0
+    reverse: bool = False
+    deadband_us: float | None = None
+    saturation_us: float | None = None
+    signal_loss: float | None = None
+
+
+class Pwm(Table, frozen=True, kw_only=True):
+    """The PCA9685: address, I2C bus number, PWM frequency [Hz].
+
+    ``oscillator_hz``: measured by hand with a scope or logic analyser; the
+    value in calibration.toml wins. ``clock_channel``: the spare channel wired
+    to the Nano's D8 for ``calibrate clock``.
+    """
+
+    address: int = 0x40
+    bus: int = 1
+    frequency: float = 50.0
+    oscillator_hz: Quantity | None = None
+    clock_channel: int = 15
+
+
+class Encoder(Table, frozen=True, kw_only=True):
+    """The rings on the main gear: edges per revolution, metres per edge.
+
+    ``metres_per_edge`` is the drawing's value with an honest std; the one in
+    calibration.toml wins.
+    """
+
+    rings: Literal[1, 2] = 1
+    edges_per_rev: int = 20
+    edges_per_rev_b: int = 10
+    metres_per_edge: Quantity
+
+
+class Imu(Table, frozen=True, kw_only=True):
+    """The BNO055: mounting angles [rad] sensor to body (yaw, then pitch, then roll).
+
+    ``required``: arm() refuses while the IMU is absent, stale or stuck.
+    x, y [m]: its place in the body frame, origin at the rear axle.
+    """
+
+    required: bool = True
+    mount_yaw: float = 0.0
+    mount_pitch: float = 0.0
+    mount_roll: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+
+
+class Limits(Table, frozen=True, kw_only=True):
+    """What a command may ask for: steering [rad], throttle, speed [m/s], rates [1/s].
+
+    A slew limit of None is none. ``encoder_lost_throttle`` caps the throttle
+    while the encoder is lost.
+    """
+
+    max_steering: float = 0.4
+    max_throttle: float = 1.0
+    min_throttle: float = -1.0
+    max_speed: float = 5.0
+    steering_slew: float | None = None
+    throttle_slew: float | None = None
+    encoder_lost_throttle: float = 0.0
+
+
+class Priorities(Table, frozen=True, kw_only=True):
+    """Who wins when several sources command at once: the first one listed.
+
+    A source that is not listed comes after all of them.
+    """
+
+    sources: Sequence[str] = ("run_stop", "gamepad", "keyboard", "user")
+
+
+class Safety(Table, frozen=True, kw_only=True):
+    """Whether arm() demands a hardware cut-off (Nano parameter safety_out)."""
+
+    cutoff_required: bool = False
+
+
+class CarConfig(Table, frozen=True, kw_only=True):
+    """One car, as its owner describes it. Lengths in m, angles in rad."""
+
+    schema: str = SCHEMA
+    name: str
+    geometry: Geometry
+    encoder: Encoder
+    steering: Steering = Steering()
+    throttle: Throttle = Throttle()
+    pwm: Pwm = Pwm()
+    imu: Imu = Imu()
+    limits: Limits = Limits()
+    priorities: Priorities = Priorities()
+    safety: Safety = Safety()
+
+
+def parse_config(text: str, origin: str) -> CarConfig:
+    """Read the text of a car.toml. Raises ConfigError naming ``origin`` and key."""
+    car = parse(text, CarConfig, origin)
+    _check_geometry(car, origin)
+    _check_actuators(car, origin)
+    _check_limits(car, origin)
+    check_std(car.encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
+    check_std(car.pwm.oscillator_hz, "pwm.oscillator_hz", origin, positive=True)
+    require(bool(car.name) and "/" not in car.name and car.name not in (".", ".."), origin,
+            "name", repr(car.name), "a folder name")
+    return car
+
+
+def _check_geometry(car: CarConfig, origin: str) -> None:
+    body = car.geometry
+    for key in ("wheelbase", "l_f", "l_r", "mass"):
+        require(getattr(body, key) > 0, origin, f"geometry.{key}", getattr(body, key), "> 0")
+    require(abs(body.l_f + body.l_r - body.wheelbase) <= 5e-4, origin, "geometry.wheelbase",
+            f"{body.wheelbase} m with l_f + l_r = {body.l_f + body.l_r:.4f} m",
+            "l_f + l_r within 0.5 mm")
+
+
+def _check_actuators(car: CarConfig, origin: str) -> None:
+    steer, esc, pwm = car.steering, car.throttle, car.pwm
+    for key, channel in (("steering.channel", steer.channel), ("throttle.channel", esc.channel)):
+        require(0 <= channel <= 15, origin, key, channel, "0 to 15")
+    require(steer.channel != esc.channel, origin, "throttle.channel", esc.channel,
+            "another channel than the steering's")
+    for key, pulse in (("steering.center_us", steer.center_us),
+                       ("throttle.neutral_us", esc.neutral_us)):
+        require(1000 <= pulse <= 2000, origin, key, pulse, "1000 to 2000 us")
+    for key, span in (("steering.span_us", steer.span_us), ("throttle.span_us", esc.span_us)):
+        require(0 < span <= 750, origin, key, span,
+                "above 0 and at most 750 us (a negative gain is direction = -1)")
+    require(0x40 <= pwm.address <= 0x7f and pwm.address != 0x70, origin, "pwm.address",
+            f"{pwm.address} = {pwm.address:#04x}",
+            "0x40 to 0x7f without 0x70; the factory setting is hexadecimal 0x40")
+    require(40 <= pwm.frequency <= 400, origin, "pwm.frequency", pwm.frequency, "40 to 400 Hz")
+    require(esc.arm_neutral >= 0 and esc.stop_ramp >= 0, origin, "throttle.arm_neutral",
+            esc.arm_neutral, ">= 0 s")
+
+
+def _check_limits(car: CarConfig, origin: str) -> None:
+    limits = car.limits
+    require(0 < limits.max_steering < 1.2, origin, "limits.max_steering", limits.max_steering,
+            "above 0, below 1.2 rad")
+    require(0 <= limits.max_throttle <= 1, origin, "limits.max_throttle", limits.max_throttle,
+            "0 to 1")
+    require(-1 <= limits.min_throttle <= 0, origin, "limits.min_throttle", limits.min_throttle,
+            "-1 to 0")
+    for key in ("steering_slew", "throttle_slew", "max_speed"):
+        rate = getattr(limits, key)
+        require(rate is None or rate > 0, origin, f"limits.{key}", rate, "> 0")

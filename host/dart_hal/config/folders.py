@@ -1,0 +1,168 @@
+"""Where the files of a car are found, and which value wins.
+
+Searched in this order: the folders given by the caller (``--cars``),
+``$DART_CARS``, ``./cars``, ``~/.local/share/dart-hal/cars``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dart_hal.config.calibration import Calibration, check_calibration, parse_calibration
+from dart_hal.config.car import CarConfig, parse_config
+from dart_hal.config.model import ModelFile, check_model, parse_model
+from dart_hal.config.quantity import Quantity
+from dart_hal.config.write import save
+from dart_hal.errors import ConfigError
+
+Folders = Sequence[str | os.PathLike[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class CarFiles:
+    """The files of one car. ``folder``: where they are, or would be written.
+
+    The properties say which value counts: the calibration's, else car.toml's.
+    """
+
+    config: CarConfig
+    calibration: Calibration | None
+    model: ModelFile | None
+    folder: Path
+    origin: str
+
+    @property
+    def oscillator_hz(self) -> Quantity | None:
+        """Clock of the PCA9685 [Hz]; None = never measured (25 MHz +- 4 %)."""
+        measured = self.calibration.pwm.oscillator_hz if self.calibration else None
+        return measured or self.config.pwm.oscillator_hz
+
+    @property
+    def neutral_us(self) -> float:
+        """Pulse at which the ESC neither drives nor brakes [us]."""
+        measured = self.calibration.throttle.neutral_us if self.calibration else None
+        return measured.value if measured else self.config.throttle.neutral_us
+
+    @property
+    def metres_per_edge(self) -> Quantity:
+        """Travel per encoder edge [m]."""
+        measured = self.calibration.encoder.metres_per_edge if self.calibration else None
+        return measured or self.config.encoder.metres_per_edge
+
+    @property
+    def ring(self) -> tuple[float, ...] | None:
+        """Interval lengths of one revolution, mean 1; None = taken as even."""
+        measured = self.calibration.encoder.ring if self.calibration else None
+        return tuple(measured.value) if measured else None
+
+    @property
+    def imu_mount(self) -> tuple[float, float, float]:
+        """Mounting angles (yaw, pitch, roll) of the IMU [rad]."""
+        named, table = self.config.imu, self.calibration.imu if self.calibration else None
+        found = [getattr(table, key, None) for key in ("mount_yaw", "mount_pitch", "mount_roll")]
+        given = (named.mount_yaw, named.mount_pitch, named.mount_roll)
+        yaw, pitch, roll = (m.value if m else g for m, g in zip(found, given, strict=True))
+        return yaw, pitch, roll
+
+
+def car_folders(cars_dirs: Folders | None = None) -> list[Path]:
+    """The folders that are searched for ``NAME/car.toml``, in order."""
+    given = [Path(folder) for folder in cars_dirs or ()]
+    named = [Path(p) for p in os.environ.get("DART_CARS", "").split(os.pathsep) if p]
+    return [*given, *named, Path("cars"), _own_folder()]
+
+
+def cars_home(cars_dirs: Folders | None = None) -> Path:
+    """Where the files of a new car go: the first folder that was named, or exists."""
+    folders = car_folders(cars_dirs)
+    named = folders[:-2]
+    return named[0] if named else next((f for f in folders if f.is_dir()), folders[-1])
+
+
+def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
+    """Read the files of the car ``name``. Raises ConfigError, OtherCar, NotMonotone."""
+    folders = [folder / name for folder in car_folders(cars_dirs)]
+    for folder in folders:
+        if (folder / "car.toml").is_file():
+            config = parse_config(_read(folder / "car.toml"), str(folder / "car.toml"))
+            return _with_measurements(config, folder, str(folder / "car.toml"), name)
+    searched = ", ".join(str(folder.parent) for folder in folders)
+    raise ConfigError(f"there is no car {name}", found=_existing(cars_dirs),
+                      expected=f"{name}/car.toml in {searched}",
+                      remedy=f"copy the folder cars/dart-01 to {cars_home(cars_dirs) / name} and "
+                      "edit its car.toml, or name another folder with --cars")
+
+
+def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFiles:
+    """A car whose car.toml comes as ``text`` (a simulated one); ``origin`` names it.
+
+    Its calibration and model are read from its folder, if there is one.
+    Raises as ``load_car``.
+    """
+    config = parse_config(text, origin)
+    places = [folder / config.name for folder in car_folders(cars_dirs)]
+    folder = next((f for f in places if f.is_dir()), cars_home(cars_dirs) / config.name)
+    return _with_measurements(config, folder, origin, config.name)
+
+
+def load_model(path: str | os.PathLike[str]) -> ModelFile:
+    """Read a model.toml. Raises ConfigError."""
+    return parse_model(_read(Path(path)), str(path))
+
+
+def save_calibration(calibration: Calibration, folder: Path) -> Path:
+    """Check and write ``folder``/calibration.toml; the old one goes to history/."""
+    path = folder / "calibration.toml"
+    return save(check_calibration(calibration, str(path), folder.name), path)
+
+
+def save_model(model: ModelFile, path: Path) -> Path:
+    """Check and write a model.toml; an older one goes to history/ beside it."""
+    return save(check_model(model, str(path)), path)
+
+
+def _with_measurements(config: CarConfig, folder: Path, origin: str, name: str) -> CarFiles:
+    if config.name != name:
+        raise ConfigError(f"{origin}: key name is not the folder's name", found=config.name,
+                          expected=name, remedy=f'write name = "{name}"', read=origin)
+    cal_path, model_path = folder / "calibration.toml", folder / "model.toml"
+    calibration = (parse_calibration(_read(cal_path), str(cal_path), name)
+                   if cal_path.is_file() else None)
+    if calibration is not None:
+        _check_direction(config, calibration, str(cal_path), origin)
+    model = load_model(model_path) if model_path.is_file() else None
+    return CarFiles(config, calibration, model, folder, origin)
+
+
+def _check_direction(config: CarConfig, calibration: Calibration, path: str, car: str) -> None:
+    table = calibration.steering.map
+    if table is None:
+        return
+    rising = 1 if table.angle_rad[-1] > table.angle_rad[0] else -1
+    if rising != config.steering.direction:
+        raise ConfigError(f"{path}: steering.map steers the other way than {car}",
+                          found=f"angle {'rises' if rising > 0 else 'falls'} with the pulse",
+                          expected=f"direction = {config.steering.direction}", read=path,
+                          remedy="correct [steering] direction, or dart-hal calibrate steering")
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} cannot be read: {error}", read=str(path),
+                          remedy="check the path, its permissions and its encoding (UTF-8)"
+                          ) from error
+
+
+def _existing(cars_dirs: Folders | None) -> str:
+    names = sorted({p.parent.name for f in car_folders(cars_dirs) for p in f.glob("*/car.toml")})
+    return "cars " + ", ".join(names) if names else "no car files"
+
+
+def _own_folder() -> Path:
+    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(base) / "dart-hal" / "cars"

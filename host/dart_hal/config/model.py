@@ -1,0 +1,108 @@
+"""``model.toml``: identified parameters and effects; this file checks their shape.
+
+What the parameters mean, and which effects exist, is known to ``vehicle``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import msgspec
+
+from dart_hal.config.parse import parse, require, unknown_key
+from dart_hal.config.quantity import Quantity, Table
+from dart_hal.errors import ConfigError
+
+SCHEMA = "dart-hal/model/1"
+Parameter = float | Quantity
+Parameters = dict[str, Parameter]
+
+KNOWN: dict[str, tuple[str, ...]] = {
+    "body": ("wheelbase", "l_f", "l_r", "mass", "yaw_inertia", "front_share"),
+    "friction": ("a", "b", "c", "q"),
+    "motor": ("d", "e", "g"),
+    "steering": ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"),
+    "delay": ("steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s"),
+    "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness",
+              "rear_D", "rear_C", "rear_B", "rear_E"),
+    "load_transfer": ("omega", "k"),
+}
+"""Sections of model.toml and the parameters of each (units: see ``vehicle``)."""
+
+
+class EffectEntry(Table, frozen=True):
+    """One effect of the catalogue with its parameters."""
+
+    name: str
+    parameters: Parameters = msgspec.field(default_factory=dict)
+
+
+class Covariance(Table, frozen=True):
+    """Covariance of parameters that were fitted together; names "section.key"."""
+
+    names: Sequence[str]
+    matrix: Sequence[Sequence[float]]
+
+
+class ModelFile(Table, frozen=True, kw_only=True):
+    """A vehicle model as a file: parameters by section, effects in their order.
+
+    ``forms`` names variants of the equations ("tyres": "axle", "slip": "wheel");
+    ``speed_loop`` gains of ``drive_speed``; ``provenance`` data hashes, command.
+    """
+
+    schema: str = SCHEMA
+    name: str
+    kind: Literal["kinematic", "dynamic"]
+    body: Parameters
+    friction: Parameters = msgspec.field(default_factory=dict)
+    motor: Parameters = msgspec.field(default_factory=dict)
+    steering: Parameters = msgspec.field(default_factory=dict)
+    delay: Parameters = msgspec.field(default_factory=dict)
+    tyres: Parameters = msgspec.field(default_factory=dict)
+    load_transfer: Parameters = msgspec.field(default_factory=dict)
+    forms: dict[str, str] = msgspec.field(default_factory=dict)
+    speed_loop: dict[str, float] = msgspec.field(default_factory=dict)
+    effects: Sequence[EffectEntry] = ()
+    covariance: dict[str, Covariance] = msgspec.field(default_factory=dict)
+    provenance: dict[str, Any] = msgspec.field(default_factory=dict)
+
+    def values(self, section: str) -> dict[str, float]:
+        """The plain numbers of one section, standard errors left out."""
+        return {key: plain(entry) for key, entry in getattr(self, section).items()}
+
+
+def plain(entry: Parameter) -> float:
+    """The number of a parameter, whichever way it is written."""
+    return entry.value if isinstance(entry, Quantity) else float(entry)
+
+
+def parse_model(text: str, origin: str) -> ModelFile:
+    """Read the text of a model.toml. Raises ConfigError naming ``origin`` and key."""
+    return check_model(parse(text, ModelFile, origin), origin)
+
+
+def check_model(model: ModelFile, origin: str) -> ModelFile:
+    """The laws of the file; returns ``model``. Raises ConfigError."""
+    for section, known in KNOWN.items():
+        for key, entry in getattr(model, section).items():
+            if key not in known:
+                raise unknown_key(key, known, origin, section)
+            _check_entry(entry, f"{section}.{key}", origin)
+    for effect in model.effects:
+        for key, entry in effect.parameters.items():
+            _check_entry(entry, f"effects.{effect.name}.{key}", origin)
+    for name, table in model.covariance.items():
+        n = len(table.names)
+        if [len(row) for row in table.matrix] != [n] * n:
+            raise ConfigError(f"{origin}: covariance.{name}.matrix is not {n} x {n}",
+                              found=str([len(row) for row in table.matrix]), read=origin,
+                              expected=f"{n} rows of {n}, one for each name",
+                              remedy="identify the model again")
+    return model
+
+
+def _check_entry(entry: Parameter, key: str, origin: str) -> None:
+    if isinstance(entry, Quantity):
+        require(entry.std >= 0, origin, f"{key}.std", entry.std, ">= 0")

@@ -1,0 +1,30 @@
+"""A number of a particular car: its value and its standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every table: strict about its keys."""
+
+
+class Quantity(Table, frozen=True):
+    """A measured value with one standard error, in the unit its key names.
+
+    ``method`` says in a few words how it was obtained.
+    """
+
+    value: float
+    std: float
+    method: str = ""
+
+
+class Quantities(Table, frozen=True):
+    """Several values that belong together; ``std`` one for all, or one each."""
+
+    value: Sequence[float]
+    std: float | Sequence[float]
+    method: str = ""
