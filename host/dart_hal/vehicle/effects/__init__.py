@@ -1,0 +1,1 @@
+"""Catalogue of physical effects that the base models lack, one file per cause."""
