@@ -34,10 +34,10 @@ class SteeringTable(Table, frozen=True, kw_only=True):
     ``covariance`` of the angles, if the fit gave one, shape (n, n) [rad2].
     """
 
-    pulse_us: Sequence[float]
-    angle_rad: Sequence[float]
-    std_rad: Sequence[float]
-    covariance: Sequence[Sequence[float]] | None = None
+    pulse_us: tuple[float, ...]
+    angle_rad: tuple[float, ...]
+    std_rad: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...] | None = None
 
 
 class PaperForm(Table, frozen=True, kw_only=True):

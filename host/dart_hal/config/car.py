@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 from dart_hal.config.parse import check_std, parse, require
@@ -127,7 +126,7 @@ class Priorities(Table, frozen=True, kw_only=True):
     A source that is not listed comes after all of them.
     """
 
-    sources: Sequence[str] = ("run_stop", "gamepad", "keyboard", "user")
+    sources: tuple[str, ...] = ("run_stop", "gamepad", "keyboard", "user")
 
 
 class Safety(Table, frozen=True, kw_only=True):

@@ -5,7 +5,6 @@ What the parameters mean, and which effects exist, is known to ``vehicle``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import msgspec
@@ -41,8 +40,8 @@ class EffectEntry(Table, frozen=True):
 class Covariance(Table, frozen=True):
     """Covariance of parameters that were fitted together; names "section.key"."""
 
-    names: Sequence[str]
-    matrix: Sequence[Sequence[float]]
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
 
 
 class ModelFile(Table, frozen=True, kw_only=True):
@@ -64,7 +63,7 @@ class ModelFile(Table, frozen=True, kw_only=True):
     load_transfer: Parameters = msgspec.field(default_factory=dict)
     forms: dict[str, str] = msgspec.field(default_factory=dict)
     speed_loop: dict[str, float] = msgspec.field(default_factory=dict)
-    effects: Sequence[EffectEntry] = ()
+    effects: tuple[EffectEntry, ...] = ()
     covariance: dict[str, Covariance] = msgspec.field(default_factory=dict)
     provenance: dict[str, Any] = msgspec.field(default_factory=dict)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import msgspec
 
 
@@ -25,6 +23,6 @@ class Quantity(Table, frozen=True):
 class Quantities(Table, frozen=True):
     """Several values that belong together; ``std`` one for all, or one each."""
 
-    value: Sequence[float]
-    std: float | Sequence[float]
+    value: tuple[float, ...]
+    std: float | tuple[float, ...]
     method: str = ""
