@@ -1,0 +1,14 @@
+"""From frames to State: clock fit, wheel speed, odometry with covariance.
+
+Pure: time comes in as arguments, nothing reads a port or a clock.
+"""
+
+from dart_hal.estimation.clock import ClockFit
+from dart_hal.estimation.frames import FrameReader, Mounting, Sample, flag_names
+from dart_hal.estimation.gyro import GyroBias
+from dart_hal.estimation.odometry import Odometry, OdometryNoise
+from dart_hal.estimation.ring import LearntRing, Ring, RingLearner
+from dart_hal.estimation.speed import WheelSpeed
+
+__all__ = ["ClockFit", "FrameReader", "GyroBias", "LearntRing", "Mounting", "Odometry",
+           "OdometryNoise", "Ring", "RingLearner", "Sample", "WheelSpeed", "flag_names"]

@@ -1,0 +1,205 @@
+"""Pose of the rear axle from wheel travel and yaw rate, with its covariance.
+
+Exact arc between frames (travel s, turn w, both from the sensors):
+
+    x += s sinc(w/2) cos(yaw + w/2)      y += s sinc(w/2) sin(yaw + w/2)
+
+Travel comes from edge counts, not from integrating a speed: it does not drift.
+Yaw is the trapezoid of gyro samples at *their own* times, carried from the
+last sample to the frame with the newest rate; what is carried telescopes.
+
+Errors that stay the same over a run (gyro bias, gyro scale, metres per edge)
+are not noise per step: the pose's sensitivity to each is propagated and enters
+the covariance as a whole, P = P_noise + sum sigma^2 S S^T. That keeps the
+stated ellipse honest on a closed loop, where such errors partly cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+
+import numpy as np
+
+from dart_hal.estimation.gyro import GyroBias
+from dart_hal.types import Pose
+
+GYRO_LATENCY = 0.010
+"""s: mean 5 ms until the IMU's next 100 Hz update, 5 ms of its 32 Hz filter
+(1 / (2 pi 32)); the sample is that much older than the start of its read."""
+STALE = 0.5
+"""s without a gyro sample after which the turn rate is taken as unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryNoise:
+    """One sigma of every error source.
+
+    travel: random part, m per sqrt(m); travel_scale: metres per edge,
+    relative; gyro_noise: rad/s per sqrt(Hz), white (LSB, vibration);
+    gyro_scale: relative; gyro_bias: rad/s before the first standstill (the
+    BNO055's zero-rate offset is 1 deg/s); slip_angle: rad of heading that the
+    rear axle slides, random per metre, in rad per sqrt(m).
+    """
+
+    travel: float = 0.003
+    travel_scale: float = 0.005
+    gyro_noise: float = 4e-4
+    gyro_scale: float = 0.005
+    gyro_bias: float = 0.0175
+    slip_angle: float = 0.005
+
+
+class Odometry:
+    """Dead reckoning; call ``update`` once per frame, read ``pose``."""
+
+    def __init__(self, noise: OdometryNoise | None = None, *, gyro_bias: float = 0.0,
+                 gyro_bias_std: float | None = None) -> None:
+        self.noise = n = noise or OdometryNoise()
+        self.bias = GyroBias(gyro_bias, n.gyro_bias if gyro_bias_std is None else gyro_bias_std,
+                             n.gyro_noise)
+        self.reset()
+
+    def reset(self, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> None:
+        """Start anew at a known pose; the gyro's bias is kept."""
+        self.x, self.y, self.yaw = x, y, yaw
+        self._start = (x, y)
+        self._noise6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # xx xy xt yy yt tt
+        self._by_bias = (0.0, 0.0, 0.0)
+        self._by_scale = (0.0, 0.0, 0.0)
+        self._yaw_gyro = 0.0
+        self._carried = 0.0
+        self._rate = 0.0
+        self._t_gyro: float | None = None
+        self._distance: float | None = None
+        self._now = 0.0
+
+    def restart(self) -> None:
+        """The device clock began anew: keep the pose, forget the times."""
+        self._t_gyro = None
+        self._distance = None
+        self._carried = 0.0
+
+    @property
+    def yaw_rate(self) -> float:
+        """Newest yaw rate without its bias [rad/s]."""
+        return self._rate
+
+    def update(self, now: float, distance: float, speed: float, gyro_z: float | None,
+               t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0) -> None:
+        """One frame.
+
+        now, t_gyro [s]: device times of the latch and of the IMU read;
+        distance [m]: signed travel so far; speed [m/s]: 0.0 means standing;
+        gyro_z [rad/s]: body axes, None = not valid; rate: host seconds per
+        device second; yaw_rate_hint [rad/s]: used while there is no gyro
+        (speed tan(delta) / wheelbase of the applied steering angle).
+        """
+        if self._distance is None or now < self._now:
+            self._distance, self._now = distance, now
+        travel = distance - self._distance
+        dt = (now - self._now) * rate
+        self._distance, self._now = distance, now
+        standing = speed == 0.0 and travel == 0.0
+        turn, noise, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
+        if standing:
+            return
+        self._move(travel, turn, noise, seconds)
+
+    def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
+              hint: float, standing: bool) -> tuple[float, float, float]:
+        """Yaw since the last frame [rad], variance of its noise, seconds under bias."""
+        if gyro_z is None:
+            if self._t_gyro is None or (now - self._t_gyro) * rate > STALE:
+                self._rate = hint
+            self._carried = 0.0
+            return self._rate * dt, (0.2 * self._rate) ** 2 * dt, 0.0
+        if standing:
+            self.bias.observe(gyro_z, dt, self._freeze_bias)
+            self._rate = 0.0
+            self._t_gyro, self._carried = t_gyro, 0.0
+            return 0.0, 0.0, 0.0
+        self.bias.moving()
+        omega = gyro_z - self.bias.value
+        turn = 0.0
+        if self._t_gyro is not None and t_gyro > self._t_gyro:
+            turn = 0.5 * (self._rate + omega) * (t_gyro - self._t_gyro) * rate
+        self._t_gyro, self._rate = t_gyro, omega
+        carried = omega * ((now - t_gyro) * rate + GYRO_LATENCY)
+        turn += carried - self._carried
+        self._carried = carried
+        return turn, self.noise.gyro_noise**2 * dt, dt
+
+    def _freeze_bias(self, std: float) -> None:
+        """A new bias is being learnt: what the old one did becomes plain noise."""
+        a, b, c = self._by_bias
+        if a == b == c == 0.0:
+            return
+        v = std * std
+        xx, xy, xt, yy, yt, tt = self._noise6
+        self._noise6 = (xx + v * a * a, xy + v * a * b, xt + v * a * c,
+                        yy + v * b * b, yt + v * b * c, tt + v * c * c)
+        self._by_bias = (0.0, 0.0, 0.0)
+
+    def _move(self, travel: float, turn: float, turn_var: float, seconds: float) -> None:
+        """Exact arc, its noise, and the sensitivities to bias and scale."""
+        half = 0.5 * turn
+        middle = self.yaw + half
+        chord = travel * (sin(half) / half if abs(half) > 1e-6 else 1.0)
+        c, s = cos(middle), sin(middle)
+        dx, dy = chord * c, chord * s
+        self.x += dx
+        self.y += dy
+        self.yaw += turn
+        self._spread(dx, dy, c, s, abs(travel), turn_var)
+        bx, by, bt = self._by_bias
+        self._by_bias = (bx - dy * (bt + 0.5 * seconds), by + dx * (bt + 0.5 * seconds),
+                         bt + seconds)
+        sx, sy, st = self._by_scale
+        self._by_scale = (sx - dy * (st + half), sy + dx * (st + half), st + turn)
+
+    def _spread(self, dx: float, dy: float, c: float, s: float, length: float,
+                turn_var: float) -> None:
+        """P <- F P F^T + Q with F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]].
+
+        Q: travel noise along the heading, slip across it, yaw noise (half of
+        which acts within the step).
+        """
+        n = self.noise
+        xx, xy, xt, yy, yt, tt = self._noise6
+        xx += -2.0 * dy * xt + dy * dy * tt
+        xy += dx * xt - dy * yt - dx * dy * tt
+        yy += 2.0 * dx * yt + dx * dx * tt
+        xt -= dy * tt
+        yt += dx * tt
+        along = n.travel * n.travel * length
+        across = n.slip_angle * n.slip_angle * length
+        q = 0.5 * turn_var
+        self._noise6 = (xx + along * c * c + across * s * s, xy + (along - across) * c * s,
+                        xt - dy * q, yy + along * s * s + across * c * c, yt + dx * q,
+                        tt + turn_var)
+
+    @property
+    def covariance(self) -> tuple[float, float, float, float, float, float]:
+        """xx, xy, xt, yy, yt, tt of the pose [m2, m rad, rad2]."""
+        n = self.noise
+        xx, xy, xt, yy, yt, tt = self._noise6
+        x0, y0 = self._start
+        for var, (a, b, c) in ((self.bias.std**2, self._by_bias),
+                               (n.gyro_scale**2, self._by_scale),
+                               (n.travel_scale**2, (self.x - x0, self.y - y0, 0.0))):
+            xx += var * a * a
+            xy += var * a * b
+            xt += var * a * c
+            yy += var * b * b
+            yt += var * b * c
+            tt += var * c * c
+        return xx, xy, xt, yy, yt, tt
+
+    @property
+    def pose(self) -> Pose:
+        """x, y [m], yaw [rad, unwrapped], covariance (3, 3), read-only."""
+        xx, xy, xt, yy, yt, tt = self.covariance
+        cov = np.array(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt)))
+        cov.setflags(write=False)
+        return Pose(self.x, self.y, self.yaw, cov)
