@@ -15,6 +15,7 @@ import struct
 from binascii import crc32
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TypedDict
 
 PROTO = 1
 """Version of the wire rules (framing, handshake); HELLO carries it."""
@@ -100,7 +101,14 @@ def _m(name: str, id: int, dir: str, rate: str, doc: str, *fields: Field) -> Mes
 
 
 _F = Field
-_CK = {"scale": 0.5e-6, "unit": "s"}
+
+
+class _Unit(TypedDict):
+    scale: float
+    unit: str
+
+
+_CK: _Unit = {"scale": 0.5e-6, "unit": "s"}
 
 HELLO = _m(
     "HELLO", 0x01, "up", "boot x3 (100 ms apart), then on request", "identity and versions",

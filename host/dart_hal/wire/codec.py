@@ -1,0 +1,82 @@
+"""From values to the bytes on the line."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dart_hal.errors import UsageError
+from dart_hal.wire import cobs
+from dart_hal.wire.crc import crc16
+from dart_hal.wire.messages import LOG_TEXT_MIN, MESSAGES, Message
+
+UP = tuple(m for m in MESSAGES if m.dir == "up")
+"""What a host accepts."""
+
+DOWN = tuple(m for m in MESSAGES if m.dir == "down")
+"""What a Nano accepts."""
+
+Values = Mapping[str, Any] | Sequence[Any]
+
+
+def pack(message: Message, values: Values) -> bytes:
+    """Payload of a message.
+
+    ``values``: raw integers by field name (arrays as sequences; every field
+    must be given), or in wire order with arrays flat, as ``Frame.values()``
+    returns them. LOG: ``level`` and ``text`` (str or bytes); a text below 4
+    characters is padded with spaces. Raises UsageError.
+    """
+    flat = _flat(message, values) if isinstance(values, Mapping) else tuple(values)
+    if message.variable:
+        return _pack_log(message, flat)
+    try:
+        return message.struct.pack(*flat)
+    except struct.error as error:
+        raise UsageError(f"{message.name}: {error}", found=repr(values),
+                         expected=", ".join(f"{f.name} {f.type}" for f in message.fields)) from None
+
+
+def wrap(message: Message, seq: int, payload: bytes) -> bytes:
+    """Frame of a payload: header, CRC, COBS and the trailing 0x00."""
+    raw = bytes((message.id, seq & 0xFF)) + payload
+    return cobs.encode(raw + crc16(raw, message.seed).to_bytes(2, "little")) + b"\0"
+
+
+def encode(message: Message, seq: int, values: Values) -> bytes:
+    """Bytes on the line of one message; ``seq`` is taken modulo 256.
+
+    ``values`` as in ``pack``. Raises UsageError.
+    """
+    return wrap(message, seq, pack(message, values))
+
+
+def _flat(message: Message, values: Mapping[str, Any]) -> tuple[Any, ...]:
+    names = [f.name for f in message.fields]
+    if set(names) != set(values):
+        wrong = sorted(set(names) ^ set(values))
+        raise UsageError(f"{message.name}: missing or unknown: {', '.join(wrong)}",
+                         expected=", ".join(names))
+    flat: list[Any] = []
+    for f in message.fields:
+        value = values[f.name]
+        if f.count == 1 or f.type == "text":
+            flat.append(value)
+        elif len(value) == f.count:
+            flat += value
+        else:
+            raise UsageError(f"{message.name}.{f.name} has {f.count} elements",
+                             found=repr(value))
+    return tuple(flat)
+
+
+def _pack_log(message: Message, flat: tuple[Any, ...]) -> bytes:
+    limit = message.size - 1
+    if len(flat) != 2 or flat[0] not in range(256):
+        raise UsageError(f"{message.name} takes a level 0..255 and a text", found=repr(flat))
+    text = flat[1]
+    data = text.encode("ascii", "replace") if isinstance(text, str) else bytes(text)
+    if len(data) > limit:
+        raise UsageError(f"{message.name}: {len(data)} characters, at most {limit}")
+    return bytes((flat[0],)) + data.ljust(LOG_TEXT_MIN)
