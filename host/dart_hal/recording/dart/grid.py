@@ -14,8 +14,8 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import FloatArray
 
-from .model import BoolArray, IntArray, Recording, freeze
 from .mocap import GRID, MAX_GAP, POSITION_STEP, YAW_STEP
+from .model import BoolArray, IntArray, Recording, freeze, freeze_flags
 from .reference import Reference, reference_for
 from .sensors import GAP
 
@@ -98,13 +98,13 @@ def marker_grid(recording: Recording) -> MarkerGrid:
         raise RecordingError(f"{recording.name}: no motion capture in this recording",
                              found="schema A", expected="schema B or C", read=str(recording.path),
                              remedy="give a recording with vicon columns")
-    t = np.arange(0, int(np.ceil(mocap.t[-1] / GRID - 1e-9))) * GRID
+    t: FloatArray = np.arange(0, int(np.ceil(mocap.t[-1] / GRID - 1e-9)), dtype=np.float64) * GRID
     slow = len(mocap) > 3 and float(np.median(np.diff(mocap.t))) > SLOW_STEP
     points = 25 if slow else 15
     if len(t) < points:
-        raise RecordingError(f"{recording.name}: too short for velocities", read=str(recording.path),
-                             found=f"{mocap.t[-1]:.2f} s of mocap", expected="at least 0.25 s",
-                             remedy="leave this file out")
+        raise RecordingError(f"{recording.name}: too short for velocities",
+                             read=str(recording.path), found=f"{mocap.t[-1]:.2f} s of mocap",
+                             expected="at least 0.25 s", remedy="leave this file out")
     x, y, yaw = (_onto(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
     dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
     arrived = np.searchsorted(messages.arrival, t + ARRIVED, side="right") - 1
@@ -139,12 +139,13 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
     yaw = m.yaw + ref.theta
     c, s = np.cos(yaw), np.sin(yaw)
     forward = ref.lx - l_r
-    return Grid(*(freeze(v) for v in (
-        m.t, m.x - forward * c + ref.ly * s, m.y - forward * s - ref.ly * c, yaw,
-        c * m.dx + s * m.dy + m.omega * ref.ly,
-        -s * m.dx + c * m.dy - m.omega * ref.lx + m.omega * l_r,
-        m.omega, m.throttle, m.steering, m.encoder)),
-        bad=freeze(m.bad, np.bool_), reference=ref)
+    return Grid(
+        t=freeze(m.t), x=freeze(m.x - forward * c + ref.ly * s),
+        y=freeze(m.y - forward * s - ref.ly * c), yaw=freeze(yaw),
+        v_x=freeze(c * m.dx + s * m.dy + m.omega * ref.ly),
+        v_y=freeze(-s * m.dx + c * m.dy + m.omega * (l_r - ref.lx)), omega=freeze(m.omega),
+        throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
+        bad=freeze_flags(m.bad), reference=ref)
 
 
 def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from dart_hal.types import FloatArray
 
-from .model import BoolArray, Mocap, Note, freeze
+from .model import BoolArray, Mocap, Note, freeze, freeze_flags
 from .schema import MOCAP
 from .sensors import BREAK
 
@@ -60,7 +60,7 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     scale = np.maximum(np.diff(t) / GRID, 1.0)
     step = ((np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP * scale)
             | (np.abs(wrap(np.diff(yaw))) > YAW_STEP * scale))
-    for i in np.flatnonzero(step):
+    for i in np.flatnonzero(step).tolist():
         if bad[i]:
             continue
         for k in range(i + 2, min(i + 2 + OUTLIER_ROWS, len(t))):
@@ -94,9 +94,11 @@ def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]
         notes.append(Note("mocap rows whose time does not advance", int((~keep).sum())))
     if outlier.any():
         notes.append(Note("mocap outliers of 1 to 3 rows, marked", int(outlier.sum())))
-    gaps = int((np.diff(t) > MAX_GAP).sum())
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else GRID
+    limit = max(MAX_GAP, 2.0 * usual)
+    gaps = int((np.diff(t) > limit).sum())
     if gaps:
-        notes.append(Note(f"{gaps} mocap gap(s) above {MAX_GAP} s: nothing inside is used"))
+        notes.append(Note(f"{gaps} mocap gap(s) above {limit:.2f} s: nothing inside is used"))
     epoch = float(stamp[0]) if stamp[0] > EPOCH_FROM else None
     return Mocap(freeze(t), epoch, freeze(x), freeze(y), freeze(unwrap(yaw, outlier)),
-                 freeze(outlier, np.bool_)), keep, notes
+                 freeze_flags(outlier)), keep, notes

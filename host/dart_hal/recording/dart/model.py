@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,10 +114,22 @@ class Recording:
         return datetime.fromtimestamp(self.mocap.epoch, tz=timezone.utc)
 
 
-def freeze(array: np.ndarray, dtype: type = np.float64) -> np.ndarray:
-    """A read-only copy; negative zeros become zeros."""
-    out = np.array(array, dtype=dtype)
-    if dtype is np.float64:
-        out += 0.0
+def freeze(values: NDArray[Any]) -> FloatArray:
+    """A read-only copy as floats; negative zeros become zeros."""
+    out: FloatArray = np.array(values, dtype=np.float64) + 0.0
+    out.setflags(write=False)
+    return out
+
+
+def freeze_flags(values: NDArray[Any]) -> BoolArray:
+    """A read-only copy as booleans."""
+    out: BoolArray = np.array(values, dtype=np.bool_)
+    out.setflags(write=False)
+    return out
+
+
+def freeze_index(values: NDArray[Any]) -> IntArray:
+    """A read-only copy as integers."""
+    out: IntArray = np.array(values, dtype=np.int64)
     out.setflags(write=False)
     return out

@@ -11,39 +11,33 @@ import numpy as np
 
 from dart_hal.types import FloatArray
 
-LOW, HIGH, STEP = 0.010, 0.12, 2e-5
-MIN_VALUES = 6
-COHERENCE = 0.8  # rounding of +-0.005 m/s at a quantum of 0.02 leaves about this much
+LOW, HIGH, STEP = 0.015, 0.12, 1e-5
+MIN_VALUES, MIN_ROUNDED = 5, 8
+ROUNDING = 0.0055  # m/s; half a unit of the second decimal and a little
+SHARE = 0.98  # of the values must lie on the multiples
+MAX_SPEED = 2.5  # m/s; the multiples of neighbouring candidates drift apart with speed
 
 
 def encoder_quantum(speed: FloatArray) -> float | None:
     """Speed of one count [m/s], or None when the values do not tell.
 
-    speed (m,) m/s. Largest candidate for which the phases 2 pi v/q agree:
-    every divisor of the quantum agrees too, no multiple does.
+    speed (m,) m/s. The largest candidate of which (nearly) all values are
+    multiples: its divisors fit too, its multiples do not.
     """
     values = np.unique(np.round(speed[np.isfinite(speed) & (speed > 0.0)], 6))
-    values = values[values < 3.0]
-    if len(values) < MIN_VALUES:
+    values = values[values < MAX_SPEED]
+    cents = values * 100.0
+    rounded = bool(np.all(np.abs(cents - np.round(cents)) < 1e-3))
+    if len(values) < (MIN_ROUNDED if rounded else MIN_VALUES):
         return None
-    rounded = bool(np.all(np.abs(values * 100 - np.round(values * 100)) < 1e-3))
     candidates = np.arange(HIGH, LOW, -STEP)
-    coherence = _coherence(values, candidates)
-    good = np.flatnonzero(coherence > (COHERENCE if rounded else 0.95))
-    if rounded:
-        good = good[candidates[good] > 0.012]
-    if len(good) == 0:
+    off = np.abs(values - candidates[:, None] * np.round(values / candidates[:, None]))
+    tolerance = ROUNDING if rounded else np.maximum(0.02 * candidates, 1e-4)[:, None]
+    fits = (off < tolerance).mean(axis=1) >= SHARE
+    if not fits.any():
         return None
-    top = good[good <= good[0] + 60]
-    best = float(candidates[top[np.argmax(coherence[top])]])
-    return _refine(values, best)
-
-
-def _coherence(values: FloatArray, quanta: FloatArray) -> FloatArray:
-    phase = 2.0 * np.pi * values[None, :] / quanta[:, None]
-    return np.asarray(np.cos(phase).mean(axis=1))
-
-
-def _refine(values: FloatArray, quantum: float) -> float:
-    counts = np.round(values / quantum)
+    first = int(np.argmax(fits))
+    end = first + int(np.argmin(np.append(fits[first:], False)))
+    best = first + int(np.argmin((off[first:end] ** 2).mean(axis=1)))
+    counts = np.round(values / candidates[best])
     return float((counts @ values) / (counts @ counts))

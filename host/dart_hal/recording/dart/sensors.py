@@ -7,7 +7,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import FloatArray
 
-from .model import BoolArray, IntArray, Messages, Note, freeze
+from .model import BoolArray, IntArray, Messages, Note, freeze, freeze_flags, freeze_index
 from .schema import SENSOR, SENSOR_TIME
 
 GAP = 0.3  # s; no value is used for longer than this
@@ -20,7 +20,7 @@ def not_started(columns: dict[str, FloatArray], schema: str) -> BoolArray:
     """Rows written before the first sensor message came."""
     if schema == "B":
         return np.asarray(columns[SENSOR_TIME] == 0.0)
-    return np.all([columns[c] == 0.0 for c in SENSOR], axis=0)
+    return np.asarray(np.all([columns[c] == 0.0 for c in SENSOR], axis=0))
 
 
 def check_commands(columns: dict[str, FloatArray], file: str) -> None:
@@ -83,9 +83,9 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
     notes += gate_note(kept["throttle"], gate)
     return Messages(
         t=freeze(t), arrival=freeze(t if arrival is None else arrival[fresh]),
-        segment=freeze(segment, np.int64), throttle=freeze(np.where(gate, kept["throttle"], 0.0)),
+        segment=freeze_index(segment), throttle=freeze(np.where(gate, kept["throttle"], 0.0)),
         throttle_raw=freeze(kept["throttle"]), steering=freeze(kept["steering"]),
-        gate=freeze(gate, np.bool_), speed=freeze(kept["vel encoder"]),
+        gate=freeze_flags(gate), speed=freeze(kept["vel encoder"]),
         yaw_rate=freeze(kept["W (IMU)"]), accel_x=freeze(kept["acc x (IMU)"]),
         accel_y=freeze(kept["acc y (IMU)"])), notes
 
@@ -96,10 +96,10 @@ def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messag
     nan = freeze(np.full(len(t), np.nan))
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])
     return Messages(
-        t=freeze(t), arrival=freeze(t), segment=freeze(segment, np.int64),
+        t=freeze(t), arrival=freeze(t), segment=freeze_index(segment),
         throttle=freeze(np.where(gate, columns["throttle"], 0.0)),
         throttle_raw=freeze(columns["throttle"]), steering=freeze(columns["steering"]),
-        gate=freeze(gate, np.bool_), speed=nan, yaw_rate=nan, accel_x=nan, accel_y=nan,
+        gate=freeze_flags(gate), speed=nan, yaw_rate=nan, accel_x=nan, accel_y=nan,
     ), gate_note(columns["throttle"], gate)
 
 

@@ -25,8 +25,8 @@ def read_text(path: Path) -> str:
     try:
         raw = path.read_bytes()
     except FileNotFoundError as err:
-        raise RecordingError(f"{file}: no such file", read=file,
-                             remedy="check the path; $DART_DATA is the folder of recordings") from err
+        raise RecordingError(f"{file}: no such file", read=file, remedy="check the path; "
+                             "$DART_DATA is the folder of recordings") from err
     except OSError as err:
         raise RecordingError(f"{file}: cannot be read", found=err.strerror or str(err), read=file,
                              remedy="check the path and its permissions") from err

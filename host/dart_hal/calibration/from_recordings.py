@@ -1,0 +1,128 @@
+"""``calibrate steering --from``: a steering map out of recordings of the car.
+
+The angle is atan(l W/v) without slip correction, from rows with v > 0.8 m/s as
+in the paper; where nothing is that fast v > 0.3 m/s, and the notes say so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.errors import CalibrationFailed
+from dart_hal.recording.dart import Recording, grid, read_all, reference_for
+from dart_hal.recording.dart.reference import SEP_24
+from dart_hal.types import FloatArray
+
+from .result import SteeringResult
+from .samples import IntArray, Samples, approach, blocks, concatenate
+from .steering_fit import SETTLED, SteeringFit, fit_steering
+
+WHEELBASE = 0.175  # m, of the car of the recordings
+FAST, SLOW = 0.8, 0.3  # m/s
+FAST_SHARE = 0.1  # of the moving rows must be fast, else the recording counts as slow
+MAX_LATERAL = 4.0  # m/s2; beyond it the tyres slip by degrees, the angle is no steering angle
+THIN = 10  # every tenth sample of the 100 Hz grid, as often as a sensor message
+
+
+def steering_from(paths: Iterable[str | Path], *, car: str = "dart-01",
+                  wheelbase: float = WHEELBASE) -> SteeringResult:
+    """Read files or folders and fit. wheelbase [m].
+
+    Errors: RecordingError for a file that cannot be read, CalibrationFailed
+    when the commands cover too little.
+    """
+    recordings, skipped = read_all(paths)
+    notes = [f"{file}: skipped: {reason}" for file, reason in skipped]
+    return steering_from_recordings(recordings, car=car, wheelbase=wheelbase, notes=notes)
+
+
+def steering_from_recordings(recordings: Sequence[Recording], *, car: str = "dart-01",
+                             wheelbase: float = WHEELBASE,
+                             notes: Sequence[str] = ()) -> SteeringResult:
+    """The same from recordings that are already read."""
+    parts: list[Samples] = []
+    said = list(notes)
+    used: list[str] = []
+    for recording in recordings:
+        samples, more = samples_of(recording, wheelbase)
+        said += [f"{recording.name}: {text}" for text in more]
+        said += [f"{recording.name}: {note}" for note in recording.notes if note.rows]
+        if len(samples):
+            parts.append(samples)
+            used.append(str(recording.path))
+    if not parts:
+        raise CalibrationFailed("no recording holds a sample that can be used",
+                                found=f"{len(recordings)} recording(s), none above {SLOW} m/s",
+                                expected="driving at more than 0.3 m/s",
+                                remedy="give recordings in which the car drives and steers")
+    samples = concatenate(parts)
+    fitted = fit_steering(samples)
+    said += _cautions(samples, fitted)
+    return SteeringResult(
+        car=car, source=tuple(used), n=len(samples),
+        duration=float(sum(r.duration for r in recordings)), command=fitted.command,
+        angle=fitted.angle, angle_std=fitted.angle_std, pulse_us=None,
+        paper_form=fitted.form.as_dict(), residual_rms=fitted.residual_rms,
+        backlash=fitted.backlash, notes=tuple(said),
+        samples=(samples.command, samples.angle, samples.direction))
+
+
+def samples_of(recording: Recording, wheelbase: float) -> tuple[Samples, list[str]]:
+    """Steering samples of one recording and what was left out of it."""
+    t, speed, yaw_rate, command, segment, notes = _motion(recording)
+    moving = np.isfinite(speed) & np.isfinite(yaw_rate) & (speed > SLOW)
+    fast = moving & (speed > FAST)
+    use = fast
+    if fast.sum() <= FAST_SHARE * moving.sum():
+        use = moving
+        if moving.any():
+            notes.append(f"slow: at most {np.nanmax(speed):.2f} m/s, so samples above {SLOW} m/s "
+                         f"are used instead of above {FAST} m/s")
+    slipping = use & (np.abs(speed * yaw_rate) > MAX_LATERAL)
+    if slipping.any():
+        notes.append(f"{int(slipping.sum())} sample(s) above {MAX_LATERAL} m/s2 of lateral "
+                     "acceleration dropped (tyres slip)")
+        use = use & ~slipping
+    notes.append(f"{int(use.sum())} of {len(use)} samples used, the others stood or were slower")
+    angle = np.arctan2(wheelbase * yaw_rate[use], speed[use])
+    direction, age = approach(command, t)
+    return Samples(command[use], angle, direction[use], age[use], np.ones(int(use.sum())),
+                   blocks(command, segment)[use]), notes
+
+
+def _motion(recording: Recording
+            ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, list[str]]:
+    """(time, speed, yaw rate, command, segment, notes): from the sensors, else from the mocap."""
+    m = recording.messages
+    if recording.encoder not in ("dead", "none"):
+        return m.t, m.speed, m.yaw_rate, m.steering, m.segment, []
+    reference = reference_for(recording)
+    motion = grid(recording, reference or SEP_24)
+    good = ~motion.bad
+    rows = np.flatnonzero(good)[::THIN]
+    gap = np.concatenate([[0], np.cumsum(np.diff(rows) > 3 * THIN)]) if len(rows) else rows
+    why = "encoder dead" if recording.encoder == "dead" else "no encoder and no IMU"
+    return (motion.t[rows], motion.v_x[rows], motion.omega[rows], motion.steering[rows],
+            gap.astype(np.int64), [f"{why}: speed and yaw rate from the mocap"])
+
+
+def _cautions(samples: Samples, fitted: SteeringFit) -> list[str]:
+    said = []
+    levels = np.unique(samples.command)
+    wide = np.flatnonzero(np.diff(levels) > 0.2)
+    said += [f"no data between commands {levels[i]:+.2f} and {levels[i + 1]:+.2f}: "
+             "the form interpolates there" for i in wide]
+    if fitted.misfit > 0.003:
+        said.append(f"level means leave the five-parameter form by {fitted.misfit:.4f} rad rms; "
+                    "this is part of angle_std_rad")
+    if np.mean(samples.age < SETTLED) > 0.5:
+        said.append("commands change all the time: delay and lag of the servo smear the map")
+    if fitted.backlash is None:
+        said.append("backlash: no level was held after reaching it from both sides, "
+                    "so it cannot be told")
+    elif fitted.backlash.value < 2.0 * fitted.backlash.std:
+        said.append("backlash: few levels were reached from both sides; not different from zero")
+    return said
