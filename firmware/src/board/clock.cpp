@@ -1,0 +1,95 @@
+#include "clock.h"
+
+#include "atomic.h"
+#include "interrupts.h"
+
+namespace dart {
+namespace board {
+
+namespace {
+
+volatile uint16_t high_word;
+volatile uint8_t slots;          // begun since boot, wraps
+volatile uint8_t slots_waiting;  // begun and not taken
+volatile bool imu_waiting;
+Phase next_phase;
+
+constexpr uint16_t kToImu = 7000;        // 3.5 ms
+constexpr uint16_t kToDeadline = 12200;  // 6.1 ms
+constexpr uint16_t kToSlot = 800;        // 0.4 ms
+static_assert(kToImu + kToDeadline + kToSlot == kTicksPerSlot,
+              "the phases fill the slot, so the period has no drift");
+
+}  // namespace
+
+void clock_start() {
+  TCCR1A = 0;           // normal mode, pins free
+  TCCR1B = _BV(CS11);   // 16 MHz / 8
+  TCNT1 = 0;
+  OCR1B = kTicksPerMs;  // first slot after 1 ms
+  TIFR1 = _BV(TOV1) | _BV(OCF1A) | _BV(OCF1B) | _BV(ICF1);
+  TIMSK1 = _BV(TOIE1) | _BV(OCIE1B);
+}
+
+Tick now_locked() {
+  uint16_t const low = TCNT1;
+  uint16_t high = high_word;
+  if ((TIFR1 & _BV(TOV1)) != 0 && low < 0x8000) {
+    ++high;  // wrapped, and the interrupt has not run yet
+  }
+  return (static_cast<Tick>(high) << 16) | low;
+}
+
+Tick now() {
+  Atomic const lock;
+  return now_locked();
+}
+
+PhaseEvent take_phases() {
+  Atomic const lock;
+  uint8_t const waiting = slots_waiting;
+  PhaseEvent const event = {
+      waiting != 0, imu_waiting,
+      static_cast<uint8_t>(waiting > 1 ? waiting - 1 : 0)};
+  slots_waiting = 0;
+  imu_waiting = false;
+  return event;
+}
+
+bool phases_waiting() { return slots_waiting != 0 || imu_waiting; }
+
+uint8_t slots_begun() { return slots; }
+
+// Work of compare B, apart from its timer.
+inline void begin_phase() {
+  switch (next_phase) {
+    case Phase::kSlot:
+      slots = static_cast<uint8_t>(slots + 1);
+      slots_waiting = static_cast<uint8_t>(slots_waiting + 1);
+      OCR1B = static_cast<uint16_t>(OCR1B + kToImu);
+      next_phase = Phase::kImu;
+      break;
+    case Phase::kImu:
+      imu_waiting = true;
+      OCR1B = static_cast<uint16_t>(OCR1B + kToDeadline);
+      next_phase = Phase::kDeadline;
+      break;
+    case Phase::kDeadline:
+      OCR1B = static_cast<uint16_t>(OCR1B + kToSlot);
+      next_phase = Phase::kSlot;
+      break;
+  }
+}
+
+}  // namespace board
+}  // namespace dart
+
+ISR(TIMER1_OVF_vect) {
+  using dart::board::high_word;
+  high_word = static_cast<uint16_t>(high_word + 1);
+}
+
+ISR(TIMER1_COMPB_vect) {
+  dart::board::begin_phase();
+  dart::board::on_phase();
+}

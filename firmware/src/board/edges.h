@@ -1,0 +1,38 @@
+// Encoder interrupts: D2 = ring A, D3 = ring B.
+#ifndef DART_BOARD_EDGES_H
+#define DART_BOARD_EDGES_H
+
+#include <stdint.h>
+
+#include "../core/edge_counter.h"
+#include "../core/encoder.h"
+
+namespace dart {
+namespace board {
+
+enum class Ring : uint8_t { kA, kB };
+
+// Starts to count; `min_ticks` is the glitch rule, 0 = off.
+void edges_start(Ring ring, uint16_t min_ticks);
+void edges_set_rule(uint16_t min_ticks);
+
+// With interrupts off.
+EdgeLatch edges_latch(Ring ring);
+
+// Stamp of edge `n` (modulo 65536), which must be one of the last 16.
+uint16_t edge_stamp(Ring ring, uint16_t n);
+
+// Edges refused so far, both rings, wraps.
+uint16_t edges_rejected();
+
+// True while ring A's pin level does not fit the parity of its count and no
+// edge is on its way.
+bool edges_parity_broken();
+
+// From the phase interrupt.
+void edges_refresh();
+
+}  // namespace board
+}  // namespace dart
+
+#endif  // DART_BOARD_EDGES_H
