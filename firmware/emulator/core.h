@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * What the files of the bridge know of each other.
+ */
+#ifndef DART_EMU_CORE_H
+#define DART_EMU_CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include <simavr/sim_avr.h>
+#include <simavr/avr_ioport.h>
+#include <simavr/avr_twi.h>
+#include <simavr/avr_uart.h>
+#include <simavr/avr_watchdog.h>
+
+#include "bno055.h"
+#include "emu.h"
+
+#define NEVER UINT64_MAX
+#define FLASH_SIZE 32768u
+#define EEPROM_SIZE 1024
+#define VECTORS 26
+#define RING_MARKS 128
+#define LOG_SIZE 8192 /* power of two */
+
+/* Our own events; at the same cycle they run in this order. */
+enum { EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_IMU, EV_COUNT };
+
+struct isr_stat {
+	struct emu *e;
+	uint64_t start, count, min, max, total;
+};
+
+struct ring {
+	double mark[RING_MARKS];
+	int n;
+	int64_t k; /* index of the next mark ahead, k = revolution * n + i */
+	uint64_t edges;
+	int level; /* what the pin got last */
+};
+
+struct uart {
+	avr_uart_t *io;
+	double host_bit; /* cycles */
+	bool shifting, buffered;
+	uint8_t tx_buffer;
+	double tx_end; /* stop bit of the byte in the shift register */
+	uint64_t stop; /* the same if that byte is 0x00 for the host */
+	double host_busy;
+	uint8_t *out;
+	uint64_t *out_at;
+	size_t out_n, out_cap, out_read;
+	uint8_t fifo[2];
+	bool fifo_fe[2];
+	int fifo_n;
+	uint8_t *in;
+	size_t in_n, in_cap, in_read;
+	double in_end;
+	uint32_t noise;
+	uint64_t received, overrun, garbled, sent;
+};
+
+struct twi {
+	avr_twi_t *io;
+	int op;
+	bool waiting, owned, reading, arbitration_lost;
+	bool ours; /* the BNO055 is addressed */
+	int fault, release_after, clocks;
+	double p, stretch_us;
+	uint32_t noise;
+	bool scl, sda; /* line levels */
+	bool scl_driven_low;
+};
+
+struct event_log {
+	uint64_t cycle[LOG_SIZE];
+	uint8_t what[LOG_SIZE], value[LOG_SIZE];
+	uint32_t head, tail;
+};
+
+struct emu {
+	avr_t *avr;
+	avr_run_t raw_run;
+	avr_watchdog_t *watchdog;
+	avr_ioport_t *port[3];
+	uint64_t now;
+	uint64_t when[EV_COUNT], next_event;
+	uint64_t limit, gate;
+	bool hang;
+	/* world time = world_t + (cycle - world_c) / hz */
+	double hz, world_t;
+	uint64_t world_c;
+	struct uart uart;
+	struct twi twi;
+	struct bno055 imu;
+	struct ring ring[2];
+	double wheel_pos, wheel_rate; /* revolutions, per cycle */
+	uint64_t wheel_c;
+	uint8_t state[3][8];
+	struct event_log pins, marks;
+	struct isr_stat isr[VECTORS];
+};
+
+/* emu.c */
+void emu_at(emu_t *e, int event, uint64_t when);
+double emu_world(const emu_t *e, uint64_t cycle);
+uint64_t emu_cycle(const emu_t *e, double world); /* rounded up */
+void *emu_module(emu_t *e, const char *kind, int nth);
+void log_put(struct event_log *log, uint64_t cycle, int what, int value);
+int log_get(struct event_log *log, uint64_t *cycle, uint8_t *what,
+	    uint8_t *value, int max);
+uint32_t noise_next(uint32_t *state);
+
+/* each part: set up once, after each reset, at its event */
+int uart_init(emu_t *e);
+void uart_after_reset(emu_t *e);
+void uart_tx_event(emu_t *e);
+void uart_rx_event(emu_t *e);
+void uart_free(emu_t *e);
+
+int twi_init(emu_t *e);
+void twi_after_reset(emu_t *e);
+void twi_event(emu_t *e);
+void twi_gpio(emu_t *e); /* PORTC or DDRC changed */
+
+int pins_init(emu_t *e);
+void pins_after_reset(emu_t *e);
+void pins_input(emu_t *e, int port, int bit, int level);
+
+void wheel_event(emu_t *e, int ring);
+void wheel_clock(emu_t *e, double old_hz);
+void wheel_sensor(emu_t *e); /* D7 switched the IR sensor */
+
+int probe_init(emu_t *e);
+
+#endif

@@ -1,0 +1,399 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * The run loop, time and resets.
+ *
+ * simavr's own loop adds a cycle to each sleep and cuts where it is asked to
+ * stop. This one sleeps to the next thing that can wake the MCU and to
+ * nothing else, so that the place where a caller slices a run leaves no trace
+ * in the program's time.
+ */
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <simavr/avr_eeprom.h>
+#include <simavr/avr_extint.h>
+#include <simavr/sim_core.h>
+#include <simavr/sim_core_config.h>
+
+#include "core.h"
+
+#define MCUSR 0x54
+#define PAINT 0xC5
+#define F_CPU 16000000
+
+static char last_log[256];
+
+static void keep_log(struct avr_t *avr, const int level, const char *format,
+		     va_list ap)
+{
+	(void)avr;
+	if (level > LOG_ERROR)
+		return;
+	vsnprintf(last_log, sizeof last_log, format, ap);
+}
+
+const char *emu_log(void)
+{
+	return last_log;
+}
+
+int emu_abi(void)
+{
+	return EMU_ABI;
+}
+
+const char *emu_simavr(void)
+{
+	return CONFIG_SIMAVR_VERSION;
+}
+
+void *emu_module(emu_t *e, const char *kind, int nth)
+{
+	for (avr_io_t *io = e->avr->io_port; io; io = io->next)
+		if (io->kind && !strcmp(io->kind, kind) && nth-- == 0)
+			return io;
+	return NULL;
+}
+
+double emu_world(const emu_t *e, uint64_t cycle)
+{
+	return e->world_t + ((double)cycle - (double)e->world_c) / e->hz;
+}
+
+uint64_t emu_cycle(const emu_t *e, double world)
+{
+	double c = (double)e->world_c + (world - e->world_t) * e->hz;
+
+	if (!(c < 1e15))
+		return NEVER;
+	return c > 0 ? (uint64_t)ceil(c) : 0;
+}
+
+uint32_t noise_next(uint32_t *state)
+{
+	uint32_t x = *state;
+
+	x ^= x << 13;
+	x ^= x >> 17;
+	x ^= x << 5;
+	return *state = x;
+}
+
+/* --- events ------------------------------------------------------------ */
+
+static avr_cycle_count_t gate_passed(avr_t *avr, avr_cycle_count_t when,
+				     void *param)
+{
+	(void)avr;
+	(void)when;
+	((emu_t *)param)->gate = NEVER;
+	return 0;
+}
+
+/* A timer of simavr at the next cycle that concerns us: simavr then ends its
+ * run of instructions there, also when a register write adds a timer. It
+ * changes nothing that the program could see. */
+static void set_gate(emu_t *e)
+{
+	uint64_t when = e->next_event < e->limit ? e->next_event : e->limit;
+	uint64_t now = e->avr->cycle;
+
+	if (e->uart.stop < when)
+		when = e->uart.stop;
+	if (when == e->gate)
+		return;
+	e->gate = when;
+	if (when == NEVER)
+		avr_cycle_timer_cancel(e->avr, gate_passed, e);
+	else
+		avr_cycle_timer_register(e->avr, when > now ? when - now : 0,
+					 gate_passed, e);
+}
+
+static void find_next(emu_t *e)
+{
+	uint64_t next = NEVER;
+
+	for (int i = 0; i < EV_COUNT; i++)
+		if (e->when[i] < next)
+			next = e->when[i];
+	e->next_event = next;
+}
+
+void emu_at(emu_t *e, int event, uint64_t when)
+{
+	e->when[event] = when;
+	find_next(e);
+	set_gate(e);
+}
+
+static void imu_event(emu_t *e)
+{
+	/* a restart of the part may have put it off */
+	if (emu_cycle(e, e->imu.next) <= e->avr->cycle)
+		bno_sample(&e->imu, e->imu.next);
+	emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+static void run_events(emu_t *e)
+{
+	while (e->next_event <= e->avr->cycle) {
+		int first = 0;
+
+		for (int i = 1; i < EV_COUNT; i++)
+			if (e->when[i] < e->when[first])
+				first = i;
+		switch (first) {
+		case EV_TX: uart_tx_event(e); break;
+		case EV_RX: uart_rx_event(e); break;
+		case EV_TWI: twi_event(e); break;
+		case EV_RING_A: wheel_event(e, 0); break;
+		case EV_RING_B: wheel_event(e, 1); break;
+		default: imu_event(e); break;
+		}
+	}
+}
+
+/* --- resets ------------------------------------------------------------ */
+
+static void after_reset(emu_t *e, uint8_t mcusr)
+{
+	e->gate = NEVER; /* avr_reset dropped all timers */
+	e->avr->data[MCUSR] = mcusr;
+	uart_after_reset(e);
+	twi_after_reset(e);
+	pins_after_reset(e);
+	set_gate(e);
+}
+
+/* The watchdog asks for a reset by replacing avr->run. */
+static void watchdog_reset(emu_t *e)
+{
+	uint8_t old = e->avr->data[MCUSR];
+
+	e->avr->run(e->avr);
+	e->avr->run = e->raw_run;
+	after_reset(e, old | 1 << 3);
+}
+
+void emu_reset(emu_t *e, int cause)
+{
+	static const uint8_t flag[] = {1 << 1, 1 << 0, 1 << 2, 1 << 3};
+	uint8_t old = cause == EMU_POWER ? 0 : e->avr->data[MCUSR];
+
+	e->avr->run = e->raw_run;
+	e->watchdog->reset_context.wdrf = cause == EMU_WATCHDOG;
+	e->watchdog->reset_context.avr_run = e->raw_run;
+	if (cause == EMU_POWER)
+		memset(e->avr->data + e->avr->ioend + 1, PAINT,
+		       e->avr->ramend - e->avr->ioend);
+	avr_reset(e->avr);
+	e->avr->run = e->raw_run;
+	e->hang = false;
+	after_reset(e, old | flag[cause & 3]);
+}
+
+/* --- life -------------------------------------------------------------- */
+
+static bool find_parts(emu_t *e)
+{
+	e->watchdog = emu_module(e, "watchdog", 0);
+	return e->watchdog && uart_init(e) && twi_init(e) && pins_init(e) &&
+	       probe_init(e);
+}
+
+emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
+{
+	emu_t *e;
+
+	if (n > FLASH_SIZE || reset_pc >= FLASH_SIZE)
+		return NULL;
+	avr_global_logger_set(keep_log);
+	e = calloc(1, sizeof *e);
+	if (!e)
+		return NULL;
+	e->avr = avr_make_mcu_by_name("atmega328p");
+	if (!e->avr) {
+		free(e);
+		return NULL;
+	}
+	avr_init(e->avr);
+	e->avr->frequency = F_CPU;
+	e->avr->log = LOG_ERROR;
+	e->avr->codeend = e->avr->flashend;
+	e->avr->reset_pc = reset_pc;
+	memcpy(e->avr->flash, image, n);
+	e->raw_run = e->avr->run;
+	e->hz = F_CPU;
+	e->gate = e->next_event = e->uart.stop = NEVER;
+	for (int i = 0; i < EV_COUNT; i++)
+		e->when[i] = NEVER;
+	bno_init(&e->imu);
+	emu_vcc(e, 5000);
+	if (!find_parts(e)) {
+		emu_free(e);
+		return NULL;
+	}
+	emu_reset(e, EMU_POWER);
+	return e;
+}
+
+void emu_free(emu_t *e)
+{
+	if (!e)
+		return;
+	uart_free(e);
+	avr_terminate(e->avr);
+	free(e->avr);
+	free(e);
+}
+
+void emu_clock(emu_t *e, double hz)
+{
+	double old = e->hz;
+
+	e->world_t = emu_world(e, e->now);
+	e->world_c = e->now;
+	e->hz = hz;
+	wheel_clock(e, old);
+	e->uart.host_bit *= hz / old;
+	if (e->when[EV_IMU] != NEVER)
+		emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+/* --- run loop ---------------------------------------------------------- */
+
+/* Nothing to execute: to the next cycle that can change that. */
+static void pass_time(emu_t *e)
+{
+	avr_t *avr = e->avr;
+	uint64_t next = e->limit;
+
+	if (avr->cycle_timers.timer && avr->cycle_timers.timer->when < next)
+		next = avr->cycle_timers.timer->when;
+	if (e->next_event < next)
+		next = e->next_event;
+	if (next > avr->cycle)
+		avr->cycle = next;
+}
+
+/* Four cycles for the entry, four more when it woke the MCU. */
+static void serve_interrupt(emu_t *e, bool slept)
+{
+	avr_t *avr = e->avr;
+	uint8_t depth = avr->interrupts.running_ptr;
+
+	avr_service_interrupts(avr);
+	if (avr->interrupts.running_ptr > depth)
+		avr->cycle += slept ? 8 : 4;
+}
+
+static bool stands(const emu_t *e)
+{
+	const avr_t *avr = e->avr;
+
+	if (avr->state != cpu_Running)
+		return true;
+	return e->hang && avr->sreg[S_I] && !avr->interrupts.running_ptr &&
+	       avr->interrupt_state <= 0;
+}
+
+int emu_run(emu_t *e, uint64_t target)
+{
+	avr_t *avr = e->avr;
+	int result = 0;
+
+	e->limit = target;
+	for (;;) {
+		uint64_t stop = e->uart.stop < target ? e->uart.stop : target;
+		bool slept;
+
+		if (avr->cycle >= stop) {
+			e->now = stop > e->now ? stop : e->now;
+			if (stop == e->uart.stop) {
+				e->uart.stop = NEVER;
+				result |= EMU_DELIMITER;
+			}
+			break;
+		}
+		e->limit = stop;
+		avr->run_cycle_limit = NEVER;
+		set_gate(e);
+		slept = stands(e);
+		if (slept) {
+			pass_time(e);
+		} else {
+			avr->run_cycle_count =
+				avr->cycle_timers.timer->when > avr->cycle ?
+				avr->cycle_timers.timer->when - avr->cycle : 1;
+			avr->pc = avr_run_one(avr);
+		}
+		avr_cycle_timer_process(avr);
+		run_events(e);
+		if (avr->run != e->raw_run) {
+			watchdog_reset(e);
+			result |= EMU_RESET;
+		} else if (avr->interrupt_state &&
+			   avr->state != cpu_Crashed) {
+			serve_interrupt(e, slept);
+		}
+	}
+	if (avr->state == cpu_Crashed || avr->state == cpu_Done)
+		result |= EMU_CRASHED;
+	if (e->uart.out_read < e->uart.out_n &&
+	    e->uart.out_at[e->uart.out_read] <= e->now)
+		result |= EMU_BYTES;
+	return result;
+}
+
+int emu_step(emu_t *e, uint64_t target, const double in[7])
+{
+	emu_wheel(e, in[0]);
+	emu_imu(e, in + 1, in + 4);
+	return emu_run(e, target);
+}
+
+uint64_t emu_now(const emu_t *e)
+{
+	return e->now;
+}
+
+void emu_hang(emu_t *e, int on)
+{
+	e->hang = on;
+}
+
+void emu_vcc(emu_t *e, int millivolt)
+{
+	e->avr->vcc = e->avr->avcc = e->avr->aref = (uint32_t)millivolt;
+}
+
+int emu_eeprom_get(emu_t *e, uint8_t *buf, int n)
+{
+	avr_eeprom_desc_t d = {.ee = buf, .offset = 0, .size = (uint32_t)n};
+
+	if (n < 0 || n > EEPROM_SIZE)
+		return -1;
+	return avr_ioctl(e->avr, AVR_IOCTL_EEPROM_GET, &d) == -1 ? -1 : n;
+}
+
+int emu_eeprom_set(emu_t *e, const uint8_t *buf, int n)
+{
+	avr_eeprom_desc_t d = {.ee = (uint8_t *)buf, .offset = 0,
+			       .size = (uint32_t)n};
+
+	if (n < 0 || n > EEPROM_SIZE)
+		return -1;
+	return avr_ioctl(e->avr, AVR_IOCTL_EEPROM_SET, &d) == -1 ? -1 : n;
+}
+
+int emu_flash_get(const emu_t *e, uint8_t *buf, int n)
+{
+	if (n < 0 || n > (int)FLASH_SIZE)
+		return -1;
+	memcpy(buf, e->avr->flash, (size_t)n);
+	return n;
+}

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * The caller's side of the BNO055 model.
+ */
+#include <string.h>
+
+#include "core.h"
+
+void emu_imu(emu_t *e, const double gyro[3], const double lin[3])
+{
+	bno_input(&e->imu, gyro, lin, emu_world(e, e->now));
+}
+
+void emu_imu_fault(emu_t *e, int fault)
+{
+	e->imu.fault = fault;
+}
+
+void emu_imu_reset(emu_t *e)
+{
+	bno_restart(&e->imu, emu_world(e, e->now));
+	emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+void emu_imu_setup(emu_t *e, const double in[10])
+{
+	memcpy(e->imu.zero, in, 6 * sizeof *in);
+	e->imu.period = 0.01 / (1 + in[6]);
+	memcpy(e->imu.calib_after, in + 7, 3 * sizeof *in);
+}
+
+int emu_imu_peek(emu_t *e, int reg)
+{
+	return reg < 0 || reg > 127 ? -1 : e->imu.reg[reg];
+}

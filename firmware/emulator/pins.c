@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * Port pins: inputs from the world, a log of what the MCU drives, and the
+ * parts that hang on them (D4 powers the BNO055, D7 the IR sensor, PC4/PC5
+ * are the bus lines while the TWI is off).
+ */
+#include <simavr/avr_extint.h>
+
+#include "core.h"
+
+enum { LOW, HIGH, RELEASED };
+
+static int driven(const emu_t *e, int port, int bit, int level)
+{
+	const avr_ioport_t *p = e->port[port];
+
+	if (!(e->avr->data[p->r_ddr] >> bit & 1))
+		return RELEASED;
+	return level & 1 ? HIGH : LOW;
+}
+
+static void changed(emu_t *e, int port, int bit, int state)
+{
+	if (e->state[port][bit] == state)
+		return;
+	e->state[port][bit] = (uint8_t)state;
+	log_put(&e->pins, e->avr->cycle, port << 4 | bit, state);
+	if (port == 2 && bit == 4)
+		bno_power(&e->imu, state == HIGH,
+			  emu_world(e, e->avr->cycle));
+	if (port == 2 && bit == 7)
+		wheel_sensor(e);
+	if (port == 1 && (bit == 4 || bit == 5))
+		twi_gpio(e);
+	if (port == 2 && bit == 4)
+		emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+
+/* irq->irq is the number of the pin, or IOPORT_IRQ_DIRECTION_ALL. */
+static void pin_notify(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+	emu_t *e = param;
+	int bit = (int)irq->irq;
+
+	for (int port = 0; port < 3; port++) {
+		avr_ioport_t *p = e->port[port];
+
+		if (irq < p->io.irq || irq >= p->io.irq + IOPORT_IRQ_COUNT)
+			continue;
+		if (bit < 8) {
+			changed(e, port, bit, driven(e, port, bit, (int)value));
+			return;
+		}
+		for (bit = 0; bit < 8; bit++)
+			changed(e, port, bit,
+				driven(e, port, bit,
+				       e->avr->data[p->r_port] >> bit));
+		return;
+	}
+}
+
+/* The level of an undriven pin, against the pull-up as well. */
+void pins_input(emu_t *e, int port, int bit, int level)
+{
+	avr_ioport_t *p = e->port[port];
+	uint8_t mask = (uint8_t)(1 << bit);
+
+	p->external.pull_mask |= mask;
+	if (level)
+		p->external.pull_value |= mask;
+	else
+		p->external.pull_value &= (uint8_t)~mask;
+	if (!(e->avr->data[p->r_ddr] & mask))
+		avr_raise_irq(p->io.irq + bit, (uint32_t)level);
+}
+
+int pins_init(emu_t *e)
+{
+	for (int i = 0; i < 3; i++) {
+		avr_ioport_t *p = NULL;
+
+		for (int nth = 0; (p = emu_module(e, "port", nth)); nth++)
+			if (p->name == 'B' + i)
+				break;
+		if (!p)
+			return 0;
+		e->port[i] = p;
+		for (int bit = 0; bit < 8; bit++) {
+			e->state[i][bit] = RELEASED;
+			avr_irq_register_notify(p->io.irq + bit, pin_notify, e);
+		}
+		avr_irq_register_notify(p->io.irq + IOPORT_IRQ_DIRECTION_ALL,
+					pin_notify, e);
+	}
+	e->ring[0].level = e->ring[1].level = 1;
+	return 1;
+}
+
+void pins_after_reset(emu_t *e)
+{
+	/* with ISC = 00 and a low pin simavr would poll for ever */
+	avr_extint_set_strict_lvl_trig(e->avr, 0, 0);
+	avr_extint_set_strict_lvl_trig(e->avr, 1, 0);
+	for (int port = 0; port < 3; port++)
+		for (int bit = 0; bit < 8; bit++)
+			changed(e, port, bit, RELEASED);
+	pins_input(e, 2, 2, e->ring[0].level);
+	pins_input(e, 2, 3, e->ring[1].level);
+	for (int port = 0; port < 3; port++) {
+		avr_ioport_t *p = e->port[port];
+
+		e->avr->data[p->r_pin] =
+			p->external.pull_mask & p->external.pull_value;
+	}
+}
+
+void emu_pin(emu_t *e, int port, int bit, int level)
+{
+	if (port >= 'B' && port <= 'D' && bit >= 0 && bit < 8)
+		pins_input(e, port - 'B', bit, level != 0);
+}
+
+int emu_pin_state(const emu_t *e, int port, int bit)
+{
+	if (port < 'B' || port > 'D' || bit < 0 || bit > 7)
+		return RELEASED;
+	return e->state[port - 'B'][bit];
+}
+
+int emu_pin_log(emu_t *e, uint64_t *cycle, uint8_t *pin, uint8_t *state,
+		int max)
+{
+	return log_get(&e->pins, cycle, pin, state, max);
+}

@@ -1,0 +1,325 @@
+"""An Arduino Nano with the real firmware, emulated in process.
+
+`EmulatedNano` runs a flash image in simavr through the C bridge. Around the
+MCU stand the UART line, a register model of the BNO055 and two encoder rings.
+World time starts at 0 s and passes only inside `run`.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import os
+from collections.abc import Sequence
+from types import TracebackType
+from typing import NamedTuple
+
+from dart_hal.errors import EmulatorMissing, UsageError
+from dart_hal.links import bridge
+from dart_hal.links.image import FLASH_SIZE, find_image, load_image
+
+F_CPU = 16_000_000
+"""Nominal clock of the Nano [Hz]."""
+
+EEPROM_SIZE = 1024
+BOOT_START = 0x7800
+"""Start of the 2 KiB boot section that the Nano's fuses reserve [byte address]."""
+
+CAUSES = {"external": 0, "power": 1, "brownout": 2, "watchdog": 3}
+I2C_FAULTS = {"ok": 0, "nack": 1, "sda": 2, "scl": 3, "dead": 4}
+IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3}
+PINS = {"D4": ("D", 4), "D5": ("D", 5), "D6": ("D", 6), "D7": ("D", 7), "D8": ("B", 0),
+        "D9": ("B", 1), "D13": ("B", 5), "SDA": ("C", 4), "SCL": ("C", 5)}
+_PIN_NAMES = {(ord(port) - ord("B")) << 4 | bit: name for name, (port, bit) in PINS.items()}
+_LEVEL = (0, 1, None)
+
+_DELIMITER, _CRASHED, _BYTES = 1, 2, 8
+_BUFFER = 4096
+
+
+class PinEdge(NamedTuple):
+    """A pin changed: world time [s], name, level (None = no longer driven)."""
+
+    t: float
+    pin: str
+    level: int | None
+
+
+class IsrStat(NamedTuple):
+    """Cycles of an interrupt routine, 4 of entry and 4 of reti included."""
+
+    count: int
+    min: int
+    max: int
+    total: int
+
+
+class UartStats(NamedTuple):
+    """baud of the MCU; bytes it received, lost by overrun, garbled (both ways), sent."""
+
+    baud: float
+    received: int
+    overrun: int
+    garbled: int
+    sent: int
+
+
+def _choice(table: dict[str, int], name: str, what: str) -> int:
+    if name not in table:
+        raise UsageError(f"{what} {name!r} does not exist", expected=", ".join(table))
+    return table[name]
+
+
+class EmulatedNano:
+    """A Nano in simavr; implements the protocol that the simulator drives.
+
+    ``image``: path of a .elf or .hex, the flash bytes from address 0, or None
+    for `find_image()`. ``clock_error`` e: the MCU runs 16e6 (1 + e) cycles per
+    world second. ``eeprom``: up to 1024 bytes. ``bootloader``: start at
+    0x7800 as the fuse BOOTRST has it; the image must hold a bootloader there.
+    Raises EmulatorMissing. Not for use from two threads at once.
+    """
+
+    def __init__(self, image: str | os.PathLike[str] | bytes | None = None, *,
+                 clock_error: float = 0.0, eeprom: bytes | None = None,
+                 host_baud: float = 500_000, bootloader: bool = False) -> None:
+        self._lib = bridge.load()
+        self.image = image if isinstance(image, bytes) else load_image(image or find_image())
+        self._emu = self._lib.emu_new(self.image, len(self.image), BOOT_START if bootloader else 0)
+        if not self._emu:
+            raise EmulatorMissing(f"simavr refused an image of {len(self.image)} bytes",
+                                  expected=f"at most {FLASH_SIZE} bytes and simavr's atmega328p")
+        self.now = 0.0
+        self.crashed = False
+        self._hz = float(F_CPU)
+        self._base_t, self._base_cycle = 0.0, 0
+        self._in = (c.c_double * 7)()
+        self._staged = self._bytes = False
+        self._buf = (c.c_uint8 * _BUFFER)()
+        self._stamp = (c.c_uint64 * _BUFFER)()
+        if clock_error:
+            self.set_clock_error(clock_error)
+        self.set_baud(host_baud)
+        if eeprom is not None:
+            self.eeprom = eeprom
+
+    def __enter__(self) -> EmulatedNano:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the emulator; further calls are errors."""
+        emu, self._emu = getattr(self, "_emu", None), None
+        if emu:
+            self._lib.emu_free(emu)
+
+    # --- time ---------------------------------------------------------------
+
+    def run(self, until: float) -> bool:
+        """Advance to world time ``until`` [s], at most past one 0x00 of the UART.
+
+        True: stopped at the end of that byte's stop bit, ``now`` says when.
+        """
+        target = self._base_cycle + int((until - self._base_t) * self._hz + 0.5)
+        if self._staged:
+            self._staged = False
+            result = self._lib.emu_step(self._emu, target, self._in)
+        else:
+            result = self._lib.emu_run(self._emu, target)
+        self.crashed = bool(result & _CRASHED)
+        self._bytes = bool(result & _BYTES)
+        if result & _DELIMITER:
+            self.now = self._world(self._lib.emu_now(self._emu))
+            return True
+        self.now = max(self.now, until)
+        return False
+
+    def set_clock_error(self, error: float) -> None:
+        """The MCU runs 16e6 (1 + error) cycles per world second from now on."""
+        self._base_cycle = self._lib.emu_now(self._emu)
+        self._base_t = self.now
+        self._hz = F_CPU * (1.0 + error)
+        self._lib.emu_clock(self._emu, self._hz)
+
+    @property
+    def cycle(self) -> int:
+        """MCU cycles since the start; they run on through resets."""
+        return int(self._lib.emu_now(self._emu))
+
+    def _world(self, cycle: int) -> float:
+        return self._base_t + (cycle - self._base_cycle) / self._hz
+
+    # --- the line -----------------------------------------------------------
+
+    def read(self) -> list[tuple[bytes, float]]:
+        """Bytes whose stop bit has passed: chunks, each cut after a 0x00, with the
+        world time [s] of their last byte."""
+        chunks: list[tuple[bytes, float]] = []
+        while self._bytes:
+            n = self._lib.emu_uart_read(self._emu, self._buf, self._stamp, _BUFFER)
+            self._bytes = n == _BUFFER
+            data = bytes(memoryview(self._buf)[:n])
+            start = 0
+            while start < n:
+                end = data.find(0, start) + 1 or n
+                chunks.append((data[start:end], self._world(self._stamp[end - 1])))
+                start = end
+        return chunks
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the line to the Nano, from now on, one per 10 bit times."""
+        self._lib.emu_uart_write(self._emu, bytes(data), len(data))
+
+    def set_baud(self, host_baud: float) -> None:
+        """Rate of the host's side; more than 4 % off the MCU's, both read noise."""
+        self._lib.emu_uart_baud(self._emu, host_baud)
+
+    # --- the world ----------------------------------------------------------
+
+    def set_ring(self, ring: int, marks: Sequence[float]) -> None:
+        """Edges of ring 0 (D2) or 1 (D3), in revolutions of the main gear, sorted in [0, 1).
+
+        An even number; none = a sensor that sees nothing. A missing mark is
+        simply absent. Raises UsageError.
+        """
+        table = (c.c_double * max(1, len(marks)))(*marks)
+        if self._lib.emu_ring(self._emu, ring, table, len(marks)):
+            raise UsageError(f"ring {ring} cannot have these {len(marks)} marks",
+                             expected="ring 0 or 1, an even number of at most 128 marks, "
+                                      "sorted and different, in [0, 1)")
+
+    def set_wheel(self, rev_per_s: float) -> None:
+        """Rate of the main gear [rev/s] from now on, signed; the phase is continuous."""
+        self._in[0] = rev_per_s
+        self._staged = True
+
+    def set_imu(self, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
+        """True angular rate [rad/s] and acceleration without gravity [m/s2], sensor axes."""
+        self._in[1], self._in[2], self._in[3] = gyro
+        self._in[4], self._in[5], self._in[6] = lin_acc
+        self._staged = True
+
+    def set_imu_errors(self, gyro: Sequence[float] = (0, 0, 0), acc: Sequence[float] = (0, 0, 0),
+                       clock: float = 0.0,
+                       calibrated_after: Sequence[float] = (2.0, 1.0, 4.0)) -> None:
+        """Zero errors [rad/s], [m/s2], relative clock error of the BNO055, and the seconds
+        in a fusion mode until its sys, gyr and acc levels are 3 (negative: never)."""
+        self._lib.emu_imu_setup(self._emu, (c.c_double * 10)(*gyro, *acc, clock,
+                                                              *calibrated_after))
+
+    # --- faults -------------------------------------------------------------
+
+    def reset(self, cause: str = "external") -> None:
+        """Restart the MCU: external, power, brownout or watchdog. Raises UsageError."""
+        self._lib.emu_reset(self._emu, _choice(CAUSES, cause, "reset cause"))
+        self.crashed = False
+
+    def set_i2c(self, fault: str = "ok", p: float = 1.0, stretch_us: float = 180.0,
+                clocks: int = 9) -> None:
+        """Fault of the bus from now on: ok, nack (share ``p``), sda or scl held low, dead.
+
+        ``stretch_us`` per byte; ``clocks``: SCL pulses driven by GPIO after
+        which a held SDA is free again (0 = never). Raises UsageError.
+        """
+        self._lib.emu_i2c(self._emu, _choice(I2C_FAULTS, fault, "I2C fault"), p, stretch_us,
+                          clocks)
+
+    def set_imu_fault(self, fault: str = "ok") -> None:
+        """Fault of the BNO055 from now on: ok, off, stuck or garbage. Raises UsageError."""
+        self._lib.emu_imu_fault(self._emu, _choice(IMU_FAULTS, fault, "IMU fault"))
+
+    def reset_imu(self) -> None:
+        """The BNO055 restarts: 650 ms without ACK, registers lost."""
+        self._lib.emu_imu_reset(self._emu)
+
+    def hang(self, on: bool = True) -> None:
+        """The main program stands still while interrupts run, until a reset."""
+        self._lib.emu_hang(self._emu, on)
+
+    def set_vcc(self, volt: float) -> None:
+        """Supply as the ADC sees it [V]."""
+        self._lib.emu_vcc(self._emu, round(1000 * volt))
+
+    # --- looking in ---------------------------------------------------------
+
+    @property
+    def eeprom(self) -> bytes:
+        """The 1024 bytes of the EEPROM; assign to replace the first ones."""
+        buf = (c.c_uint8 * EEPROM_SIZE)()
+        self._lib.emu_eeprom_get(self._emu, buf, EEPROM_SIZE)
+        return bytes(buf)
+
+    @eeprom.setter
+    def eeprom(self, data: bytes) -> None:
+        if self._lib.emu_eeprom_set(self._emu, bytes(data), len(data)) < 0:
+            raise UsageError(f"{len(data)} bytes do not fit the EEPROM",
+                             expected=f"at most {EEPROM_SIZE}")
+
+    @property
+    def flash(self) -> bytes:
+        """The 32 KiB of flash as they are now."""
+        buf = (c.c_uint8 * FLASH_SIZE)()
+        self._lib.emu_flash_get(self._emu, buf, FLASH_SIZE)
+        return bytes(buf)
+
+    def pins(self) -> dict[str, int | None]:
+        """Level that the MCU drives at each pin of `PINS`; None = input."""
+        return {name: _LEVEL[self._lib.emu_pin_state(self._emu, ord(port), bit)]
+                for name, (port, bit) in PINS.items()}
+
+    def pin_log(self) -> list[PinEdge]:
+        """Changes of driven pins since the last call (at most 8192 are kept)."""
+        cycle, pin, state = (c.c_uint64 * 8192)(), (c.c_uint8 * 8192)(), (c.c_uint8 * 8192)()
+        n = self._lib.emu_pin_log(self._emu, cycle, pin, state, 8192)
+        return [PinEdge(self._world(cycle[i]), _PIN_NAMES[pin[i]], _LEVEL[state[i]])
+                for i in range(n) if pin[i] in _PIN_NAMES]
+
+    def set_pin(self, name: str, level: bool) -> None:
+        """Level that the world puts on an input, for example "D8". Raises UsageError."""
+        if name not in PINS:
+            raise UsageError(f"pin {name!r} is not wired", expected=", ".join(PINS))
+        port, bit = PINS[name]
+        self._lib.emu_pin(self._emu, ord(port), bit, level)
+
+    def edges(self, ring: int = 0) -> int:
+        """Level changes that ring 0 or 1 has put on its pin."""
+        return int(self._lib.emu_edges(self._emu, ring))
+
+    def uart_stats(self) -> UartStats:
+        out = (c.c_double * 5)()
+        self._lib.emu_uart_stats(self._emu, out)
+        return UartStats(out[0], *(int(v) for v in out[1:]))
+
+    def isr(self, vector: int) -> IsrStat:
+        """Times of interrupt vector 1..25 (1 = INT0, 12 = TIMER1_COMPB, ...)."""
+        out = (c.c_uint64 * 4)()
+        self._lib.emu_isr(self._emu, vector, out)
+        return IsrStat(*out)
+
+    def marks(self) -> list[tuple[int, int]]:
+        """(cycle, value) of the program's writes to GPIOR0 since the last call."""
+        cycle, value = (c.c_uint64 * 8192)(), (c.c_uint8 * 8192)()
+        n = self._lib.emu_mark(self._emu, cycle, value, 8192)
+        return [(cycle[i], value[i]) for i in range(n)]
+
+    def stack(self) -> tuple[int, int]:
+        """Bytes the stack has reached since power-on, and bytes never touched."""
+        out = (c.c_uint32 * 2)()
+        self._lib.emu_stack(self._emu, out)
+        return out[0], out[1]
+
+    def peek(self, address: int) -> int:
+        """Byte of the data space (registers, I/O, RAM)."""
+        return int(self._lib.emu_peek(self._emu, address))
+
+    def poke(self, address: int, value: int) -> None:
+        self._lib.emu_poke(self._emu, address, value)
+
+    def imu_register(self, register: int) -> int:
+        """Register of page 0 of the BNO055 model."""
+        return int(self._lib.emu_imu_peek(self._emu, register))
