@@ -166,6 +166,14 @@ class RecordingError(DartHalError, ValueError):
     code = "D-REC-01"
 
 
+class EndOfRecording(LinkLost):
+    """A replay has reached the end of its recording; nothing is wrong."""
+
+    code = "D-REC-02"
+    likely_default = "the whole run was read"
+    remedy_default = "record a longer run, or read fewer States"
+
+
 class CalibrationFailed(DartHalError, RuntimeError):
     """The measurement did not yield a trustworthy result; nothing was written."""
 

@@ -18,6 +18,9 @@ RESTART_SLACK = 5.0
 """Device time may outrun arrival by the backlog that the host's buffers hold:
 20 kB of a pty at 4.5 kB/s are 4.6 s. More is a restart, not a gap."""
 
+RESTART_PAUSE = 100
+"""Frames between two restarts: a bootloader alone takes longer than 1 s."""
+
 IMU_VALID = 1 << STATE_FLAGS.index("IMU_VALID")
 NO_AGE = 65535
 NO_BEAT = 255
@@ -104,10 +107,14 @@ class FrameReader:
         self._ticks = self._ticks_b = 0
         self._edge_ck = self._edge_b_ck = 0
         self._restart = False
+        self._frames = 0
 
     def restart(self) -> None:
-        """The Nano restarted (HELLO with another boot_count): re-base at the next frame."""
-        self._restart = True
+        """The Nano restarted (HELLO with another boot_count): re-base at the next frame.
+
+        Does nothing when the frames have just told so themselves.
+        """
+        self._restart = self._frames > RESTART_PAUSE
 
     def read(self, values: Sequence[int], t_arrival: float) -> Sample:
         """Decode one STATE tuple (flat, in the order of the wire definition).
@@ -147,8 +154,8 @@ class FrameReader:
         self._t_ck = t_raw if first or restarted else self._t_ck + delta
         self._t_raw = t_raw
         self._t_arrival = t_arrival
-        if not first:
-            self._restart = False
+        self._frames = 1 if restarted else self._frames + 1
+        self._restart = False
         return restarted
 
     def _count_edges(self, t_raw: int, count: int, edge_raw: int, count_b: int,

@@ -1,0 +1,29 @@
+"""Runs on disk: MCAP with the raw bytes inside, CSV, and the DART recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from dart_hal.errors import RecordingError
+
+
+def open_writer(path: Path | str, **about: Any) -> Any:
+    """A writer by suffix: ``.mcap``, ``.dart.csv`` (ten columns) or ``.csv``.
+
+    ``about``: what ``run.RunWriter`` takes (url, car, files, versions, start);
+    tables have no place for it. Raises RecordingError for another suffix.
+    """
+    path = Path(path)
+    if path.suffix == ".mcap":
+        from dart_hal.recording.run import RunWriter
+
+        return RunWriter(path, **about)
+    from dart_hal.recording.table import CsvWriter, DartCsvWriter
+
+    if path.name.endswith(".dart.csv"):
+        return DartCsvWriter(path)
+    if path.suffix == ".csv":
+        return CsvWriter(path)
+    raise RecordingError(f"{path}: no writer for this suffix", found=path.suffix or "none",
+                         expected=".mcap, .csv or .dart.csv")

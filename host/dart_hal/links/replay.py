@@ -1,0 +1,147 @@
+"""``replay://run.mcap``: a recorded run as a backend.
+
+The recorded bytes go through the same decoder, in their order and with their
+stamps; the clock is the recording's. There is no bus: commands are accepted
+and reported as not sent. Beside the bytes the link offers what a Car needs to
+give the very States of the run: the pulses then applied, and when the
+recorded pings had left.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+from dart_hal.errors import EndOfRecording, RecordingError
+from dart_hal.links.base import Backend, Chunk, Url
+from dart_hal.recording.run import AppliedAt, RunReader
+from dart_hal.types import NEUTRAL, Applied
+from dart_hal.wire.codec import DOWN, UP, encode
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.messages import HELLO, STATE, TIME_PING
+
+HELLO_WITHIN = 4.0
+"""s: a run that began with the opening of its car holds a HELLO by then."""
+
+
+class ReplayClock:
+    """The recording's time: moves only when bytes are read or somebody sleeps."""
+
+    def __init__(self, start: float) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        self._now += max(seconds, 0.0)
+
+    def reach(self, t: float) -> None:
+        """Go on to ``t``, never back."""
+        self._now = max(self._now, t)
+
+
+class ReplayLink:
+    """Recorded bytes in recorded order; what is written goes nowhere.
+
+    ``applied``: what the pins carried when the newest chunk arrived;
+    ``applied_next``: what they carried when the chunk after it did.
+    """
+
+    def __init__(self, recording: RunReader, clock: ReplayClock) -> None:
+        self.recording = recording
+        self._clock = clock
+        self._items: deque[Chunk | AppliedAt] = deque(recording.replay())
+        self._pings = sent_pings(recording)
+        hello = missing_hello(recording)
+        if hello is not None:
+            self._items.appendleft(hello)
+        self.applied: Applied = NEUTRAL
+        self.applied_next: Applied = NEUTRAL
+        self._take_applied()
+
+    def read(self, timeout: float) -> Chunk | None:
+        """The next chunk if it is due within ``timeout`` s of the recording.
+
+        Raises EndOfRecording behind the last one.
+        """
+        if not self._items:
+            raise EndOfRecording(f"{self.recording.path}: the recording is over",
+                                 found=f"t = {self._clock.now():.3f} s",
+                                 read=str(self.recording.path))
+        chunk = self._items[0]
+        assert isinstance(chunk, Chunk)
+        deadline = self._clock.now() + timeout
+        if chunk.t > deadline:
+            self._clock.reach(deadline)
+            return None
+        self._items.popleft()
+        self.applied = self.applied_next
+        self._take_applied()
+        self._clock.reach(chunk.t)
+        return chunk
+
+    def _take_applied(self) -> None:
+        """Records before the next bytes belong to the time until then."""
+        while self._items and isinstance(self._items[0], AppliedAt):
+            self.applied_next = self._items.popleft().applied  # type: ignore[union-attr]
+
+    def ping_sent(self, ping_id: int) -> float | None:
+        """Host time [s] at which the newest recorded ping of that id had left."""
+        sent = self._pings.get(ping_id)
+        now = self._clock.now()
+        return max((t for t in sent or () if t <= now), default=None)
+
+    def write(self, data: bytes) -> None:
+        """Nobody is there to read it."""
+
+    def close(self) -> None:
+        self._items.clear()
+
+
+def sent_pings(recording: RunReader) -> dict[int, list[float]]:
+    """Host times of the recorded TIME_PING frames by their id (ids wrap)."""
+    decoder = Decoder(DOWN)
+    found: dict[int, list[float]] = {}
+    for chunk in recording.sent():
+        for frame in decoder.feed(chunk.data):
+            if frame.message.id == TIME_PING.id:
+                found.setdefault(frame.values()[0], []).append(chunk.t)
+    return found
+
+
+def missing_hello(recording: RunReader) -> Chunk | None:
+    """A HELLO to begin with, for a run whose recording began after the opening."""
+    if recording.hello is None:
+        return None
+    decoder = Decoder(UP)
+    first: tuple[int, float] | None = None
+    for chunk in recording.chunks():
+        for frame in decoder.feed(chunk.data):
+            if frame.message.id == HELLO.id:
+                return None
+            if frame.message.id == STATE.id and first is None:
+                first = frame.seq, chunk.t
+        if first is not None and chunk.t > first[1] + HELLO_WITHIN:
+            break
+    if first is None:
+        return None
+    return Chunk(encode(HELLO, (first[0] - 1) & 0xFF, recording.hello), first[1])
+
+
+def open_replay(url: Url) -> Backend:
+    """Open ``replay://FILE``. Raises RecordingError naming the file."""
+    url.known()
+    if not url.target:
+        raise RecordingError("replay:// names no file", found=url.text,
+                             remedy="replay://run.mcap")
+    recording = RunReader(Path(url.target))
+    first = next(recording.chunks(), None)
+    if first is None:
+        raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,
+                             likely="the run was cut off before its first frame")
+    clock = ReplayClock(min(recording.start, first.t) if recording.meta else first.t)
+    return Backend(
+        url=url, link=ReplayLink(recording, clock), clock=clock, bus=None, virtual=True,
+        car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
+        notices=recording.notices)

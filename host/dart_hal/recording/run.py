@@ -1,0 +1,244 @@
+"""A run: everything that passed between host and car, in one MCAP file.
+
+Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
+``command`` what was asked for, ``applied`` what the pins carried; metadata
+holds who the car was (HELLO), its files, the URL and the versions. No wall
+clock and no random number enters: the same run gives the same bytes.
+
+All times are host times of the backend's clock in s, >= 0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from struct import Struct
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from mcap.writer import Writer
+
+from dart_hal.errors import RecordingError
+from dart_hal.links.base import Chunk
+from dart_hal.recording import cdr, stamp
+from dart_hal.recording.mcap_records import read_mcap
+from dart_hal.recording.schemas import definition
+from dart_hal.types import Applied, State
+from dart_hal.wire.messages import PROTO, SCHEMA
+
+LIBRARY = "dart-hal recording 1"
+"""Fixed: a version of a library here would change the bytes of a run."""
+
+FLUSH = 0.05
+"""s of recording time between flushes: a kill loses at most that."""
+
+_RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
+_CHANNELS = (
+    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW), ("command", _TEXT), ("applied", _TEXT),
+    ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
+    ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
+)
+_I2C = Struct("<BHH")
+
+
+class Command(NamedTuple):
+    """What a source asked for: t [s], steering [rad], throttle [-1..1]."""
+
+    t: float
+    steering: float
+    throttle: float
+    source: str
+
+
+class I2c(NamedTuple):
+    """One bus transaction: t [s], address, bytes written, bytes read."""
+
+    t: float
+    address: int
+    wrote: bytes
+    read: bytes
+
+
+class AppliedAt(NamedTuple):
+    """What the pins carry from t [s] on."""
+
+    t: float
+    applied: Applied
+
+
+class RunWriter:
+    """Writes a run; a context manager. Methods may be called in any order.
+
+    url, car: what was opened; files: texts of the car's files by name;
+    versions: of the library and what else matters; start [s]: the clock when
+    the backend was opened.
+    """
+
+    def __init__(self, path: Path | str, *, url: str = "", car: str = "", start: float = 0.0,
+                 files: Mapping[str, str] | None = None,
+                 versions: Mapping[str, str] | None = None) -> None:
+        self.path = Path(path)
+        self._file = self.path.open("wb", buffering=1 << 16)
+        self._writer = Writer(self._file, use_chunking=False)
+        self._writer.start(profile="ros2", library=LIBRARY)
+        self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
+        self._writer.add_metadata("run", {
+            "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
+            "proto": str(PROTO), **dict(versions or {})})
+        if files:
+            self._writer.add_metadata("files", dict(files))
+        self._file.flush()
+        self._flushed = float("-inf")
+        self._closed = False
+
+    def _channel(self, topic: str, kind: str) -> int:
+        schema = self._writer.register_schema(kind, "ros2msg", definition(kind))
+        return int(self._writer.register_channel(topic, "cdr", schema))
+
+    def rx(self, data: bytes, t: float) -> None:
+        """Bytes from the Nano; t: arrival of the last of them."""
+        self._add("rx", cdr.byte_array(data), t)
+
+    def tx(self, data: bytes, t: float) -> None:
+        """Bytes to the Nano."""
+        self._add("tx", cdr.byte_array(data), t)
+
+    def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
+        """One transaction on the car's bus."""
+        self._add("i2c", cdr.byte_array(
+            _I2C.pack(address, len(wrote), len(read)) + wrote + read), t)
+
+    def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
+        """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
+        self._text("command", t, {"steering": steering, "throttle": throttle, "source": source})
+
+    def applied(self, t: float, applied: Applied) -> None:
+        """What the pins carry from now on; call it when it changes."""
+        self._text("applied", t, {
+            "steering": applied.steering, "throttle": applied.throttle,
+            "steering_us": applied.steering_us, "throttle_us": applied.throttle_us,
+            "limited": [str(n) for n in applied.limited]})
+
+    def state(self, state: State) -> None:
+        """The ROS 2 channels of one State: odometry, IMU, drive."""
+        self._add("/odom", cdr.odometry(state), state.t)
+        imu = cdr.imu(state)
+        if imu is not None:
+            self._add("/imu", imu, state.t)
+        self._add("/drive", cdr.drive(state), state.t)
+
+    def hello(self, values: Mapping[str, Any]) -> None:
+        """Who answered: the raw values of HELLO by name."""
+        self.note("hello", {"values": json.dumps(values, sort_keys=True)})
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """A metadata record; the newest of a name counts."""
+        self._writer.add_metadata(name, dict(values))
+
+    def _text(self, topic: str, t: float, values: Mapping[str, Any]) -> None:
+        self._add(topic, cdr.string(json.dumps(values)), t)
+
+    def _add(self, topic: str, data: bytes, t: float) -> None:
+        ns, rest = stamp.split(t)
+        self._writer.add_message(self._channels[topic], ns, data, ns, rest)
+        if not self._flushed <= t < self._flushed + FLUSH:
+            self._file.flush()
+            self._flushed = t
+
+    def close(self) -> None:
+        """Write the footer; idempotent."""
+        if not self._closed:
+            self._closed = True
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.close()
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+class RunReader:
+    """Reads a run. Raises RecordingError naming the file.
+
+    meta: the "run" metadata (url, car, start, schema, versions); files: texts
+    of the car's files; complete: False when the end is missing; notices:
+    sentences that the user must see.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._mcap = found = read_mcap(self.path)
+        if found.topics and "rx" not in found.topics.values():
+            raise RecordingError(f"{path}: is not a run of this library", read=str(path),
+                                 found="channels " + ", ".join(sorted(found.topics.values())),
+                                 expected="a channel rx with the bytes of the Nano")
+        self.complete = found.complete
+        self.meta = found.metadata.get("run", {})
+        self.files = found.metadata.get("files", {})
+        self.notices: tuple[str, ...] = ()
+        if not self.complete:
+            self.notices = (f"{self.path}: the end is missing; read {len(found.messages)} whole "
+                            f"messages, {found.length - found.used} bytes were cut off",)
+
+    @property
+    def start(self) -> float:
+        """Clock [s] when the backend was opened."""
+        return float(self.meta.get("start", "0.0"))
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """All metadata records by name."""
+        return self._mcap.metadata
+
+    @property
+    def hello(self) -> dict[str, Any] | None:
+        """Raw values of HELLO by name, None if it was not noted."""
+        found = self._mcap.metadata.get("hello")
+        return json.loads(found["values"]) if found else None
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Bytes from the Nano in recorded order."""
+        return (item for item in self.replay() if isinstance(item, Chunk))
+
+    def sent(self) -> Iterator[Chunk]:
+        """Bytes to the Nano in recorded order."""
+        for m in self._mcap.messages:
+            if m.topic == "tx":
+                yield Chunk(cdr.byte_array_of(m.data), stamp.join(m.ns, m.rest))
+
+    def replay(self) -> Iterator[Chunk | AppliedAt]:
+        """What a replay needs, in recorded order: bytes received, pulses applied."""
+        for m in self._mcap.messages:
+            if m.topic == "rx":
+                yield Chunk(cdr.byte_array_of(m.data), stamp.join(m.ns, m.rest))
+            elif m.topic == "applied":
+                yield _applied(stamp.join(m.ns, m.rest), json.loads(cdr.string_of(m.data)))
+
+    def applied(self) -> Iterator[AppliedAt]:
+        """What the pins carried, at each change."""
+        return (item for item in self.replay() if isinstance(item, AppliedAt))
+
+    def commands(self) -> Iterator[Command]:
+        """What was asked for, in recorded order."""
+        for m in self._mcap.messages:
+            if m.topic == "command":
+                v = json.loads(cdr.string_of(m.data))
+                yield Command(stamp.join(m.ns, m.rest), v["steering"], v["throttle"], v["source"])
+
+    def i2c(self) -> Iterator[I2c]:
+        """Transactions of the bus, in recorded order."""
+        for m in self._mcap.messages:
+            if m.topic == "i2c":
+                data = cdr.byte_array_of(m.data)
+                address, wrote, read = _I2C.unpack_from(data)
+                at = _I2C.size + wrote
+                yield I2c(stamp.join(m.ns, m.rest), address, data[_I2C.size:at], data[at:at + read])
+
+
+def _applied(t: float, v: dict[str, Any]) -> AppliedAt:
+    return AppliedAt(t, Applied(v["steering"], v["throttle"], v["steering_us"], v["throttle_us"],
+                                tuple(v["limited"])))

@@ -1,0 +1,160 @@
+"""Runs as CSV: our columns (every State, exact), or the ten of the DART recordings.
+
+``run.csv`` holds all of a State in SI units; ``run.dart.csv`` the columns of
+the published DART recordings, so that tools made for those read ours.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from dart_hal.errors import RecordingError
+from dart_hal.types import State
+
+COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
+           "x", "y", "yaw", "steering", "throttle", "steering_us", "throttle_us", "limited",
+           "flags")
+"""s, -, m/s, m/s, rad/s, m/s2, m/s2, edges, m, m, rad, rad, -1..1, us, us, names, names."""
+
+DART_COLUMNS = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)",
+                "W (IMU)", "vel encoder", "safety_value", "throttle", "steering")
+"""Schema A of the DART recordings: s, 0, 0, m/s2, m/s2, rad/s, m/s unsigned, 0/1, two commands."""
+
+_TEXT = ("limited", "flags")
+_WHOLE = ("seq", "ticks")
+
+Row = dict[str, Any]
+
+
+class _CsvWriter:
+    """Common part: the recorder's methods, of which only ``state`` writes."""
+
+    columns: tuple[str, ...] = ()
+    newline = "\n"
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._file = self.path.open("w", encoding="ascii", newline="")
+        self._file.write(",".join(self.columns) + self.newline)
+
+    def rx(self, data: bytes, t: float) -> None:
+        """Not kept in a table."""
+
+    tx = rx
+
+    def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
+        """Not kept in a table."""
+
+    def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
+        """Not kept in a table."""
+
+    def applied(self, t: float, applied: object) -> None:
+        """Part of every State."""
+
+    def hello(self, values: object) -> None:
+        """Not kept in a table."""
+
+    def note(self, name: str, values: object) -> None:
+        """Not kept in a table."""
+
+    def _row(self, values: tuple[object, ...]) -> None:
+        self._file.write(",".join(map(_cell, values)) + self.newline)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+class CsvWriter(_CsvWriter):
+    """One row per State; floats are written so that they read back exactly."""
+
+    columns = COLUMNS
+
+    def state(self, s: State) -> None:
+        a, p = s.applied, s.pose
+        self._row((s.t, s.seq, s.speed, s.speed_std, s.yaw_rate, s.accel_x, s.accel_y, s.ticks,
+                   p.x, p.y, p.yaw, a.steering, a.throttle, a.steering_us, a.throttle_us,
+                   "|".join(map(str, a.limited)), "|".join(sorted(s.health.flags))))
+
+
+def pulse_command(center_us: float = 1500.0, span_us: float = 375.0) -> Callable[[State], float]:
+    """Steering command in [-1, 1] of a State: pulse = center + span * command."""
+    return lambda state: (state.applied.steering_us - center_us) / span_us
+
+
+class DartCsvWriter(_CsvWriter):
+    """The ten columns of the DART recordings (schema A), one row per State.
+
+    The accelerations lack gravity, unlike theirs. ``safety_value`` is 1 while
+    the car is armed. ``steering_of`` turns a State into the steering command.
+    """
+
+    columns = DART_COLUMNS
+    newline = "\r\n"
+
+    def __init__(self, path: Path | str,
+                 steering_of: Callable[[State], float] | None = None) -> None:
+        super().__init__(path)
+        self._steering_of = steering_of or pulse_command()
+
+    def state(self, s: State) -> None:
+        gate = 0.0 if "NOT_ARMED" in map(str, s.applied.limited) else 1.0
+        self._row((s.t, 0.0, 0.0, s.accel_x or 0.0, s.accel_y or 0.0, s.yaw_rate or 0.0,
+                   abs(s.speed), gate, s.applied.throttle, self._steering_of(s)))
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else repr(float(value)) if isinstance(
+        value, float) else str(value)
+
+
+def read_csv(path: Path | str) -> list[Row]:
+    """Rows of ``CsvWriter``; a cut-off last row is dropped.
+
+    Numbers as float or int, empty as None, ``limited`` and ``flags`` as tuples.
+    Raises RecordingError naming the file.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError) as why:
+        raise RecordingError(f"{path}: cannot be read as CSV", found=str(why),
+                             read=str(path)) from why
+    whole = text[:text.rfind("\n") + 1]
+    lines = csv.reader(whole.splitlines())
+    header = tuple(next(lines, ()))
+    if header != COLUMNS:
+        raise RecordingError(f"{path}: not the columns of a run", read=str(path),
+                             found=",".join(header)[:80] or "an empty file",
+                             expected=",".join(COLUMNS))
+    try:
+        return [_parsed(line) for line in lines]
+    except ValueError as why:
+        raise RecordingError(f"{path}: a cell is not a number", found=str(why),
+                             read=str(path)) from why
+
+
+def _parsed(line: list[str]) -> Row:
+    if len(line) != len(COLUMNS):
+        raise ValueError(f"{len(line)} cells in a row of {len(COLUMNS)}")
+    row: Row = {}
+    for name, cell in zip(COLUMNS, line, strict=True):
+        if name in _TEXT:
+            row[name] = tuple(cell.split("|")) if cell else ()
+        elif name in _WHOLE:
+            row[name] = int(cell)
+        else:
+            row[name] = float(cell) if cell else None
+    return row
