@@ -34,8 +34,9 @@ def pack(message: Message, values: Values) -> bytes:
     try:
         return message.struct.pack(*flat)
     except struct.error as error:
+        kinds = (f"{f.name} {f.type}" + f" x {f.count}" * (f.count > 1) for f in message.fields)
         raise UsageError(f"{message.name}: {error}", found=repr(values),
-                         expected=", ".join(f"{f.name} {f.type}" for f in message.fields)) from None
+                         expected=", ".join(kinds)) from None
 
 
 def wrap(message: Message, seq: int, payload: bytes) -> bytes:

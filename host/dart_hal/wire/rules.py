@@ -58,7 +58,7 @@ def _check_seeds(messages: Sequence[Message], retired: Sequence[tuple[str, int]]
         taken[m.seed] = m.name
     texts = {m.text for m in messages}
     for text, seed in retired:
-        if seed in taken and text not in texts:
+        if seed != SEED_FOREVER and seed in taken and text not in texts:
             raise UsageError(f"the seed {seed:#06x} of {taken[seed]} is that of the retired "
                              f"definition {text.split(';')[0]!r}",
                              remedy="rename a field of the newer definition")

@@ -1,0 +1,92 @@
+"""sent = ok + lost, exactly."""
+
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dart_hal.wire import ledger, samples
+from dart_hal.wire.codec import UP, encode
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.messages import STATE
+
+DRIVE = samples.drive(40.0, seed=1)
+
+
+def lost(frames):
+    decoder = Decoder(UP)
+    decoder.feed(b"".join(frames))
+    return decoder.counters.gaps
+
+
+@given(st.sets(st.integers(1, 598)))
+@settings(max_examples=60)
+def test_any_frames_may_be_missing(missing):
+    frames = [f for i, f in enumerate(DRIVE[:600]) if i not in missing]
+    assert lost(frames) == len(missing)
+
+
+@given(st.integers(0, 2**32), st.floats(0.0, 0.3))
+@settings(max_examples=30)
+def test_damage_counts_as_lost(seed, share):
+    """Frames hurt on the line are lost just as those that never came."""
+    rng = Random(seed)
+    inner = [samples.change_byte(f[:-1], rng).replace(b"\0", b"\x01") + b"\0"
+             if rng.random() < share else f for f in DRIVE[1:400]]
+    decoder = Decoder(UP)
+    decoder.feed(b"".join([DRIVE[0], *inner, DRIVE[400]]))
+    assert decoder.counters.ok + decoder.counters.gaps == 401
+
+
+@pytest.mark.parametrize("length", [1, 100, 254, 255, 256, 257, 511, 512, 600, 1500, 3000])
+@pytest.mark.parametrize("start", [50, 51, 57, 700])
+def test_long_silence_is_counted_by_device_time(length, start):
+    assert lost(DRIVE[:start] + DRIVE[start + length:]) == length
+
+
+def test_the_sequence_number_alone_would_not_do(monkeypatch):
+    """Negative control."""
+    monkeypatch.setattr(ledger, "LONG", ledger.MASK32)
+    assert lost(DRIVE[:50] + DRIVE[650:]) == 600 % 256
+
+
+def test_what_is_missing_at_the_ends_is_not_claimed():
+    assert lost(DRIVE[5:100]) == 0
+
+
+def test_another_boot_begins_a_new_account():
+    decoder = Decoder(UP)
+    decoder.feed(b"".join(DRIVE[:100] + samples.drive(1.0, seed=2, boot=2)))
+    assert (decoder.counters.gaps, decoder.counters.rebased) == (0, 1)
+
+
+def test_a_second_hello_of_the_same_boot_does_not():
+    hello = Decoder(UP).feed(DRIVE[0])[0]
+    frames = [*DRIVE[:10], encode(hello.message, 12, hello.values()), *DRIVE[13:20]]
+    decoder = Decoder(UP)
+    decoder.feed(b"".join(frames))
+    assert (decoder.counters.gaps, decoder.counters.rebased) == (2, 0)
+
+
+def test_time_that_runs_backwards_begins_a_new_account():
+    values = list(STATE.struct.unpack(bytes(38)))
+    frames = []
+    for seq, t in ((0, 5_000_000), (1, 5_020_000), (40, 60_000), (41, 80_000)):
+        values[0] = t
+        frames.append(encode(STATE, seq, values))
+    decoder = Decoder(UP)
+    decoder.feed(b"".join(frames))
+    assert (decoder.counters.gaps, decoder.counters.rebased) == (0, 1)
+
+
+def test_the_wrap_of_device_time_is_no_event():
+    values = list(STATE.struct.unpack(bytes(38)))
+    frames = []
+    for seq in range(8):
+        values[0] = (2**32 - 60_000 + seq * ledger.STATE_PERIOD) % 2**32
+        if seq != 4:
+            frames.append(encode(STATE, seq, values))
+    decoder = Decoder(UP)
+    decoder.feed(b"".join(frames))
+    assert (decoder.counters.gaps, decoder.counters.rebased) == (1, 0)
