@@ -118,10 +118,10 @@ class PaperTyres(Checked):
     that may spin needs a finite ``rear_max``.
     """
 
-    front_D: float = quantity("N", 0.1, 100.0)
-    front_C: float = quantity("-", 0.05, 3.0)
-    front_B: float = quantity("1/rad", 0.5, 200.0)
-    front_E: float = quantity("-", -20.0, 1.0)
+    front_D: float = quantity("N", 0.1, 100.0)  # noqa: N815
+    front_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
+    front_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
+    front_E: float = quantity("-", -20.0, 1.0)  # noqa: N815
     rear_cornering_stiffness: float = quantity("N/rad", 0.5, 500.0)
     rear_max: float = quantity("N", 0.1, math.inf, default=math.inf)
 
@@ -130,12 +130,12 @@ class PaperTyres(Checked):
 class AxleTyres(Checked):
     """Three-parameter magic formula of both axles; D is a coefficient of the axle load."""
 
-    front_D: float = quantity("-", 0.05, 3.0)
-    front_C: float = quantity("-", 0.05, 3.0)
-    front_B: float = quantity("1/rad", 0.5, 200.0)
-    rear_D: float = quantity("-", 0.05, 3.0)
-    rear_C: float = quantity("-", 0.05, 3.0)
-    rear_B: float = quantity("1/rad", 0.5, 200.0)
+    front_D: float = quantity("-", 0.05, 3.0)  # noqa: N815
+    front_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
+    front_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
+    rear_D: float = quantity("-", 0.05, 3.0)  # noqa: N815
+    rear_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
+    rear_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
 
 
 @dataclass(frozen=True, slots=True)

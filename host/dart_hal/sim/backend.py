@@ -1,0 +1,90 @@
+"""``sim://``: a whole car in this process, in virtual time.
+
+Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
+``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
+kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
+``ber`` bit error rate of the line upwards.
+"""
+
+from __future__ import annotations
+
+from dart_hal.errors import EmulatorMissing, UsageError
+from dart_hal.links.base import Backend, Url
+from dart_hal.sim.car_file import car_toml
+from dart_hal.sim.faults import Line, LineFaults, jitter
+from dart_hal.sim.hidden import HiddenCar, hidden_car
+from dart_hal.sim.link import SimClock, SimLink
+from dart_hal.sim.mock_nano import MockNano
+from dart_hal.sim.nano import Nano
+from dart_hal.sim.world import World
+
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber")
+
+
+def open_sim(url: Url) -> Backend:
+    """Open a simulated car. Raises UsageError, EmulatorMissing (nano=avr only)."""
+    url.known(*OPTIONS)
+    if url.target not in ("", "/"):
+        raise UsageError("sim:// takes options only", found=url.text,
+                         expected="sim://?seed=1&nano=mock")
+    car = hidden_car(_seed(url), _choice(url, "ring", "even", "hidden"))
+    nano, notices = _nano(url, car)
+    world = World(car, nano, url.options.get("model", "dynamic"))
+    latency = jitter(url.options.get("jitter", "none"))
+    link = SimLink(world, Line(LineFaults(bit_error=_number(url, "ber", 0.0)), latency,
+                               (car.seed, 200)),
+                   Line(None, latency, (car.seed, 300)))
+    return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
+                   car=car.name, car_toml=car_toml(car), notices=notices)
+
+
+def _nano(url: Url, car: HiddenCar) -> tuple[Nano, tuple[str, ...]]:
+    """The emulated firmware, or MockNano with the reason as a notice."""
+    choice = _choice(url, "nano", "avr", "mock")
+    if choice != "mock":
+        try:
+            return _emulated(car), ()
+        except EmulatorMissing as error:
+            if choice == "avr":
+                raise
+            reason = error.what
+        notice = (f"MockNano instead of the firmware: {reason}. "
+                  "Results with it say nothing about the firmware; to get it: make firmware")
+        return _mock(car), (notice,)
+    return _mock(car), ()
+
+
+def _mock(car: HiddenCar) -> MockNano:
+    return MockNano(clock_error=car.clock_error, board_id=car.board_id)
+
+
+def _emulated(car: HiddenCar) -> Nano:
+    try:
+        from dart_hal.links.emulator import EmulatedNano
+    except ImportError as error:
+        raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
+    nano: Nano = EmulatedNano(clock_error=car.clock_error)
+    return nano
+
+
+def _seed(url: Url) -> int:
+    text = url.options.get("seed", "0")
+    if not text.isascii() or not text.isdigit():
+        raise UsageError(f"seed={text!r} is not a number", found=url.text,
+                         expected="a whole number >= 0")
+    return int(text)
+
+
+def _choice(url: Url, name: str, *allowed: str) -> str | None:
+    value = url.options.get(name)
+    if value is not None and value not in allowed:
+        raise UsageError(f"{name}={value!r}", found=url.text, expected=" or ".join(allowed))
+    return value
+
+
+def _number(url: Url, name: str, default: float) -> float:
+    text = url.options.get(name)
+    try:
+        return default if text is None else float(text)
+    except ValueError:
+        raise UsageError(f"{name}={text!r} is not a number", found=url.text) from None

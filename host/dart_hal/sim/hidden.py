@@ -1,0 +1,147 @@
+"""Hidden cars: a seed decides what the car really is.
+
+Seed 0 (also: no seed) is the nominal paper car without any imperfection.
+Every other seed draws a car around it within the bounds stated here. Only
+``dart-hal sim --reveal``, ``demo`` and tests may read it: whoever calibrates
+or drives has to measure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dart_hal.errors import NotMonotone
+from dart_hal.sim.esc import EscParams
+from dart_hal.sim.imu import ImuParams
+from dart_hal.sim.ring import GEAR_REVOLUTION, RING_A, RING_B, Ring, even_ring, uneven_ring
+from dart_hal.sim.servo import ServoParams
+from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle, check_monotone
+
+NOMINAL_HZ = 25e6
+
+
+def _with_rear_limit(tyres: PaperTyres, body_load: float) -> PaperTyres:
+    """A car that may spin needs an end of the rear tyre: 0.8 of its static load."""
+    return replace(tyres, rear_max=0.8 * body_load)
+
+
+assert isinstance(PAPER.tyres, PaperTyres)
+NOMINAL_VEHICLE = replace(PAPER, name="sim-0",
+                          tyres=_with_rear_limit(PAPER.tyres, PAPER.body.rear_load))
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenCar:
+    """Everything true about one simulated car. SI units, pulses in us."""
+
+    seed: int
+    vehicle: Vehicle = NOMINAL_VEHICLE
+    servo: ServoParams = field(default_factory=ServoParams)
+    esc: EscParams = field(default_factory=EscParams)
+    ring_a: Ring = field(default_factory=lambda: even_ring(RING_A))
+    ring_b: Ring = field(default_factory=lambda: even_ring(RING_B))
+    gear_revolution: float = GEAR_REVOLUTION
+    imu: ImuParams = field(default_factory=ImuParams)
+    oscillator_hz: float = NOMINAL_HZ
+    clock_error: float = 0.0
+    brake_force: float = 8.0
+
+    @property
+    def name(self) -> str:
+        return f"sim-{self.seed}"
+
+    @property
+    def board_id(self) -> int:
+        """What the Nano's EEPROM is preset with."""
+        return 0xDA270000 | (self.seed & 0xFFFF)
+
+
+def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
+    """The car of a seed; ``ring`` "even" or "hidden" overrides the encoder ring."""
+    number = seed or 0
+    car = HiddenCar(number) if number == 0 else _draw(number)
+    if ring == "even":
+        return replace(car, ring_a=even_ring(RING_A), ring_b=even_ring(RING_B))
+    if ring == "hidden" and number == 0:
+        rng = np.random.default_rng([0, 4])
+        return replace(car, ring_a=uneven_ring(RING_A, rng), ring_b=uneven_ring(RING_B, rng))
+    return car
+
+
+def _draw(seed: int) -> HiddenCar:
+    # one generator per group: a parameter added to one group leaves the others as they were
+    body, steer, esc, ring, imu, clock = (np.random.default_rng([seed, k]) for k in range(1, 7))
+    duty = float(ring.uniform(-0.12, 0.12))
+    curve = _steering(steer)
+    return HiddenCar(
+        seed=seed,
+        vehicle=_vehicle(body, curve, f"sim-{seed}"),
+        servo=ServoParams(curve=curve,
+                          delay=float(steer.uniform(0.005, 0.03)),
+                          backlash=math.radians(float(steer.uniform(0.3, 2.0)))),
+        esc=EscParams(neutral_us=1500.0 + float(esc.uniform(-10.0, 10.0)),
+                      deadband_forward_us=25.0 * float(esc.uniform(0.8, 1.2)),
+                      deadband_reverse_us=25.0 * float(esc.uniform(0.8, 1.2)),
+                      saturation_us=450.0 * float(esc.uniform(0.97, 1.03))),
+        ring_a=uneven_ring(RING_A, ring, 0.02, duty),
+        ring_b=uneven_ring(RING_B, ring, 0.02, duty),
+        gear_revolution=GEAR_REVOLUTION * float(ring.uniform(0.98, 1.02)),
+        imu=_imu(imu),
+        oscillator_hz=NOMINAL_HZ * float(clock.uniform(0.97, 1.05)),
+        clock_error=float(clock.uniform(-0.003, 0.003)),
+        brake_force=8.0 * float(body.uniform(0.9, 1.1)),
+    )
+
+
+def _steering(rng: np.random.Generator) -> Steering:
+    """Gains and amplitudes within 8 %, trim within 0.06 of the command range."""
+    base = PAPER.steering
+    factor = rng.uniform(0.92, 1.08, 4)
+    curve = Steering(k_left=base.k_left * float(factor[0]),
+                     a_left_rad=base.a_left_rad * float(factor[1]),
+                     s0=base.s0 + float(rng.uniform(-0.06, 0.06)),
+                     a_right_rad=base.a_right_rad * float(factor[2]),
+                     k_right=base.k_right * float(factor[3]))
+    try:
+        check_monotone(curve)
+    except NotMonotone:
+        return _steering(rng)
+    return curve
+
+
+def _vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Vehicle:
+    base = PAPER
+    assert isinstance(base.tyres, PaperTyres)
+
+    def near(value: float, part: float) -> float:
+        return value * float(rng.uniform(1.0 - part, 1.0 + part))
+
+    body = replace(base.body, mass=near(base.body.mass, 0.03),
+                   yaw_inertia=near(base.body.yaw_inertia, 0.1))
+    return Vehicle(
+        name=name, body=body, steering=steering,
+        friction=replace(base.friction, a=near(base.friction.a, 0.08),
+                         c=near(base.friction.c, 0.1)),
+        motor=replace(base.motor, d=near(base.motor.d, 0.05), e=near(base.motor.e, 0.05),
+                      g=near(base.motor.g, 0.05)),
+        tyres=replace(_with_rear_limit(base.tyres, body.rear_load),
+                      front_D=near(base.tyres.front_D, 0.1),
+                      front_B=near(base.tyres.front_B, 0.1),
+                      rear_cornering_stiffness=near(base.tyres.rear_cornering_stiffness, 0.1)))
+
+
+def _imu(rng: np.random.Generator) -> ImuParams:
+    """Mounting within 3 deg, bias within 1 deg/s, scale within 1 %, data-sheet noise."""
+    degree = math.radians(1.0)
+    bias = rng.uniform(-degree, degree, 3)
+    mount = rng.uniform(-3.0 * degree, 3.0 * degree, 3)
+    return ImuParams(
+        x=0.0945 + float(rng.uniform(-0.01, 0.01)), y=float(rng.uniform(-0.01, 0.01)),
+        mount_yaw=float(mount[0]), mount_pitch=float(mount[1]), mount_roll=float(mount[2]),
+        gyro_bias=(float(bias[0]), float(bias[1]), float(bias[2])),
+        gyro_scale=1.0 + float(rng.uniform(-0.01, 0.01)),
+        # BST-BNO055-DS000: 0.014 deg/s/sqrt(Hz), 150 ug/sqrt(Hz)
+        gyro_noise=0.014 * degree, accel_noise=150e-6 * 9.81)

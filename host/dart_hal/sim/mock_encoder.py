@@ -1,0 +1,75 @@
+"""Edges of one ring at exact times, counted as the firmware counts them."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Sequence
+
+HISTORY = 64
+LONG = 0xFFFF
+
+
+class MockEncoder:
+    """One ring under one sensor; phase in main-gear revolutions, unwrapped.
+
+    Edge times follow from the phase at the last change of rate, never from
+    small increments, so that they do not depend on how time is cut.
+    """
+
+    def __init__(self, marks: Sequence[float]) -> None:
+        self.marks = list(marks)
+        self.due = float("inf")
+        self.clear()
+        self._t0, self._phase0, self._rate = 0.0, 0.0, 0.0
+        self._next = 0
+        self._aim()
+
+    def clear(self) -> None:
+        """Counters of a boot; the gear stays where it is."""
+        self.count = self.rejected = 0
+        self.last_ck = self.interval_ck = 0
+        self.recent: deque[tuple[int, int, int]] = deque(maxlen=HISTORY)
+
+    def set_marks(self, marks: Sequence[float], t: float) -> None:
+        self.marks = list(marks)
+        self.set_rate(self._rate, t)
+
+    def set_rate(self, rev_per_s: float, t: float) -> None:
+        """The gear turns at this rate from t on; the phase is continuous."""
+        self._phase0 += self._rate * (t - self._t0)
+        self._t0, self._rate = t, rev_per_s
+        self._aim()
+
+    def run(self, until: float, ticks: Callable[[float], int], edge_min_ck: int) -> None:
+        """Count all edges up to ``until``; ``ticks`` stamps a time."""
+        while self.due <= until:
+            self._edge(ticks(self.due), edge_min_ck)
+            self._next += 1 if self._rate > 0 else -1
+            self.due = self._time_of(self._next)
+
+    def _edge(self, ck: int, edge_min_ck: int) -> None:
+        gap = (ck - self.last_ck) & 0xFFFFFFFF
+        if self.count and gap < edge_min_ck:
+            self.rejected += 1
+            return
+        self.interval_ck = min(gap, LONG) if self.count else 0
+        self.count += 1
+        self.last_ck = ck
+        self.recent.append((self.count, ck, self.interval_ck))
+
+    def _aim(self) -> None:
+        """Index of the next mark in the direction of motion."""
+        if self._rate == 0.0 or not self.marks:
+            self.due = float("inf")
+            return
+        turn, within = divmod(self._phase0, 1.0)
+        k = bisect_right(self.marks, within)
+        if self._rate < 0.0 and k and self.marks[k - 1] == within:
+            k -= 1                              # standing on a mark: it was passed already
+        self._next = int(turn) * len(self.marks) + (k if self._rate > 0 else k - 1)
+        self.due = self._time_of(self._next)
+
+    def _time_of(self, index: int) -> float:
+        turn, k = divmod(index, len(self.marks))
+        return self._t0 + (turn + self.marks[k] - self._phase0) / self._rate

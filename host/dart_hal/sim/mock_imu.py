@@ -1,0 +1,62 @@
+"""A BNO055 as MockNano sees it: low-pass, 100 Hz samples, raw integers."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+GYRO_HZ, ACCEL_HZ = 32.0, 62.5
+PERIOD = 0.010
+START = 0.75
+"""s from power to the first sample: boot 0.65, mode change and first read."""
+
+
+class MockImu:
+    """Filters the true values, samples them each 10 ms, quantises."""
+
+    def __init__(self) -> None:
+        self.fault = "ok"
+        self._gyro = [0.0, 0.0, 0.0]
+        self._accel = [0.0, 0.0, 0.0]
+        self._t = 0.0
+        self._dt = 0.0
+        self._g = self._a = 0.0
+        self._k = 0
+        self._samples: deque[tuple[float, tuple[int, ...]]] = deque(maxlen=4)
+
+    def set(self, t: float, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
+        """True values from t on (sensor axes, SI)."""
+        dt = t - self._t
+        self._t = t
+        if dt != self._dt:
+            self._dt = dt
+            self._g = 1.0 - math.exp(-2.0 * math.pi * GYRO_HZ * dt)
+            self._a = 1.0 - math.exp(-2.0 * math.pi * ACCEL_HZ * dt)
+        g, a, w, f = self._g, self._a, self._gyro, self._accel
+        w[0] += g * (gyro[0] - w[0])
+        w[1] += g * (gyro[1] - w[1])
+        w[2] += g * (gyro[2] - w[2])
+        f[0] += a * (lin_acc[0] - f[0])
+        f[1] += a * (lin_acc[1] - f[1])
+        f[2] += a * (lin_acc[2] - f[2])
+        slot = int(t / PERIOD + 1e-9)
+        if slot != self._k:
+            self._k = slot
+            if self.fault == "ok":
+                self._samples.append((t, (*(_raw(v, 100.0) for v in f),
+                                          *(_raw(v, 900.0) for v in w))))
+
+    def sample(self, t: float) -> tuple[int, ...] | None:
+        """(lin_acc, gyro) raw, as registers read at t; None = no answer."""
+        if self.fault != "ok":
+            return None
+        found = None
+        for when, values in self._samples:
+            if when <= t:
+                found = values
+        return found
+
+
+def _raw(value: float, lsb: float) -> int:
+    return max(-32768, min(32767, round(value * lsb)))

@@ -1,0 +1,293 @@
+"""MockNano: the Nano's messages without the Nano, for machines without simavr.
+
+It emits the same generated messages from the same world, marked as what it
+is (flag MOCK, build bit 2), but has no interrupts, no bus timing and no boot
+loader. Nothing proven with it holds for the firmware.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from dart_hal.sim.mock_encoder import MockEncoder
+from dart_hal.sim.mock_imu import START, MockImu
+from dart_hal.sim.mock_supervisor import Output, Supervisor
+from dart_hal.sim.ring import RING_A, RING_B, even_ring
+from dart_hal.wire import messages as m
+from dart_hal.wire.codec import DOWN, encode
+from dart_hal.wire.crc import crc16
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.frame import Frame
+
+SLOT_CK = 20_000
+TO_UART = 200e-6
+"""s from the latch to the first byte of STATE (frame builder)."""
+IMU_READ = 6.5e-3
+"""s by which the IMU read starts before the slot that sends it."""
+CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
+_FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
+
+
+class MockNano:
+    """A Nano that speaks the protocol; see the module for what it is not.
+
+    clock_error: the MCU counts 16e6 (1 + e) cycles per world second.
+    """
+
+    def __init__(self, clock_error: float = 0.0, eeprom: bytes | None = None,
+                 host_baud: int = 500_000, board_id: int = 0xDA270000) -> None:
+        self.now = 0.0
+        self.eeprom = eeprom
+        self.board_id = board_id
+        self.boot_count = 0
+        self.params = {p.id: p.default for p in m.PARAMS}
+        self.imu = MockImu()
+        self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
+        self._rate = 2e6 * (1.0 + clock_error)
+        self._byte = 10.0 / host_baud
+        self._boot("power")
+
+    # -- the Nano protocol -------------------------------------------------
+
+    def run(self, until: float) -> bool:
+        """Advance to ``until``; True = stopped right after a frame left the UART."""
+        while True:
+            t = min(until, self._slot_at, self._tx_at, self._rx_at)
+            for ring in self.rings:
+                if ring.due <= t:
+                    ring.run(t, self._ck, 2 * self.params[4])
+            self.now = t
+            if t == self._slot_at:
+                self._slot()
+            if t == self._rx_at:
+                self._receive()
+            if t == self._tx_at:
+                self._out.append((self._sending.popleft()[1], t))
+                self._tx_at = self._sending[0][0] if self._sending else float("inf")
+                return True
+            if t >= until:
+                return False
+
+    def read(self) -> list[tuple[bytes, float]]:
+        out, self._out = self._out, []
+        return out
+
+    def write(self, data: bytes) -> None:
+        for byte in data:
+            self._rx_free = max(self._rx_free, self.now) + self._byte
+            self._rx_block.append(byte)
+            if byte == 0:
+                self._rx.append((self._rx_free, bytes(self._rx_block)))
+                self._rx_block.clear()
+        self._rx_at = self._rx[0][0] if self._rx else float("inf")
+
+    def set_ring(self, ring: int, marks: Sequence[float]) -> None:
+        self.rings[ring].set_marks(marks, self.now)
+
+    def set_wheel(self, rev_per_s: float) -> None:
+        for ring in self.rings:
+            ring.set_rate(rev_per_s, self.now)
+
+    def set_imu(self, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
+        self.imu.set(self.now, gyro, lin_acc)
+
+    def set_i2c(self, fault: str, p: float = 1.0, stretch_us: float = 180.0) -> None:
+        """A fault of the IMU bus: any but "ok" stops the samples."""
+        self.imu.fault = fault
+
+    def pins(self) -> dict[str, bool]:
+        """Output pins: select of the multiplexer (D5) and gate of /OE (D6)."""
+        live = self.supervisor.state is Output.LIVE
+        linked = live or self.supervisor.state is Output.LINKED
+        return {"D5": live and self.params[7] == 2, "D6": linked and self.params[7] == 1}
+
+    def reset(self, cause: str = "external") -> None:
+        self._boot(cause)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    # -- boot and slots ------------------------------------------------------
+
+    def _boot(self, cause: str) -> None:
+        self.boot_count += 1
+        self._cause = CAUSES[cause]
+        self._boot_at = self.now
+        self.nonce = crc16(struct.pack("<IH", self.board_id, self.boot_count & 0xFFFF))
+        self.supervisor = Supervisor(self.nonce, self.params[10] * 1e-3)
+        for ring in self.rings:
+            ring.clear()
+        self._slots = self._seq = self._events = 0
+        self._sample: tuple[int, ...] | None = None
+        self._sample_at = float("-inf")
+        self._out: list[tuple[bytes, float]] = []
+        self._sending: deque[tuple[float, bytes]] = deque()
+        self._queue: deque[tuple[m.Message, Any]] = deque()
+        self._edges: list[int] = []
+        self._tx_free, self._tx_at = self.now, float("inf")
+        self._rx: deque[tuple[float, bytes]] = deque()
+        self._rx_block = bytearray()
+        self._rx_free, self._rx_at = self.now, float("inf")
+        self._decoder = Decoder(DOWN)
+        self._slot_at = self._time(SLOT_CK)
+        self._hello_slots = {1, 11, 21}
+        self._event(1, self._cause)
+
+    def _ck(self, t: float) -> int:
+        return int((t - self._boot_at) * self._rate) & 0xFFFFFFFF
+
+    def _time(self, ck: int) -> float:
+        return self._boot_at + ck / self._rate
+
+    def _slot(self) -> None:
+        self._slots += 1
+        ck = self._slots * SLOT_CK
+        self._slot_at = self._time(ck + SLOT_CK)
+        self.supervisor.check(self.now)
+        self._report_changes()
+        self._send(m.STATE, self._state(ck & 0xFFFFFFFF), self.now + TO_UART)
+        if self._slots in self._hello_slots:
+            self._send(m.HELLO, self._hello(0))
+        elif self._slots % 50 == 0:
+            self._send(m.DIAG, self._diag(ck & 0xFFFFFFFF))
+        elif self._queue:
+            self._send(*self._queue.popleft())
+        elif self._edges:
+            self._send_edges()
+
+    def _state(self, ck: int) -> tuple[int, ...]:
+        a, b = self.rings
+        flags = _FLAG["MOCK"] | self._imu_flags()
+        flags |= _FLAG["PARAM_DEFAULTS"] if self._defaults() else 0
+        age = self.supervisor.age(self.now)
+        live = self.supervisor.state
+        flags |= _FLAG["BEAT_OK"] if age <= self.supervisor.timeout else 0
+        flags |= _FLAG["OUTPUT_LIVE"] if live is Output.LIVE else 0
+        flags |= _FLAG["TRIPPED"] if live in (Output.TRIPPED, Output.LOCKED) else 0
+        second = (b.count & 0xFFFF, b.last_ck) if self.params[3] else (0, 0)
+        flags |= _FLAG["ENC2_PRESENT"] if self.params[3] else 0
+        return (ck, a.count, a.last_ck, a.interval_ck, *second,
+                *(self._sample or (0,) * 6), self._imu_age(), 0xF0 if self._sample else 0,
+                flags, min(255, int(age * 1e3)) if age < 1.0 else 255)
+
+    def _imu_flags(self) -> int:
+        """Take the sample that was read before this slot."""
+        t = self.now - IMU_READ
+        started = self.now - self._boot_at >= START
+        sample = self.imu.sample(t) if started else None
+        if sample is not None:
+            self._sample, self._sample_at = sample, t
+            return _FLAG["IMU_VALID"]
+        age = self.now - max(self._sample_at, self._boot_at)
+        stale = _FLAG["IMU_STALE"] if self._sample is not None and age > 0.020 else 0
+        return stale | (_FLAG["IMU_ABSENT"] if age > 6.0 else 0)
+
+    def _imu_age(self) -> int:
+        age = (self.now - self._sample_at) * 250e3
+        return round(age) if age < 65535 else 65535
+
+    def _defaults(self) -> bool:
+        return all(self.params[p.id] == p.default for p in m.PARAMS)
+
+    # -- messages --------------------------------------------------------------
+
+    def _send(self, message: m.Message, values: Any, earliest: float | None = None) -> None:
+        data = encode(message, self._seq, values)
+        self._seq = (self._seq + 1) & 0xFF
+        begin = max(self._tx_free, self.now if earliest is None else earliest)
+        self._tx_free = begin + len(data) * self._byte
+        self._sending.append((self._tx_free, data))
+        self._tx_at = self._sending[0][0]
+
+    def _hello(self, req_seq: int) -> dict[str, Any]:
+        caps = (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
+        block = struct.pack(f"<{len(m.PARAMS)}I", *(self.params[p.id] for p in m.PARAMS))
+        return {"proto": m.PROTO, "req_seq": req_seq, "schema": m.SCHEMA,
+                "fw_version": (0, 0, 0), "build": 0x04, "git": 0, "board_id": self.board_id,
+                "boot_count": self.boot_count & 0xFFFF, "reset_cause": self._cause,
+                "bootloader": 0, "boot_nonce": self.nonce,
+                "edges_per_rev": (self.params[1], self.params[2]), "caps": caps,
+                "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(block)}
+
+    def _diag(self, ck: int) -> dict[str, int]:
+        c = self._decoder.counters
+        zero = dict.fromkeys((f.name for f in m.DIAG.fields), 0)
+        return zero | {"t_ck": ck, "rx_ok": c.ok & 0xFFFF, "rx_crc": (c.crc + c.cobs) & 0xFFFF,
+                       "rx_len": (c.length + c.unknown) & 0xFFFF, "rx_seq_gap": c.gaps & 0xFFFF,
+                       "edges_rejected": self.rings[0].rejected & 0xFFFF,
+                       "loop_max_us": 1000, "stack_free": 1000, "vcc_mv": 5000,
+                       "boot_count": self.boot_count & 0xFFFF}
+
+    def _event(self, code: int, arg: int) -> None:
+        self._events = (self._events + 1) & 0xFF
+        values = (self._ck(self.now), code, self._events, arg)
+        self._queue.extend([(m.EVENT, values)] * 3)
+
+    def _report_changes(self) -> None:
+        for old, new in self.supervisor.changes:
+            self._event(2, old << 8 | new)
+        self.supervisor.changes.clear()
+
+    def _send_edges(self) -> None:
+        """Eight successive intervals, as soon as the edge that ends them is counted."""
+        recent = self.rings[0].recent
+        last = self._edges[0]
+        if not recent or recent[-1][0] < last:
+            return
+        chosen = [e for e in recent if last - 8 < e[0] <= last]
+        self._edges.pop(0)
+        if len(chosen) == 8:
+            self._send(m.EDGES, (chosen[0][0], chosen[-1][1], *(e[2] for e in chosen)))
+
+    # -- requests ----------------------------------------------------------------
+
+    def _receive(self) -> None:
+        t, block = self._rx.popleft()
+        self._rx_at = self._rx[0][0] if self._rx else float("inf")
+        for frame in self._decoder.feed(block):
+            handler = getattr(self, "_on_" + frame.message.name.lower(), None)
+            if handler is not None:
+                handler(frame, t)
+
+    def _on_hello_req(self, frame: Frame, t: float) -> None:
+        self._send(m.HELLO, self._hello(frame.seq))
+        if frame.as_dict()["flags"] & 1:
+            self._queue.append((m.DIAG, self._diag(self._ck(t))))
+
+    def _on_heartbeat(self, frame: Frame, t: float) -> None:
+        beat = frame.as_dict()
+        self.supervisor.beat(t, beat["arm_token"], beat["mode"])
+
+    def _on_time_ping(self, frame: Frame, t: float) -> None:
+        begin = max(self._tx_free, t + TO_UART)
+        ping_id, host_us = frame.values()
+        self._send(m.TIME_PONG, (ping_id, host_us, self._ck(t), self._ck(begin), 0), begin)
+
+    def _on_param_get(self, frame: Frame, t: float) -> None:
+        (ident,) = frame.values()
+        known = ident in self.params
+        self._queue.append((m.PARAM_VALUE, (ident, 0 if known else 1, frame.seq,
+                                            self.params.get(ident, 0))))
+
+    def _on_param_set(self, frame: Frame, t: float) -> None:
+        ident, _, value = frame.values()
+        spec = next((p for p in m.PARAMS if p.id == ident), None)
+        status = 1 if spec is None else 0 if spec.low <= value <= spec.high else 2
+        if status == 0 and self.params[ident] != value:
+            self.params[ident] = value
+            self._event(6, ident)
+        self._queue.append((m.PARAM_VALUE, (ident, status, frame.seq,
+                                            self.params.get(ident, 0))))
+
+    def _on_reboot(self, frame: Frame, t: float) -> None:
+        magic, kind = frame.values()
+        if magic == m.REBOOT_MAGIC and kind in (1, 2):
+            self._boot("watchdog")
+
+    def _on_edges_req(self, frame: Frame, t: float) -> None:
+        (n,) = frame.values()
+        first = self.rings[0].count
+        self._edges = [first + 8 * (k + 1) for k in range(min(n, 4096))]

@@ -1,0 +1,70 @@
+"""Steering servo and linkage: pulse width in, road-wheel angle out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from dart_hal.sim.pwm_output import Pulse
+from dart_hal.vehicle import PAPER, Steering, make_steering
+
+HORN_RAD_PER_US = math.pi / 2 / 1000.0
+"""A servo of this class turns 180 deg for 2000 us."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoParams:
+    """Linkage: ``curve`` at command = (pulse - center_us) / span_us, then backlash.
+
+    ``rate`` of the horn [rad/s]; ``delay`` [s] from pulse to motion;
+    ``backlash`` [rad] is the full width of the loop at the road wheels.
+    """
+
+    center_us: float = 1500.0
+    span_us: float = 375.0
+    curve: Steering = field(default_factory=lambda: PAPER.steering)
+    rate: float = 6.0
+    delay: float = 0.0
+    backlash: float = 0.0
+
+
+class Servo:
+    """Horn position (as command) and road-wheel angle [rad], moved in ticks.
+
+    Without pulses the servo holds. The road wheel follows the linkage as a
+    peg in a slot of width ``backlash``: the middle of the loop is the curve.
+    """
+
+    def __init__(self, params: ServoParams) -> None:
+        self.params = params
+        self.command = 0.0
+        self._curve = make_steering(params.curve)
+        self.linkage = self._curve(0.0)
+        self.angle = self.linkage
+        self._rate = params.rate / (HORN_RAD_PER_US * params.span_us)
+        self._target: float | None = None
+        self._pending: deque[tuple[float, float]] = deque()
+
+    def pulse(self, pulse: Pulse) -> None:
+        """One complete pulse (rise, fall) [s]."""
+        rise, t = pulse
+        width = (t - rise) * 1e6
+        if 400.0 <= width <= 2600.0:            # a servo ignores anything else
+            command = (width - self.params.center_us) / self.params.span_us
+            self._pending.append((t + self.params.delay, command))
+
+    def move(self, t: float, dt: float) -> float:
+        """Advance by dt up to world time t; returns the road-wheel angle [rad]."""
+        pending = self._pending
+        while pending and pending[0][0] <= t:
+            self._target = pending.popleft()[1]
+        target = self._target
+        if target is None or target == self.command:
+            return self.angle
+        most = self._rate * dt
+        self.command += max(-most, min(most, target - self.command))
+        self.linkage = middle = self._curve(max(-1.3, min(1.3, self.command)))
+        half = 0.5 * self.params.backlash
+        self.angle = max(middle - half, min(middle + half, self.angle))
+        return self.angle

@@ -1,0 +1,96 @@
+"""The way to the truth about a simulated car. Who may take it is a rule.
+
+Only ``dart-hal sim --reveal``, ``dart-hal demo`` and tests import this module
+or ``dart_hal.sim.hidden``. Estimation, calibration, control and diagnosis
+have to measure: a program that could peek would prove nothing. A test reads
+the import graph and refuses every other importer.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Backend
+from dart_hal.sim.hidden import HiddenCar, hidden_car
+from dart_hal.sim.link import SimLink
+from dart_hal.sim.world import Truth, World
+from dart_hal.vehicle import PaperTyres, make_steering
+
+POINTS = 401
+
+
+def world_of(backend: Backend) -> World:
+    """The world behind an opened ``sim://``. Raises UsageError for another backend."""
+    if not isinstance(backend.link, SimLink):
+        raise UsageError(f"{backend.url.text} is not a simulated car", expected="sim://")
+    return backend.link._world
+
+
+def truth(backend: Backend, t: float | None = None) -> Truth:
+    """What the simulated car does at time t [s], default: now."""
+    return world_of(backend).truth(t)
+
+
+def reveal(seed: int | None) -> dict[str, Any]:
+    """The object that ``sim --reveal`` prints (JSON types only).
+
+    The steering angle is the middle of the backlash loop at pulse =
+    center_us + span_us * command. Throttle figures are distances from
+    neutral [us]; the dead band ends where drive force begins (the ESC's or
+    the motor's, whichever is wider). ``steering.backlash`` is the full width
+    of the loop.
+    """
+    car = hidden_car(seed)
+    curve = make_steering(car.servo.curve)
+    commands = [-1.0 + 2.0 * k / (POINTS - 1) for k in range(POINTS)]
+    return {"seed": car.seed, "vehicle": _vehicle(car),
+            "steering": {"command": commands, "angle_rad": [curve(s) for s in commands]},
+            "sensors": _sensors(car), "effects": []}
+
+
+def _value(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit}
+
+
+def _vehicle(car: HiddenCar) -> dict[str, Any]:
+    v = car.vehicle
+    assert isinstance(v.tyres, PaperTyres)
+    groups = {"body": v.body, "friction": v.friction, "motor": v.motor, "steering": v.steering,
+              "tyres": v.tyres}
+    table: dict[str, Any] = {
+        name: {f: _value(getattr(group, f), spec.metadata["unit"])
+               for f, spec in group.__dataclass_fields__.items() if "unit" in spec.metadata}
+        for name, group in groups.items()}
+    table["name"] = v.name
+    table["delay"] = {"steering_s": _value(car.servo.delay, "s"),
+                      "throttle_s": _value(0.0, "s")}
+    table["servo"] = {"rate": _value(car.servo.rate, "rad/s")}
+    table["esc"] = {"deadband_forward_us": _value(car.esc.deadband_forward_us, "us"),
+                    "deadband_reverse_us": _value(car.esc.deadband_reverse_us, "us"),
+                    "brake_force": _value(car.brake_force, "N")}
+    table["nano"] = {"clock_error": _value(car.clock_error, "-")}
+    return table
+
+
+def _sensors(car: HiddenCar) -> dict[str, Any]:
+    onset = -car.vehicle.motor.g * car.esc.saturation_us
+    return {
+        "pwm.oscillator_hz": car.oscillator_hz,
+        "steering.backlash": car.servo.backlash,
+        "throttle.neutral_us": car.esc.neutral_us,
+        "throttle.deadband_forward_us": max(car.esc.deadband_forward_us, onset),
+        "throttle.deadband_reverse_us": max(car.esc.deadband_reverse_us, onset),
+        "throttle.saturation_us": car.esc.saturation_us,
+        "encoder.metres_per_edge": car.gear_revolution / car.ring_a.n,
+        "encoder.ring": list(car.ring_a.fractions),
+        "imu.gyro_bias": car.imu.gyro_bias[2],
+        "imu.gyro_scale": car.imu.gyro_scale,
+        "imu.mount_yaw": car.imu.mount_yaw,
+        "imu.mount_pitch": car.imu.mount_pitch,
+        "imu.mount_roll": car.imu.mount_roll,
+        # a command waits for the next frame of the PWM: uniform over 20 ms
+        "latency.command_to_pulse": 0.5 * 122 * 4096 / car.oscillator_hz,
+        "latency.pulse_to_wheel": car.servo.delay,
+        "latency.sensor_to_host": 0.2e-3 + 44 * 20e-6,
+    }

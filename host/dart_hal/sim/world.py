@@ -1,0 +1,154 @@
+"""The virtual world: closes the loop from the PWM pins to the sensor pins.
+
+Pulses of the PCA9685 model move servo and ESC, these move the car, and the
+car turns the encoder ring and shakes the IMU of a Nano. One tick is 1 ms of
+world time; the Nano stops at every frame delimiter, so that a host reacts to
+a frame at the very time of its last stop bit.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+from dart_hal.sim.bus import VirtualBus
+from dart_hal.sim.esc import Esc
+from dart_hal.sim.hidden import HiddenCar
+from dart_hal.sim.imu import Imu
+from dart_hal.sim.motion import DynamicMotion, KinematicMotion, Motion
+from dart_hal.sim.nano import Nano
+from dart_hal.sim.pca9685 import Pca9685
+from dart_hal.sim.pwm_output import Pulse
+from dart_hal.sim.servo import Servo
+
+STEERING, THROTTLE, CLOCK = 0, 1, 15
+"""Channels of the PCA9685; the spare one is wired to the Nano's input capture."""
+
+TICK = 1e-3
+_MODELS = {"dynamic": DynamicMotion, "kinematic": KinematicMotion}
+_ROW = 8
+_EVERY = 5
+_KEEP = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the car really does at time t: rear axle [m], yaw [rad], speeds, wheels.
+
+    v_x, v_y [m/s] of the centre of mass in body axes, yaw_rate [rad/s],
+    steering = road-wheel angle [rad], distance = path of v_x [m].
+    """
+
+    t: float
+    x: float
+    y: float
+    yaw: float
+    v_x: float
+    v_y: float
+    yaw_rate: float
+    steering: float
+    distance: float
+
+
+class World:
+    """One simulated car with its Nano; ``t`` is the world time reached [s]."""
+
+    def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",
+                 tick: float = TICK) -> None:
+        if model not in _MODELS:
+            raise UsageError(f"no model {model!r}", expected=", ".join(_MODELS))
+        self.t = 0.0
+        self.car, self.nano = car, nano
+        self.pca = Pca9685(oscillator=car.oscillator_hz)
+        self.bus = VirtualBus(lambda: self.t, [self.pca])
+        self.servo, self.esc = Servo(car.servo), Esc(car.esc)
+        self.motion: Motion = _MODELS[model](car.vehicle, tick)
+        self.distance = 0.0
+        self.watchers: list[Callable[[int, Pulse], None]] = []
+        self._capture: Callable[[float, float], None] | None = getattr(
+            nano, "capture_pulse", None)
+        self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
+                        np.random.default_rng([car.seed, 100]))
+        self._dt, self._tick, self._next = tick, 0, 0.0
+        self._wheel = 0.0
+        self._per_revolution = 1.0 / car.gear_revolution
+        self._times, self._rows = array("d"), array("d")
+        nano.set_ring(0, car.ring_a.edges)
+        nano.set_ring(1, car.ring_b.edges)
+
+    def advance(self, until: float) -> bool:
+        """Run towards ``until``; True = stopped early, a frame has just ended."""
+        nano = self.nano
+        while self.t < until:
+            if self.t >= self._next:
+                self._physics()
+            early = nano.run(min(until, self._next))
+            self.t = nano.now
+            if early:
+                return True
+        return False
+
+    def truth(self, t: float | None = None) -> Truth:
+        """The state at time t (linear between records 5 ms apart), default now."""
+        self._record(self._next)
+        when = self.t if t is None else t
+        k = min(max(bisect_right(self._times, when), 1), len(self._times) - 1)
+        if len(self._times) == 1:
+            return Truth(self._times[0], *self._rows)
+        t0, t1 = self._times[k - 1], self._times[k]
+        part = min(1.0, max(0.0, (when - t0) / (t1 - t0))) if t1 > t0 else 1.0
+        a, b = self._rows[_ROW * (k - 1):_ROW * k], self._rows[_ROW * k:_ROW * (k + 1)]
+        return Truth(when, *(p + part * (q - p) for p, q in zip(a, b, strict=True)))
+
+    def _physics(self) -> None:
+        """State of the pins now, motion until the next tick, what the sensors see."""
+        now = self._next
+        if now >= self.pca.output.quiet_until:
+            self._pulses(now)
+        if self._tick % _EVERY == 0:
+            self._record(now)
+        self._tick += 1
+        self._next = self._tick * self._dt
+        esc, nano = self.esc, self.nano
+        esc.check(now)
+        angle = self.servo.move(now, self._dt)
+        felt = self.motion.step(esc.throttle, esc.brake * self.car.brake_force, angle)
+        self.distance += felt.v_x * self._dt
+        wheel = felt.v_x * self._per_revolution
+        if wheel != self._wheel:
+            self._wheel = wheel
+            nano.set_wheel(wheel)
+        gyro, accel = self._imu.sense(felt.a_x, felt.a_y, felt.omega, felt.omega_dot)
+        nano.set_imu(gyro, accel)
+
+    def _pulses(self, now: float) -> None:
+        output = self.pca.output
+        output.advance(now)
+        self._deliver(STEERING, output.take(STEERING), self.servo.pulse)
+        self._deliver(THROTTLE, output.take(THROTTLE), self.esc.pulse)
+        for pulse in output.take(CLOCK):
+            if self._capture is not None:
+                self._capture(*pulse)
+
+    def _deliver(self, channel: int, pulses: list[Pulse], to: Callable[[Pulse], None]) -> None:
+        for pulse in pulses:
+            to(pulse)
+            for watcher in self.watchers:
+                watcher(channel, pulse)
+
+    def _record(self, t: float) -> None:
+        if self._times and t <= self._times[-1]:
+            return
+        m, l_r = self.motion, self.car.vehicle.body.l_r
+        c, s = math.cos(m.eta), math.sin(m.eta)
+        self._times.append(t)
+        self._rows.extend((m.x - l_r * c, m.y - l_r * s, m.eta, m.v_x, m.v_y, m.omega,
+                           self.servo.angle, self.distance))
+        if len(self._times) > _KEEP:
+            del self._times[:_KEEP // 2], self._rows[:_ROW * (_KEEP // 2)]

@@ -1,0 +1,66 @@
+"""Speed control law: feed-forward from the model, PI for what it gets wrong.
+
+The feed-forward solves F_m(tau, v) + F_f(v) = m dv/dt for the throttle; the
+PI part removes the error of the model (battery, floor, load). Braking by
+reverse throttle is never used: an ESC may take it for "reverse".
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.friction import make_friction
+from dart_hal.vehicle.parameters import Vehicle
+
+K_P = 0.10
+"""1/(m/s): 0.5 m/s of error add a third of the throttle that moves the car."""
+K_I = 0.25
+"""1/(m/s)/s: removes a wrong feed-forward within about a second."""
+INTEGRAL_MAX = 0.12
+"""Throttle that the integral may add: the dead band of one ESC to the next."""
+RESERVE = 0.2
+"""Share of the motor's force at v below which no more throttle is asked for."""
+
+
+class SpeedLaw:
+    """Throttle for a reference speed; call once per control period.
+
+    Source of the model part: paper's motor and friction curves.
+    """
+
+    def __init__(self, vehicle: Vehicle, *, k_p: float = K_P, k_i: float = K_I,
+                 max_throttle: float = 1.0) -> None:
+        self._motor = vehicle.motor
+        self._mass = vehicle.body.mass
+        self._friction = make_friction(vehicle.friction)
+        self._k_p, self._k_i = k_p, k_i
+        self._max = max_throttle
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the integral: after a stop or an expired command."""
+        self.integral = 0.0
+
+    def feed_forward(self, speed: float, acceleration: float = 0.0) -> float:
+        """Throttle that holds ``speed`` [m/s] under ``acceleration`` [m/s2]; odd."""
+        if speed == 0.0 and acceleration == 0.0:
+            return 0.0
+        if speed < 0.0:
+            return -self.feed_forward(-speed, -acceleration) / self._motor.reverse
+        wanted = self._mass * acceleration - self._friction(speed)
+        motor = max(self._motor.d - self._motor.e * speed, RESERVE * self._motor.d)
+        return max(0.0, wanted / motor - self._motor.g) if wanted > 0.0 else 0.0
+
+    def throttle(self, reference: float, measured: float, dt: float,
+                 acceleration: float = 0.0) -> float:
+        """Throttle -1..1 for a reference speed [m/s], ``dt`` s after the last call."""
+        if reference == 0.0:
+            self.reset()
+            return 0.0
+        error = reference - measured
+        base = self.feed_forward(reference, acceleration)
+        wanted = base + self._k_p * error + self.integral
+        low, high = (0.0, self._max) if reference > 0.0 else (-self._max, 0.0)
+        tau = min(max(wanted, low), high)
+        if tau == wanted or (wanted - tau) * error < 0.0:  # no wind-up at the limits
+            self.integral += self._k_i * error * dt
+            self.integral = min(max(self.integral, -INTEGRAL_MAX), INTEGRAL_MAX)
+        return tau
