@@ -18,7 +18,7 @@ CLOCK_STD = 1e-4
 
 _TEXT = """\
 schema = "dart-hal/car/1"
-car = "{name}"
+name = "{name}"
 
 [geometry]
 wheelbase = {wheelbase}
