@@ -1,0 +1,204 @@
+"""Windows of steady driving -> angle at the middle of the backlash loop, per level.
+
+The wheels follow the servo like a peg in a slot of width b: they touch the
+lower flank after a rise, the upper one after a fall, and stay where they are
+until the slot has moved on. With one angle delta per level, one b and one
+understeer kappa for all, window i reads
+
+    angle_i = delta_k -+ b/2 - kappa v_i^2 sin(2 delta_k)/2 + noise
+
+where k is the level at which the wheels were last moved. Sweeping the range
+both ways, at two speeds, separates them: b is even and the slip odd in delta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.errors import CalibrationFailed
+from dart_hal.types import Estimate, FloatArray
+
+from .samples import IntArray
+
+BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
+KAPPA_PRIOR = (0.03, 0.04)  # s2/m2, mean and sigma: a 1:10 car on rubber to tiles
+STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
+ROUNDS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """One steady stretch: command -1..1, pulse_us, angle rad with std, speed m/s.
+
+    direction: +1 the command rose before it, -1 it fell; yaw_rate rad/s; n
+    frames, duration s.
+    """
+
+    command: float
+    pulse_us: float
+    angle: float
+    std: float
+    speed: float
+    yaw_rate: float
+    direction: float
+    n: int
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Systematic:
+    """Errors common to all windows: relative std of l omega/v, std of the gyro bias [rad/s]."""
+
+    scale: float
+    bias: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoopFit:
+    """command, pulse_us, angle (k,), covariance (k, k); residual (n,) rad; chi2 per freedom."""
+
+    command: FloatArray
+    pulse_us: FloatArray
+    angle: FloatArray
+    covariance: FloatArray
+    backlash: Estimate
+    kappa: Estimate
+    residual: FloatArray
+    chi2: float
+
+    @property
+    def std(self) -> FloatArray:
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic) -> LoopFit:
+    """Least squares over windows in the order in which they were driven. wheelbase [m].
+
+    Errors: CalibrationFailed when levels are missing or the map turns back.
+    """
+    commands = np.array([w.command for w in windows])
+    levels, first, index = np.unique(np.round(commands, 6), return_index=True,
+                                     return_inverse=True)
+    if len(levels) < 9:
+        raise CalibrationFailed("too few steering levels were measured",
+                                found=f"{len(levels)}", expected="at least 9",
+                                remedy="run the procedure to its end")
+    angle = np.array([w.angle for w in windows])
+    speed = np.array([w.speed for w in windows])
+    std = np.hypot([w.std for w in windows], STD_FLOOR)
+    k = len(levels)
+    moved = np.asarray(index, dtype=np.int64)
+    side = np.array([w.direction for w in windows])
+    solution, covariance, chi2 = np.zeros(k + 2), np.eye(k + 2), 1.0
+    design = np.zeros((len(windows), k + 2))
+    for round_ in range(ROUNDS):
+        slip_at = solution[:k][moved] if round_ else angle
+        design = _design(moved, side, slip_at, speed, k)
+        solution, covariance, chi2 = _solve(design, angle, std)
+        last = moved, side
+        moved, side = contact(np.asarray(index), solution[:k], solution[k], windows[0].direction)
+        if round_ and np.array_equal(moved, last[0]) and np.array_equal(side, last[1]):
+            break
+    delta = solution[:k]
+    _check_rising(levels, delta)
+    scale = 0.5 * np.sin(2.0 * delta) * systematic.scale
+    bias = np.full(k, wheelbase / float(speed.mean())) * systematic.bias
+    full = covariance[:k, :k] + np.outer(scale, scale) + np.outer(bias, bias)
+    return LoopFit(levels, np.array([w.pulse_us for w in windows])[first], delta, full,
+                   Estimate(max(float(solution[k]), 0.0), float(np.sqrt(covariance[k, k])), "rad"),
+                   Estimate(float(solution[k + 1]), float(np.sqrt(covariance[k + 1, k + 1])),
+                            "s2/m2"),
+                   angle - design @ solution, chi2)
+
+
+def contact(index: IntArray, delta: FloatArray, backlash: float, first_side: float
+            ) -> tuple[IntArray, FloatArray]:
+    """(level at which the wheels were last moved, side of the slot) of each window.
+
+    index (n,): level of each window in driving order; side +1: the wheels lie
+    b/2 below the middle, after a rise.
+    """
+    half = 0.5 * max(backlash, 0.0)
+    moved = np.zeros(len(index), dtype=np.int64)
+    side = np.zeros(len(index))
+    level, at = int(index[0]), first_side
+    position = delta[level] - at * half
+    for i, k in enumerate(index.tolist()):
+        if position < delta[k] - half:
+            level, at = k, 1.0
+        elif position > delta[k] + half:
+            level, at = k, -1.0
+        position = delta[level] - at * half
+        moved[i], side[i] = level, at
+    return moved, side
+
+
+def _design(moved: IntArray, side: FloatArray, slip_at: FloatArray, speed: FloatArray, k: int
+            ) -> FloatArray:
+    n = len(moved)
+    design = np.zeros((n, k + 2))
+    design[np.arange(n), moved] = 1.0
+    design[:, k] = -0.5 * side
+    design[:, k + 1] = -(speed**2) * 0.5 * np.sin(2.0 * slip_at)
+    return design
+
+
+def _check_rising(levels: FloatArray, delta: FloatArray) -> None:
+    if np.any(np.diff(delta) <= 0.0):
+        at = int(np.argmin(np.diff(delta)))
+        raise CalibrationFailed(
+            "the measured steering angle does not increase with the command",
+            found=f"{delta[at]:+.4f} then {delta[at + 1]:+.4f} rad at commands "
+                  f"{levels[at]:+.2f} and {levels[at + 1]:+.2f}",
+            expected="a wider angle at each step to the left",
+            likely="the servo horn slips, the servo has reached its end, or the car was touched",
+            remedy="check the linkage, give the car free floor, and run it again")
+
+
+def _solve(design: FloatArray, angle: FloatArray, std: FloatArray
+           ) -> tuple[FloatArray, FloatArray, float]:
+    """Least squares with the two priors; errors scaled up when windows scatter more."""
+    n, m = design.shape
+    a = design / std[:, None]
+    b = angle / std
+    prior = np.zeros((2, m))
+    prior[0, m - 2], prior[1, m - 1] = 1.0 / BACKLASH_PRIOR, 1.0 / KAPPA_PRIOR[1]
+    right = np.array([0.0, KAPPA_PRIOR[0] / KAPPA_PRIOR[1]])
+    scatter = 1.0
+    solution, covariance, chi2 = np.zeros(m), np.eye(m), 1.0
+    for _ in range(2):
+        full = np.vstack([a / scatter, prior])
+        covariance = np.linalg.pinv(full.T @ full)
+        solution = covariance @ full.T @ np.concatenate([b / scatter, right])
+        chi2 = float(np.sum((b - a @ solution) ** 2) / max(n - m, 1))
+        scatter = max(np.sqrt(chi2), 1.0)
+    return solution, covariance, chi2
+
+
+def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(pulse_us, angle, covariance) at command (m,), near or between the measured levels.
+
+    Monotone cubic between levels; beyond the last one by its slope.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    curve = PchipInterpolator(fit.command, fit.angle, extrapolate=False)
+    inside = np.clip(command, fit.command[0], fit.command[-1])
+    angle = np.asarray(curve(inside)) + np.asarray(curve(inside, 1)) * (command - inside)
+    weights = _linear_weights(fit.command, command)
+    slope = (fit.pulse_us[-1] - fit.pulse_us[0]) / (fit.command[-1] - fit.command[0])
+    pulse = fit.pulse_us[0] + slope * (command - fit.command[0])
+    return pulse, angle, weights @ fit.covariance @ weights.T
+
+
+def _linear_weights(knots: FloatArray, at: FloatArray) -> FloatArray:
+    weights = np.zeros((len(at), len(knots)))
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
+    rows = np.arange(len(at))
+    weights[rows, left] = 1.0 - share
+    weights[rows, left + 1] = share
+    return weights

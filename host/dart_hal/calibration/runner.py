@@ -1,0 +1,138 @@
+"""Drives held pulses on a Car, frame by frame, and notices what is wrong.
+
+One frame in, one pair of pulses out: the telemetry is the clock. The throttle
+comes from the speed law; the steering pulse is held as it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from dart_hal.config import CarFiles
+from dart_hal.errors import CalibrationFailed
+from dart_hal.types import Applied, State
+from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.speed_law import SpeedLaw
+
+MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
+NO_MOTION = 4.0  # s of throttle without motion until the procedure gives up
+MOVES = 0.1  # m/s
+TURNS = 0.12  # rad/s at full lock: a tenth of what 0.35 m/s gives
+
+
+class DrivableCar(Protocol):
+    """What the procedure needs of a Car."""
+
+    files: CarFiles
+
+    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
+    def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
+    def stop(self) -> object: ...
+
+
+class Runner:
+    """Holds pulses and speeds for stretches of car time; call inside ``car.raw()``."""
+
+    def __init__(self, car: DrivableCar) -> None:
+        files = car.files
+        self._car = car
+        self._law = SpeedLaw(PAPER, max_throttle=MAX_THROTTLE)
+        self._neutral = files.neutral_us
+        self._span = files.config.throttle.span_us
+        self._last: float | None = None
+        self._frames = iter(car.states())
+
+    def hold(self, seconds: float, steering_us: float, speed: float) -> list[State]:
+        """Keep the steering pulse and a speed [m/s] for car time ``seconds``; 0 = standstill.
+
+        Errors: LinkLost and what else the Car raises.
+        """
+        seen: list[State] = []
+        start: float | None = None
+        for state in self._frames:
+            dt = 0.0 if self._last is None else min(state.t - self._last, 0.1)
+            self._last = state.t
+            start = state.t if start is None else start
+            seen.append(state)
+            throttle = self._law.throttle(speed, state.speed, dt)
+            self._car.pulses(steering_us=steering_us,
+                             throttle_us=self._neutral + self._span * throttle)
+            if state.t - start >= seconds:
+                break
+        return seen
+
+    def start_moving(self, steering_us: float, speed: float, bias: float,
+                     left: bool) -> list[State]:
+        """Reach ``speed`` [m/s] at a steering lock; left: it should turn left.
+
+        Errors: CalibrationFailed with the likely cause when car, encoder or
+        gyro do not answer as they should.
+        """
+        seen: list[State] = []
+        while True:
+            seen += self.hold(0.5, steering_us, speed)
+            recent = seen[-40:]
+            now = float(np.mean([s.speed for s in recent]))
+            waited = seen[-1].t - seen[0].t
+            if now > 0.8 * speed and waited > 2.0:
+                break
+            if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
+                raise _no_ticks(seen, bias)
+            if waited > 3.0 * NO_MOTION:
+                raise CalibrationFailed(
+                    f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
+                    expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
+                    likely="battery low, brake on, or a neutral pulse that is far off",
+                    remedy="charge the battery; dart-hal calibrate esc ; dart-hal doctor")
+        _check_turning(seen[-40:], bias, left)
+        return seen
+
+
+def yaw_rates(states: list[State]) -> list[float]:
+    """Those yaw rates [rad/s] that the IMU vouches for."""
+    return [s.yaw_rate for s in states if s.yaw_rate is not None]
+
+
+def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
+    rates = yaw_rates(seen[-100:])
+    turning = bool(rates) and abs(float(np.mean(rates)) - bias) > TURNS
+    if turning:
+        return CalibrationFailed(
+            "the car turns but the encoder does not count",
+            found=f"0 edges, yaw rate {np.mean(rates) - bias:+.2f} rad/s",
+            expected="edges of the ring", likely="encoder unplugged, sensor too far from the ring",
+            remedy="turn a wheel by hand and watch dart-hal doctor")
+    return CalibrationFailed(
+        "the car does not move", found=f"0 edges in {seen[-1].t - seen[0].t:.0f} s of throttle",
+        expected="motion at a throttle of about 0.25",
+        likely="the ESC is off or has not armed (it needs 2 s of neutral after power-on), the "
+               "battery is empty, or the encoder is dead and the wheels are off the ground",
+        remedy="switch the ESC on, put the car on the floor, run dart-hal doctor")
+
+
+def _check_turning(recent: list[State], bias: float, left: bool) -> None:
+    rates = yaw_rates(recent)
+    if not rates:
+        raise CalibrationFailed("no yaw rate while driving", found="IMU not valid",
+                                expected="100 Hz of gyro data",
+                                likely="IMU unplugged or reset by a voltage drop",
+                                remedy="dart-hal doctor")
+    rate = float(np.mean(rates)) - bias
+    if abs(rate) < TURNS:
+        raise CalibrationFailed(
+            "the wheels turn but the car does not turn", found=f"yaw rate {rate:+.3f} rad/s",
+            expected="about 0.7 rad/s at full lock",
+            likely="the wheels are off the ground, the servo does not move, or the gyro is stuck",
+            remedy="put the car on the floor; check the servo's plug (channel 0)")
+    if (rate > 0.0) != left:
+        raise CalibrationFailed(
+            f"a command to the {'left' if left else 'right'} gives a yaw rate to the "
+            f"{'left' if rate > 0 else 'right'}", found=f"yaw rate {rate:+.2f} rad/s",
+            expected="left commands give positive yaw rates",
+            likely="the servo's direction is reversed, or the IMU is mounted upside down "
+                   "(push the car to the left by hand: the yaw rate must be positive)",
+            remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
+                   "turn the right way: mount_roll = 3.1416 under [imu]")

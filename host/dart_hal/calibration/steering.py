@@ -1,0 +1,247 @@
+"""``calibrate steering`` on a Car: slow arcs over the whole range, from both sides.
+
+Standstill for the gyro bias; full right to full left slowly, back faster; each
+command a whole number of PCA9685 counts, held while the ring turns whole
+revolutions; then angle = atan(l omega/v), freed from backlash and tyre slip by
+least squares (``loop``). Works on every backend, in the car's own time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timezone
+
+import msgspec
+import numpy as np
+
+from dart_hal.config import (
+    Calibration,
+    CarFiles,
+    PaperForm,
+    Quantity,
+    SteeringTable,
+    save_calibration,
+)
+from dart_hal.config.calibration import SteeringCalibration
+from dart_hal.errors import CalibrationFailed
+from dart_hal.types import Estimate, FloatArray, State
+
+from . import paper_form
+from .loop import LoopFit, Systematic, Window, fit_loop, resample
+from .result import SteeringResult
+from .runner import DrivableCar, Runner, yaw_rates
+from .samples import Samples
+from .schedule import (
+    LEVELS,
+    MEASURE,
+    SETTLE,
+    SPEEDS,
+    STANDSTILL,
+    Plan,
+    Step,
+    count_us,
+    make_plan,
+    make_steps,
+)
+
+NOMINAL_OSCILLATOR = 25e6
+UNKNOWN_GYRO_SCALE = 0.006  # one sigma of an uncalibrated BNO055 (data sheet: 1 % typical)
+UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
+STANDING = 0.02  # m/s
+MAX_BIAS = 0.15  # rad/s
+BATCHES = 5
+
+Progress = Callable[[float, str], None]
+Ask = Callable[[str], bool]
+
+
+def silent(fraction: float, text: str) -> None:
+    """The progress callback of a caller who does not want one."""
+
+
+def agree(question: str) -> bool:
+    """The ask callback of a caller who has agreed beforehand."""
+    return True
+
+
+def plan(files: CarFiles, *, levels: int = LEVELS,
+         speeds: tuple[float, float] = SPEEDS) -> Plan:
+    """What ``calibrate_steering`` will do with this car: time, floor, speed."""
+    steering, pwm = files.config.steering, files.config.pwm
+    oscillator = files.oscillator_hz
+    count = count_us(oscillator.value if oscillator else NOMINAL_OSCILLATOR, pwm.frequency)
+    steps = make_steps(center_us=steering.center_us, span_us=steering.span_us,
+                       direction=steering.direction, count=count, levels=levels, speeds=speeds)
+    return make_plan(steps, files.config.geometry.wheelbase)
+
+
+def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: Ask = agree,
+                       dry_run: bool = False, source: str = "", levels: int = LEVELS,
+                       speeds: tuple[float, float] = SPEEDS) -> SteeringResult:
+    """Measure the steering map and write it to the car's calibration.toml.
+
+    ``car`` is open; it is armed here if it has to be, and always left stopped,
+    also on Ctrl-C. ``ask`` is asked before the car moves; False stops here.
+    Nothing is written with ``dry_run``. Car time: about 50 s.
+    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    """
+    files = car.files
+    route = plan(files, levels=levels, speeds=speeds)
+    if not ask(f"This {route}. Is the floor free?"):
+        raise CalibrationFailed("not started: the floor is not free", remedy="clear the floor")
+    try:
+        with car.raw():  # type: ignore[attr-defined]
+            windows, bias = drive(car, route, progress)
+    finally:
+        car.stop()
+    progress(0.97, "fitting")
+    fit = fit_loop(windows, files.config.geometry.wheelbase, _systematic(files, bias))
+    result = _result(files, source or files.config.name, windows, fit, bias)
+    return result if dry_run else write(files, result)
+
+
+def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Window], Estimate]:
+    """Drive the plan; returns the windows in order and the gyro bias [rad/s]."""
+    runner = Runner(car)
+    steps = route.steps
+    progress(0.0, "standing still for the gyro")
+    still = runner.hold(STANDSTILL, steps[0].pulse_us, 0.0)
+    bias = _standstill(still)
+    progress(0.05, "starting")
+    runner.start_moving(steps[0].pulse_us, steps[0].speed, bias.value, steps[0].command > 0.0)
+    windows: list[Window] = []
+    for i, step in enumerate(steps):
+        progress(0.08 + 0.88 * i / len(steps),
+                 f"command {step.command:+.2f} at {step.speed:.2f} m/s")
+        runner.hold(SETTLE, step.pulse_us, step.speed)
+        states = runner.hold(MEASURE, step.pulse_us, step.speed)
+        windows.append(measure(states, step, bias.value, car.files))
+    runner.hold(0.3, steps[-1].pulse_us, 0.0)
+    return windows, bias
+
+
+def measure(states: list[State], step: Step, bias: float, files: CarFiles) -> Window:
+    """One window out of its frames, cut to whole revolutions of the ring.
+
+    Errors: CalibrationFailed when too few frames are good or the car stands.
+    """
+    edges = files.config.encoder.edges_per_rev
+    good = [s for s in states if s.yaw_rate is not None and s.health.imu_age < 0.1]
+    if len(good) < 0.7 * len(states) or len(good) < 20:
+        raise CalibrationFailed("the IMU dropped out while measuring",
+                                found=f"{len(good)} of {len(states)} frames with a fresh yaw rate",
+                                expected="at least 70 %", remedy="dart-hal doctor")
+    turned = abs(good[-1].ticks - good[0].ticks)
+    revolutions = turned // edges
+    if revolutions < 1:
+        raise CalibrationFailed("the car stopped while measuring",
+                                found=f"{turned} edges in {good[-1].t - good[0].t:.1f} s",
+                                expected=f"at least {edges}", likely="it has hit something",
+                                remedy="free the car and run it again")
+    target = revolutions * edges
+    end = next(i for i, s in enumerate(good) if abs(s.ticks - good[0].ticks) >= target)
+    used = good[:max(end, 10)]
+    speed = np.array([s.speed for s in used])
+    rate = np.array(yaw_rates(used)) - bias
+    wheelbase = files.config.geometry.wheelbase
+    angle = math.atan2(wheelbase * float(rate.mean()), float(speed.mean()))
+    return Window(step.command, step.pulse_us, angle, _std(speed, rate, wheelbase),
+                  float(speed.mean()), float(rate.mean()), float(step.direction), len(used),
+                  used[-1].t - used[0].t)
+
+
+def _std(speed: FloatArray, rate: FloatArray, wheelbase: float) -> float:
+    """One sigma of the angle: batch means, so that slow drift within the window counts."""
+    means = [math.atan2(wheelbase * float(r.mean()), float(v.mean()))
+             for v, r in zip(np.array_split(speed, BATCHES), np.array_split(rate, BATCHES),
+                             strict=True)]
+    return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
+
+
+def _standstill(states: list[State]) -> Estimate:
+    rates = np.array(yaw_rates(states[len(states) // 4:]))
+    if len(rates) < 50:
+        raise CalibrationFailed("no yaw rate at standstill",
+                                found=f"{len(rates)} good samples", expected="100 per second",
+                                likely="IMU unplugged, or still starting",
+                                remedy="dart-hal doctor")
+    if states[-1].ticks != states[len(states) // 4].ticks:
+        raise CalibrationFailed(
+            "the car rolls at a neutral throttle",
+            found=f"{abs(states[-1].ticks - states[len(states) // 4].ticks)} edges at neutral",
+            expected="standstill", likely="neutral of the ESC is off, or the floor slopes",
+            remedy="dart-hal calibrate esc ; or [throttle] neutral_us in car.toml")
+    bias = float(rates.mean())
+    if abs(bias) > MAX_BIAS:
+        raise CalibrationFailed("the gyro turns while the car stands",
+                                found=f"{bias:+.3f} rad/s", expected=f"below {MAX_BIAS} rad/s",
+                                likely="the car was moved by hand, or the IMU is not settled",
+                                remedy="leave the car alone and run it again")
+    batches = [part.mean() for part in np.array_split(rates, 10)]
+    return Estimate(bias, float(np.std(batches, ddof=1) / math.sqrt(10.0)), "rad/s")
+
+
+def _systematic(files: CarFiles, bias: Estimate) -> Systematic:
+    metres = files.metres_per_edge
+    imu = files.calibration.imu if files.calibration else None
+    known = imu.gyro_scale if imu else None
+    gyro = known.std / known.value if known else UNKNOWN_GYRO_SCALE
+    wheelbase = UNKNOWN_WHEELBASE / files.config.geometry.wheelbase
+    return Systematic(math.sqrt((metres.std / metres.value) ** 2 + gyro**2 + wheelbase**2),
+                      bias.std)
+
+
+def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, bias: Estimate
+            ) -> SteeringResult:
+    command = np.linspace(-1.0, 1.0, len(fit.command))
+    pulse, angle, covariance = resample(fit, command)
+    std = np.sqrt(np.diag(covariance))
+    form = paper_form.fit(Samples(command, angle, np.zeros_like(angle), np.ones_like(angle),
+                                  np.ones_like(angle), np.arange(len(angle))))
+    metres = files.metres_per_edge
+    notes = (
+        f"tyre slip: understeer {fit.kappa.value:.4f} +- {fit.kappa.std:.4f} s2/m2, removed",
+        f"gyro bias at standstill {bias.value:+.5f} rad/s, removed",
+        f"of angle_std_rad the wheel travel per edge (+-{metres.std / metres.value:.1%}) is common "
+        "to all points; `dart-hal calibrate encoder` narrows it",
+    )
+    return SteeringResult(
+        car=files.config.name, source=source, n=sum(w.n for w in windows),
+        duration=float(sum(w.duration for w in windows)), command=command, angle=angle,
+        angle_std=std, pulse_us=pulse, paper_form=form.as_dict(),
+        residual_rms=float(np.sqrt(np.mean(fit.residual**2))), backlash=fit.backlash,
+        notes=notes, covariance=covariance,
+        samples=(np.array([w.command for w in windows]), np.array([w.angle for w in windows]),
+                 np.array([w.direction for w in windows])),
+        extra={"understeer": {"value": fit.kappa.value, "std": fit.kappa.std, "unit": "s2/m2"},
+               "speeds_m_s": sorted({round(w.speed, 2) for w in windows})})
+
+
+def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
+    """Put map, paper form, backlash and provenance into the car's calibration.toml.
+
+    The file before goes to history/. Errors: ConfigError, OSError.
+    """
+    if result.pulse_us is None:
+        raise CalibrationFailed("a map without pulses cannot be written",
+                                likely="it was fitted to recordings, which hold commands only",
+                                remedy="run the procedure on the car")
+    old = files.calibration or Calibration(car=files.config.name)
+    # [steering] direction -1 makes pulses fall; the file holds them rising
+    order = np.argsort(result.pulse_us)
+    table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in result.pulse_us[order]),
+                          angle_rad=tuple(round(float(v), 6) for v in result.angle[order]),
+                          std_rad=tuple(round(float(v), 6) for v in result.angle_std[order]))
+    backlash = result.backlash
+    steering = SteeringCalibration(
+        map=table, paper_form=PaperForm(**{k: round(v, 6) for k, v in result.paper_form.items()}),
+        backlash=None if backlash is None else Quantity(backlash.value, backlash.std,
+                                                        "difference of the two approaches"),
+        residual_rms_rad=result.residual_rms)
+    provenance = {**old.provenance, "when": datetime.now(timezone.utc).replace(microsecond=0),
+                  "steering": {"source": str(result.source), "n": result.n,
+                               "duration_s": round(result.duration, 2)}}
+    new = msgspec.structs.replace(old, steering=steering, provenance=provenance)
+    return replace(result, written=str(save_calibration(new, files.folder)))
