@@ -1,0 +1,10 @@
+"""Bytes to and from a Nano: serial port, emulator, recording.
+
+Importing this room tells pyserial where ``avr://`` is handled; the emulator
+itself is loaded only when such a URL is opened.
+"""
+
+import serial
+
+if __name__ not in serial.protocol_handler_packages:
+    serial.protocol_handler_packages.append(__name__)

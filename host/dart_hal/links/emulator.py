@@ -15,15 +15,18 @@ from typing import NamedTuple
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links import bridge
-from dart_hal.links.image import FLASH_SIZE, find_image, load_image
+from dart_hal.links.image import (
+    BOOT_START,
+    FLASH_SIZE,
+    find_image,
+    load_image,
+    with_bootloader,
+)
 
 F_CPU = 16_000_000
 """Nominal clock of the Nano [Hz]."""
 
 EEPROM_SIZE = 1024
-BOOT_START = 0x7800
-"""Start of the 2 KiB boot section that the Nano's fuses reserve [byte address]."""
-
 CAUSES = {"external": 0, "power": 1, "brownout": 2, "watchdog": 3}
 I2C_FAULTS = {"ok": 0, "nack": 1, "sda": 2, "scl": 3, "dead": 4}
 IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3}
@@ -47,7 +50,7 @@ class PinEdge(NamedTuple):
 class IsrStat(NamedTuple):
     """Cycles of an interrupt routine, 4 of entry and 4 of reti included."""
 
-    count: int
+    n: int
     min: int
     max: int
     total: int
@@ -74,8 +77,8 @@ class EmulatedNano:
 
     ``image``: path of a .elf or .hex, the flash bytes from address 0, or None
     for `find_image()`. ``clock_error`` e: the MCU runs 16e6 (1 + e) cycles per
-    world second. ``eeprom``: up to 1024 bytes. ``bootloader``: start at
-    0x7800 as the fuse BOOTRST has it; the image must hold a bootloader there.
+    world second. ``eeprom``: up to 1024 bytes. ``bootloader``: add ATmegaBOOT
+    and start there, as a Nano does (an image of b"" is a board never flashed).
     Raises EmulatorMissing. Not for use from two threads at once.
     """
 
@@ -84,6 +87,8 @@ class EmulatedNano:
                  host_baud: float = 500_000, bootloader: bool = False) -> None:
         self._lib = bridge.load()
         self.image = image if isinstance(image, bytes) else load_image(image or find_image())
+        if bootloader:
+            self.image = with_bootloader(self.image)
         self._emu = self._lib.emu_new(self.image, len(self.image), BOOT_START if bootloader else 0)
         if not self._emu:
             raise EmulatorMissing(f"simavr refused an image of {len(self.image)} bytes",

@@ -18,12 +18,19 @@ FLASH_SIZE = 32 * 1024
 FIRMWARE_DIR = Path(__file__).resolve().parents[3] / "firmware"
 """The firmware of the checkout (absent in an installed package)."""
 
+BOOT_START = 0x7800
+"""Start of the 2 KiB boot section that the Nano's fuses reserve [byte address]."""
+
+BOOTLOADER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/"
+                  "ATmegaBOOT_168_atmega328.hex")
+"""Debian's arduino-core-avr; its optiboot hex is too long and never starts the program."""
+
 _EM_AVR = 83
 _DATA_SPACE = 0x800000
 """avr-gcc's linker places RAM and EEPROM sections from here on."""
 
 
-class BadImage(EmulatorMissing, ValueError):
+class ImageError(EmulatorMissing, ValueError):
     """A file that is no image for this flash; the message says where and why."""
 
 
@@ -38,22 +45,23 @@ class _Flash:
     def place(self, address: int, chunk: bytes) -> None:
         stop = address + len(chunk)
         if stop > len(self.data):
-            raise BadImage(f"{self.source}: bytes {address:#x}..{stop - 1:#x} lie beyond the flash",
-                           expected=f"addresses below {len(self.data):#x}",
-                           remedy="build the image for the ATmega328P")
+            raise ImageError(
+                f"{self.source}: bytes {address:#x}..{stop - 1:#x} lie beyond the flash",
+                expected=f"addresses below {len(self.data):#x}",
+                remedy="build the image for the ATmega328P")
         self.data[address:stop] = chunk
         self.end = max(self.end, stop)
 
     def bytes(self) -> bytes:
         if not self.end:
-            raise BadImage(f"{self.source}: holds no byte for the flash")
+            raise ImageError(f"{self.source}: holds no byte for the flash")
         return bytes(self.data[:self.end])
 
 
 def parse_hex(text: str, source: str = "image", size: int = FLASH_SIZE) -> bytes:
     """Intel hex (types 00 to 05) to the bytes from address 0 to the last one placed.
 
-    Gaps read 0xFF. Raises BadImage on a syntax error, a wrong checksum, a
+    Gaps read 0xFF. Raises ImageError on a syntax error, a wrong checksum, a
     missing end record or a byte beyond ``size``.
     """
     flash = _Flash(source, size)
@@ -65,9 +73,9 @@ def parse_hex(text: str, source: str = "image", size: int = FLASH_SIZE) -> bytes
         except ValueError:
             record = b""
         if line[:1] != ":" or len(record) < 5 or len(record) != record[0] + 5:
-            raise BadImage(f"{where} is no Intel hex record", found=line[:44])
+            raise ImageError(f"{where} is no Intel hex record", found=line[:44])
         if sum(record) & 0xFF:
-            raise BadImage(f"{where} has a wrong checksum", found=line[:44])
+            raise ImageError(f"{where} has a wrong checksum", found=line[:44])
         address, kind, data = record[1] << 8 | record[2], record[3], record[4:-1]
         if kind == 0:
             flash.place(base + address, data)
@@ -76,40 +84,40 @@ def parse_hex(text: str, source: str = "image", size: int = FLASH_SIZE) -> bytes
         elif kind in (2, 4) and len(data) == 2:
             base = int.from_bytes(data, "big") << (4 if kind == 2 else 16)
         elif kind not in (3, 5):
-            raise BadImage(f"{where} has record type {kind:#04x}", found=line[:44])
-    raise BadImage(f"{source}: end record missing", likely="the file was cut off")
+            raise ImageError(f"{where} has record type {kind:#04x}", found=line[:44])
+    raise ImageError(f"{source}: end record missing", likely="the file was cut off")
 
 
 def parse_elf(blob: bytes, source: str = "image", size: int = FLASH_SIZE) -> bytes:
     """AVR ELF32 to flash bytes: each loadable segment at its load address.
 
     Segments for RAM, EEPROM and fuses (0x800000 and up) are left out; .data
-    comes by its load address in flash. Raises BadImage.
+    comes by its load address in flash. Raises ImageError.
     """
     try:
         head = struct.unpack_from("<16sHHIIIIIHHHHHH", blob)
     except struct.error:
-        raise BadImage(f"{source} is too short for an ELF file") from None
+        raise ImageError(f"{source} is too short for an ELF file") from None
     if head[0][:6] != b"\x7fELF\x01\x01" or head[2] != _EM_AVR:
-        raise BadImage(f"{source} is no 32-bit AVR ELF file", found=f"machine {head[2]}")
+        raise ImageError(f"{source} is no 32-bit AVR ELF file", found=f"machine {head[2]}")
     flash = _Flash(source, size)
     offset, entry, count = head[5], head[9], head[10]
     for i in range(count):
         try:
             kind, start, _, load, length = struct.unpack_from("<IIIII", blob, offset + i * entry)
         except struct.error:
-            raise BadImage(f"{source}: program header {i} lies beyond the file") from None
+            raise ImageError(f"{source}: program header {i} lies beyond the file") from None
         if kind != 1 or length == 0 or load >= _DATA_SPACE:
             continue
         if start + length > len(blob):
-            raise BadImage(f"{source}: segment {i} lies beyond the file",
-                           likely="the file was cut off")
+            raise ImageError(f"{source}: segment {i} lies beyond the file",
+                             likely="the file was cut off")
         flash.place(load, blob[start:start + length])
     return flash.bytes()
 
 
 def load_image(path: str | os.PathLike[str]) -> bytes:
-    """Flash bytes of a .hex or .elf file. Raises EmulatorMissing (BadImage is one)."""
+    """Flash bytes of a .hex or .elf file. Raises EmulatorMissing (ImageError is one)."""
     path = Path(path)
     try:
         blob = path.read_bytes()
@@ -121,7 +129,7 @@ def load_image(path: str | os.PathLike[str]) -> bytes:
     try:
         return parse_hex(blob.decode("ascii"), str(path))
     except UnicodeDecodeError:
-        raise BadImage(f"{path} is neither Intel hex nor ELF") from None
+        raise ImageError(f"{path} is neither Intel hex nor ELF") from None
 
 
 def find_image() -> Path:
@@ -142,3 +150,18 @@ def find_image() -> Path:
     raise EmulatorMissing("no firmware image: neither built nor prebuilt",
                           expected=", ".join(str(p) for p in places),
                           likely="the firmware was not built", remedy="make firmware")
+
+
+def with_bootloader(image: bytes, bootloader: str | os.PathLike[str] = BOOTLOADER) -> bytes:
+    """Flash of a Nano as it is sold: ``image`` (may be empty) below, the bootloader on top.
+
+    Raises ImageError when they overlap, EmulatorMissing without the file.
+    """
+    boot = load_image(bootloader)
+    if len(image) > BOOT_START:
+        raise ImageError(f"an image of {len(image)} bytes reaches into the boot section",
+                         expected=f"at most {BOOT_START} bytes")
+    if boot[:BOOT_START].strip(b"\xff"):
+        raise ImageError(f"{bootloader} places bytes below the boot section",
+                         expected=f"addresses from {BOOT_START:#x}")
+    return image.ljust(BOOT_START, b"\xff") + boot[BOOT_START:]

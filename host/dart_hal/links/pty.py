@@ -1,0 +1,195 @@
+"""A Nano behind a real pseudo-terminal, in real time, for any serial program.
+
+The one place where an emulated Nano meets the wall clock: a thread paces the
+world and carries bytes between it and the pty. Opening the pty resets the
+Nano, as DTR does on the board; while nobody has it open, time stands still.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import termios
+import threading
+import time
+import tty
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol
+
+PACE = 0.002
+"""Real time between two looks at the line [s]."""
+
+IDLE = 0.01
+"""The same while no program has the pty open."""
+
+LATE = 0.25
+"""A world that is later than this [s] is not chased: its clock is moved."""
+
+TICK = 0.001
+"""Longest step of the world [s]; a hook sees every tick."""
+
+_SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios)
+           if name[0] == "B" and name[1:].isdigit() and name != "B0"}
+
+
+class PacedNano(Protocol):
+    """What `Pty` needs of a Nano; `EmulatedNano` and a simulated car are such."""
+
+    now: float
+
+    def run(self, until: float) -> bool: ...
+    def read(self) -> list[tuple[bytes, float]]: ...
+    def write(self, data: bytes) -> None: ...
+    def reset(self, cause: str = "external") -> None: ...
+
+
+class Pty:
+    """Serve a Nano on a pty; ``path`` is what a serial program opens.
+
+    ``tick(t)`` is called before each step of at most 1 ms, to turn the wheel
+    or move the world. ``reset_on_open``: False leaves the firmware running
+    through opens, and time runs all the while. The rate that the program set
+    on its port becomes the host's rate of a Nano that has ``set_baud``.
+    Use as a context manager, or `start` and `close`; the thread's failure is
+    raised by `close`.
+    """
+
+    def __init__(self, nano: PacedNano, tick: Callable[[float], None] | None = None, *,
+                 reset_on_open: bool = True) -> None:
+        self.nano = nano
+        self._tick = tick
+        self._reset_on_open = reset_on_open
+        self._master, slave = os.openpty()
+        self.path = os.ttyname(slave)
+        tty.setraw(slave)
+        os.close(slave)  # only now does poll() report the missing slave
+        os.set_blocking(self._master, False)
+        self._wake_read, self._wake_write = os.pipe()
+        self._thread: threading.Thread | None = None
+        self._failure: BaseException | None = None
+        self._stop = False
+        self._speed = 0
+        self.opens = 0
+        self.dropped = 0
+
+    def __enter__(self) -> Pty:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def start(self) -> None:
+        """Pace the Nano in a thread of its own."""
+        self._thread = threading.Thread(target=self._guarded, name="pty", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread and remove the pty; raises what the thread died of."""
+        self._stop = True
+        with contextlib.suppress(OSError):
+            os.write(self._wake_write, b"x")
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        for fd in (self._master, self._wake_read, self._wake_write):
+            with contextlib.suppress(OSError):
+                os.close(fd)
+        self._master = self._wake_read = self._wake_write = -1
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def _guarded(self) -> None:
+        try:
+            self.serve()
+        except BaseException as error:  # noqa: BLE001 - handed to close()
+            self._failure = error
+
+    def serve(self) -> None:
+        """Pace the Nano in the calling thread until `close` is called elsewhere."""
+        is_open = False
+        start = time.monotonic() - self.nano.now
+        while not self._stop:
+            was_open, is_open = is_open, self._slave_open()
+            if is_open and not was_open:
+                self._opened()
+            if not is_open and self._reset_on_open:
+                self._wait(IDLE, listen=False)
+                start = time.monotonic() - self.nano.now
+                continue
+            late = time.monotonic() - start - self.nano.now
+            if late > LATE:
+                start += late
+            if is_open:
+                self._from_host()
+            self._advance(time.monotonic() - start, is_open)
+            self._wait(PACE, listen=is_open)
+
+    def _slave_open(self) -> bool:
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(event & select.POLLHUP for _, event in poll.poll(0))
+
+    def _opened(self) -> None:
+        self.opens += 1
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._master, termios.TCOFLUSH)
+        self._follow_speed()
+        if self._reset_on_open:
+            self.nano.reset("external")
+
+    def _follow_speed(self) -> None:
+        set_baud: Callable[[float], None] | None = getattr(self.nano, "set_baud", None)
+        if set_baud is None:
+            return
+        with contextlib.suppress(termios.error):
+            speed = termios.tcgetattr(self._master)[5]
+            if speed != self._speed and speed in _SPEEDS:
+                self._speed = speed
+                set_baud(_SPEEDS[speed])
+
+    def _wait(self, seconds: float, *, listen: bool) -> None:
+        """Sleep; a hung-up master would report at once, so it is left out then."""
+        poll = select.poll()
+        poll.register(self._wake_read, select.POLLIN)
+        if listen:
+            poll.register(self._master, select.POLLIN)
+        events = poll.poll(1000 * seconds)
+        if any(event & select.POLLHUP for _, event in events):
+            poll.unregister(self._master)
+            poll.poll(1000 * seconds)
+
+    def _from_host(self) -> None:
+        self._follow_speed()
+        with contextlib.suppress(BlockingIOError):
+            try:
+                data = os.read(self._master, 4096)
+            except OSError as error:
+                if isinstance(error, BlockingIOError):
+                    raise
+                return  # closed between poll and read
+            self.nano.write(data)
+
+    def _advance(self, until: float, is_open: bool) -> None:
+        nano = self.nano
+        while nano.now < until:
+            if self._tick is not None:
+                self._tick(nano.now)
+            step = min(until, nano.now + TICK)
+            while nano.run(step):
+                pass
+        data = b"".join(chunk for chunk, _ in nano.read())
+        if data and is_open:
+            self._to_host(data)
+
+    def _to_host(self, data: bytes) -> None:
+        """What nobody reads is lost once the kernel's buffer is full, as on a USB bridge."""
+        try:
+            sent = os.write(self._master, data)
+        except BlockingIOError:
+            sent = 0
+        self.dropped += len(data) - sent
