@@ -65,6 +65,21 @@ class Bus(Protocol):
                               in_start: int = 0, in_end: int | None = None) -> None: ...
 
 
+class Workshop(Protocol):
+    """What a person with chalk and a tape answers; a simulated car brings its own.
+
+    ``mark`` chalks the spot and the heading; the others are measured from there.
+    """
+
+    def mark(self) -> None: ...
+
+    def distance(self) -> float:
+        """Path rolled since the mark [m], forward positive, +- 2 mm."""
+
+    def turns(self) -> float:
+        """Yaw since the mark [rad], left positive, full turns counted, +- 0.5 deg."""
+
+
 @dataclass(frozen=True)
 class Url:
     """A parsed backend URL: ``scheme://target?key=value``."""
@@ -100,6 +115,7 @@ class Backend:
     ``bus`` None: commands are accepted and reported as not sent (replay).
     ``notices``: sentences the user must see once (for example: mock in use).
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
+    ``workshop``: answers the questions of a calibration; None = ask the user.
     """
 
     url: Url
@@ -112,6 +128,7 @@ class Backend:
     notices: tuple[str, ...] = ()
     resets: bool = True
     closers: tuple[Callable[[], None], ...] = ()
+    workshop: Workshop | None = None
 
     def close(self) -> None:
         self.link.close()

@@ -16,6 +16,7 @@ from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimClock, SimLink
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.nano import Nano
+from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber")
@@ -35,7 +36,8 @@ def open_sim(url: Url) -> Backend:
                                (car.seed, 200)),
                    Line(None, latency, (car.seed, 300)))
     return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
-                   car=car.name, car_toml=car_toml(car), notices=notices)
+                   car=car.name, car_toml=car_toml(car), notices=notices,
+                   workshop=SimWorkshop(world))
 
 
 def _nano(url: Url, car: HiddenCar) -> tuple[Nano, tuple[str, ...]]:

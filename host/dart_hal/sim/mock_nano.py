@@ -12,9 +12,11 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from dart_hal.sim.mock_capture import MockCapture
 from dart_hal.sim.mock_encoder import MockEncoder
 from dart_hal.sim.mock_imu import START, MockImu
 from dart_hal.sim.mock_supervisor import Output, Supervisor
+from dart_hal.sim.mock_uart import MockUart
 from dart_hal.sim.ring import RING_A, RING_B, even_ring
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import DOWN, encode
@@ -41,6 +43,7 @@ class MockNano:
                  host_baud: int = 500_000, board_id: int = 0xDA270000) -> None:
         self.now = 0.0
         self.eeprom = eeprom
+        self._out: list[tuple[bytes, float]] = []
         self.board_id = board_id
         self.boot_count = 0
         self.params = {p.id: p.default for p in m.PARAMS}
@@ -54,42 +57,40 @@ class MockNano:
 
     def run(self, until: float) -> bool:
         """Advance to ``until``; True = stopped right after a frame left the UART."""
+        uart = self._uart
         while True:
-            t = min(until, self._slot_at, self._tx_at, self._rx_at)
+            t = min(until, self._slot_at, uart.tx_at, uart.rx_at)
             for ring in self.rings:
                 if ring.due <= t:
                     ring.run(t, self._ck, 2 * self.params[4])
             self.now = t
             if t == self._slot_at:
                 self._slot()
-            if t == self._rx_at:
-                self._receive()
-            if t == self._tx_at:
-                self._out.append((self._sending.popleft()[1], t))
-                self._tx_at = self._sending[0][0] if self._sending else float("inf")
+            if t == uart.rx_at:
+                self._receive(uart.received())
+                uart = self._uart
+            if t == uart.tx_at:
+                self._out.append((uart.sent(), t))
                 return True
             if t >= until:
                 return False
 
     def read(self) -> list[tuple[bytes, float]]:
+        """Frames that have left since the last call, with the times of their stop bits."""
         out, self._out = self._out, []
         return out
 
     def write(self, data: bytes) -> None:
-        for byte in data:
-            self._rx_free = max(self._rx_free, self.now) + self._byte
-            self._rx_block.append(byte)
-            if byte == 0:
-                self._rx.append((self._rx_free, bytes(self._rx_block)))
-                self._rx_block.clear()
-        self._rx_at = self._rx[0][0] if self._rx else float("inf")
+        """Bytes from the host; they start on the line now."""
+        self._uart.arrive(data, self.now)
 
     def set_ring(self, ring: int, marks: Sequence[float]) -> None:
         self.rings[ring].set_marks(marks, self.now)
 
     def set_wheel(self, rev_per_s: float) -> None:
-        for ring in self.rings:
-            ring.set_rate(rev_per_s, self.now)
+        self.rings[0].set_rate(rev_per_s, self.now)
+        if self.params[3]:
+            self.rings[1].set_rate(rev_per_s, self.now)
 
     def set_imu(self, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
         self.imu.set(self.now, gyro, lin_acc)
@@ -97,6 +98,11 @@ class MockNano:
     def set_i2c(self, fault: str, p: float = 1.0, stretch_us: float = 180.0) -> None:
         """A fault of the IMU bus: any but "ok" stops the samples."""
         self.imu.fault = fault
+
+    def set_pin(self, name: str, level: bool) -> None:
+        """An input of the world; D8 is the input capture."""
+        if name == "D8":
+            self._capture.edge(level, self._ck(self.now))
 
     def pins(self) -> dict[str, bool]:
         """Output pins: select of the multiplexer (D5) and gate of /OE (D6)."""
@@ -123,14 +129,11 @@ class MockNano:
         self._slots = self._seq = self._events = 0
         self._sample: tuple[int, ...] | None = None
         self._sample_at = float("-inf")
-        self._out: list[tuple[bytes, float]] = []
-        self._sending: deque[tuple[float, bytes]] = deque()
+        self._out = []
+        self._uart = MockUart(self._byte, self.now)
+        self._capture = MockCapture()
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
-        self._tx_free, self._tx_at = self.now, float("inf")
-        self._rx: deque[tuple[float, bytes]] = deque()
-        self._rx_block = bytearray()
-        self._rx_free, self._rx_at = self.now, float("inf")
         self._decoder = Decoder(DOWN)
         self._slot_at = self._time(SLOT_CK)
         self._hello_slots = {1, 11, 21}
@@ -155,6 +158,8 @@ class MockNano:
             self._send(m.DIAG, self._diag(ck & 0xFFFFFFFF))
         elif self._queue:
             self._send(*self._queue.popleft())
+        elif self._capture.done:
+            self._send(m.CAPTURE, self._capture.take())
         elif self._edges:
             self._send_edges()
 
@@ -197,10 +202,7 @@ class MockNano:
     def _send(self, message: m.Message, values: Any, earliest: float | None = None) -> None:
         data = encode(message, self._seq, values)
         self._seq = (self._seq + 1) & 0xFF
-        begin = max(self._tx_free, self.now if earliest is None else earliest)
-        self._tx_free = begin + len(data) * self._byte
-        self._sending.append((self._tx_free, data))
-        self._tx_at = self._sending[0][0]
+        self._uart.send(data, self.now if earliest is None else earliest)
 
     def _hello(self, req_seq: int) -> dict[str, Any]:
         caps = (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
@@ -233,24 +235,23 @@ class MockNano:
 
     def _send_edges(self) -> None:
         """Eight successive intervals, as soon as the edge that ends them is counted."""
-        recent = self.rings[0].recent
-        last = self._edges[0]
-        if not recent or recent[-1][0] < last:
+        if self.rings[0].count < self._edges[0]:
             return
-        chosen = [e for e in recent if last - 8 < e[0] <= last]
-        self._edges.pop(0)
+        last = self._edges.pop(0)
+        chosen = [e for e in self.rings[0].recent if last - 8 < e[0] <= last]
         if len(chosen) == 8:
             self._send(m.EDGES, (chosen[0][0], chosen[-1][1], *(e[2] for e in chosen)))
+        else:                                    # too fast for one frame per slot: skip ahead
+            lead = self.rings[0].count - last
+            self._edges = [last + lead, *(e + lead for e in self._edges)]
 
     # -- requests ----------------------------------------------------------------
 
-    def _receive(self) -> None:
-        t, block = self._rx.popleft()
-        self._rx_at = self._rx[0][0] if self._rx else float("inf")
+    def _receive(self, block: bytes) -> None:
         for frame in self._decoder.feed(block):
             handler = getattr(self, "_on_" + frame.message.name.lower(), None)
             if handler is not None:
-                handler(frame, t)
+                handler(frame, self.now)
 
     def _on_hello_req(self, frame: Frame, t: float) -> None:
         self._send(m.HELLO, self._hello(frame.seq))
@@ -262,7 +263,7 @@ class MockNano:
         self.supervisor.beat(t, beat["arm_token"], beat["mode"])
 
     def _on_time_ping(self, frame: Frame, t: float) -> None:
-        begin = max(self._tx_free, t + TO_UART)
+        begin = max(self._uart.tx_free, t + TO_UART)
         ping_id, host_us = frame.values()
         self._send(m.TIME_PONG, (ping_id, host_us, self._ck(t), self._ck(begin), 0), begin)
 
@@ -291,3 +292,7 @@ class MockNano:
         (n,) = frame.values()
         first = self.rings[0].count
         self._edges = [first + 8 * (k + 1) for k in range(min(n, 4096))]
+
+    def _on_capture_req(self, frame: Frame, t: float) -> None:
+        (n,) = frame.values()
+        self._capture.begin(n)

@@ -29,6 +29,9 @@ class Nano(Protocol):
     def set_imu(self, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
         """True values in sensor axes, SI, from now on."""
 
+    def set_pin(self, name: str, level: bool) -> None:
+        """Level of an input; "D8" is the input capture."""
+
     def reset(self, cause: str = "external") -> None:
         """"external", "power", "brownout" or "watchdog"."""
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Callable
-from typing import Union
 
 from dart_hal.errors import UsageError
 
 Pulse = tuple[float, float]
-OscillatorHz = Union[float, Callable[[float], float]]
+OscillatorHz = float | Callable[[float], float]
 Counts = tuple[tuple[int, int], ...]
 NEVER = float("inf")
 
@@ -117,6 +116,18 @@ class PwmOutput:
     def high_since(self, channel: int) -> float | None:
         """Rise of the pulse under way, None = the pin is low."""
         return self._rise[channel]
+
+    def upcoming(self, channel: int, until: float) -> list[tuple[float, bool]]:
+        """Edges of a channel's pin after the present up to ``until``, as things stand."""
+        if not self._running or self._blocked or self._oe:
+            return []
+        edges = []
+        frame, counts = self._frame, self._active[channel]
+        while counts and frame < until:
+            for a, b in counts:
+                edges += [(frame + a * self._count, True), (frame + b * self._count, False)]
+            frame, counts = frame + 4096 * self._count, self._latched[channel]
+        return [(t, level) for t, level in edges if self._t < t <= until]
 
     def _produce(self, t: float) -> None:
         while self._running and not self._blocked:

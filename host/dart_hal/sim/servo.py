@@ -40,8 +40,8 @@ class Servo:
         self.params = params
         self.command = 0.0
         self._curve = make_steering(params.curve)
-        self.linkage = self._curve(0.0)
-        self.angle = self.linkage
+        self.linkage: float = self._curve(0.0)
+        self.angle: float = self.linkage
         self._rate = params.rate / (HORN_RAD_PER_US * params.span_us)
         self._target: float | None = None
         self._pending: deque[tuple[float, float]] = deque()

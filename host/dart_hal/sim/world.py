@@ -26,12 +26,14 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.servo import Servo
+from dart_hal.vehicle import Vehicle
 
 STEERING, THROTTLE, CLOCK = 0, 1, 15
 """Channels of the PCA9685; the spare one is wired to the Nano's input capture."""
 
 TICK = 1e-3
-_MODELS = {"dynamic": DynamicMotion, "kinematic": KinematicMotion}
+_MODELS: dict[str, Callable[[Vehicle, float], Motion]] = {
+    "dynamic": DynamicMotion, "kinematic": KinematicMotion}
 _ROW = 8
 _EVERY = 5
 _KEEP = 1_000_000
@@ -71,8 +73,7 @@ class World:
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self.distance = 0.0
         self.watchers: list[Callable[[int, Pulse], None]] = []
-        self._capture: Callable[[float, float], None] | None = getattr(
-            nano, "capture_pulse", None)
+        self._pin_edges: list[tuple[float, bool]] = []
         self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
                         np.random.default_rng([car.seed, 100]))
         self._dt, self._tick, self._next = tick, 0, 0.0
@@ -88,8 +89,12 @@ class World:
         while self.t < until:
             if self.t >= self._next:
                 self._physics()
-            early = nano.run(min(until, self._next))
+            pin = self._pin_edges
+            target = min(until, pin[0][0] if pin else self._next)
+            early = nano.run(target)
             self.t = nano.now
+            if pin and not early and target == pin[0][0]:
+                nano.set_pin("D8", pin.pop(0)[1])
             if early:
                 return True
         return False
@@ -126,15 +131,14 @@ class World:
             nano.set_wheel(wheel)
         gyro, accel = self._imu.sense(felt.a_x, felt.a_y, felt.omega, felt.omega_dot)
         nano.set_imu(gyro, accel)
+        self._pin_edges = self.pca.output.upcoming(CLOCK, self._next)
 
     def _pulses(self, now: float) -> None:
         output = self.pca.output
         output.advance(now)
         self._deliver(STEERING, output.take(STEERING), self.servo.pulse)
         self._deliver(THROTTLE, output.take(THROTTLE), self.esc.pulse)
-        for pulse in output.take(CLOCK):
-            if self._capture is not None:
-                self._capture(*pulse)
+        output.take(CLOCK)
 
     def _deliver(self, channel: int, pulses: list[Pulse], to: Callable[[Pulse], None]) -> None:
         for pulse in pulses:
