@@ -1,0 +1,337 @@
+"""The actuator: what the plan wants, in counts, on the pins of a PCA9685.
+
+No thread and no clock of its own: the owner calls ``frame(now)`` once per PWM
+frame (every second STATE frame), passes time in, and tells through
+``set_output`` what the supervisor allows. Unless told otherwise, the throttle
+is neutral.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+from dart_hal.actuation.limits import Command, checked
+from dart_hal.actuation.pca9685 import TRIES, Pca9685
+from dart_hal.actuation.plan import Output, Plan, Planner
+from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
+from dart_hal.actuation.steering_map import steering_map
+from dart_hal.config import CarFiles
+from dart_hal.errors import BadCommand, BusError, PcaFault
+from dart_hal.links.base import Bus
+from dart_hal.types import Applied, Limit
+
+RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
+READ_BACK_EVERY = 1.0
+"""s between two looks at MODE1 and PRE_SCALE."""
+REOPEN_EVERY = 0.1
+"""s between attempts to bring a lost PCA9685 back."""
+BACKWARD = 1e-6
+"""s by which time may seem to go back through rounding."""
+
+_NOT_ARMED = (Limit.NOT_ARMED.value,)
+
+
+@dataclass(slots=True)
+class Counters:
+    """What happened since the actuator was made."""
+
+    frames: int = 0
+    writes: int = 0
+    retries: int = 0
+    bus_errors: int = 0
+    read_backs: int = 0
+    reinits: int = 0
+    expired: int = 0
+    bad_commands: int = 0
+    overridden: int = 0
+
+
+class Actuator:
+    """The servo and the ESC of one car.
+
+    ``bus`` None (a replay): commands are worked out and reported as NOT_SENT.
+    ``sleep`` lets time pass in the backend's clock. ``gate`` is asked right
+    before each write that moves the car; a name it returns trips that write to
+    neutral. ``fault`` is the bus error that holds, None = the chip obeys.
+    """
+
+    def __init__(self, files: CarFiles, bus: Bus | None, sleep: Callable[[float], None], *,
+                 gate: Callable[[], str | None] | None = None) -> None:
+        car, clock = files.config, files.oscillator_hz
+        table = files.calibration.steering.map if files.calibration else None
+        self.car, self.gate, self.counters = car, gate, Counters()
+        self.map = steering_map(car, table)
+        self.neutral_us = files.neutral_us
+        self.clock_calibrated = clock is not None
+        self.pca = Pca9685(bus if bus is not None else cast(Bus, _NoBus()),
+                           address=car.pwm.address, frequency=car.pwm.frequency,
+                           channels=(car.steering.channel, car.throttle.channel), sleep=sleep,
+                           oscillator_hz=clock.value if clock else NOMINAL_HZ)
+        self.fault: BusError | None = None
+        self._sending, self._sleep, self._opened = bus is not None, sleep, False
+        self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame)
+        self._quantisers = tuple(Quantiser(self.pca.count_us) for _ in range(2))
+        self._trips: list[str] = []
+        self._lapsed: Command | None = None
+        self._checked_at = self._tried_at = -math.inf
+        self.applied = self._applied(self._at_rest(0.0), _NOT_ARMED)
+
+    # -- life ------------------------------------------------------------
+
+    def open(self) -> Applied:
+        """Bring the pins to neutral and centre from any state; hold them for two frames.
+
+        Raises PcaMissing, PcaFault or BusError after three tries.
+        """
+        for attempt in range(TRIES if self._sending else 0):
+            try:
+                self._bring_up()
+                self._sleep(2 * self.pca.frame)
+                break
+            except BusError as error:
+                self.counters.bus_errors += 1
+                self.fault = error
+                if attempt == TRIES - 1:
+                    raise
+                self._sleep(REOPEN_EVERY)
+        self._opened = True
+        return self.applied
+
+    def close(self) -> None:
+        """Throttle neutral for two frames, steering held, and leave it so.
+
+        Never sleeps the chip: asleep it would keep the old pulse for its waking.
+        Raises BusError when the neutral could not be written.
+        """
+        if not self._opened:
+            return
+        self._opened = False
+        self._planner.forget()
+        counts = self._at_rest(self._planner.angle)
+        for _ in range(2):
+            self._send(counts)
+            self._sleep(self.pca.frame)
+        self.applied = self._applied(counts, _NOT_ARMED)
+
+    # -- commands --------------------------------------------------------
+
+    def command(self, steering: float, throttle: float, valid_for: float, source: str,
+                now: float) -> Applied:
+        """A source wants steering [rad] and throttle [-1..1] for ``valid_for`` s.
+
+        Returns what the next frame will put on the pins. Raises BadCommand for
+        numbers that are not finite and for time going back; the throttle is
+        then neutral already.
+        """
+        try:
+            wanted = checked(steering, throttle, valid_for, source, now)
+            if now < self._planner.last - BACKWARD:
+                raise BadCommand("time went back", found=f"{now} s",
+                                 expected=f"{self._planner.last} s or later")
+        except BadCommand:
+            self._refuse()
+            raise
+        self._planner.arbiter.put(wanted)
+        plan = self._planner.plan(now, source)
+        self.counters.overridden += any(name.startswith("OVERRIDDEN") for name in plan.limited)
+        return self._applied(self._peek(plan), plan.limited)
+
+    def pulses(self, steering_us: float, throttle_us: float) -> Applied:
+        """Pulses for calibration; they act while the output is raw.
+
+        Raises BadCommand outside 1000 to 2000 us; the throttle is neutral then.
+        """
+        for name, pulse in (("steering_us", steering_us), ("throttle_us", throttle_us)):
+            if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
+                self._refuse()
+                raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
+                                 expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
+        self._planner.raw = (float(steering_us), float(throttle_us))
+        plan = self._planner.plan(self._planner.last, "raw")
+        return self._applied(self._peek(plan), plan.limited)
+
+    def set_output(self, output: Output) -> None:
+        """What the supervisor allows from the next frame on; see ``plan.Output``."""
+        self._planner.set_output(output)
+
+    def asked(self, now: float) -> Command | None:
+        """What the winning source asks for at ``now``, armed or not; None = nothing."""
+        return self._planner.arbiter.winner(now)
+
+    def cap_throttle(self, cap: float | None) -> None:
+        """Largest |throttle| for now (the encoder is lost), None = the car's limits."""
+        self._planner.throttle_cap = cap
+
+    def stop(self) -> Applied:
+        """Throttle neutral now, steering held; a ramp if car.toml asks for one.
+
+        Raises nothing: a bus error stands in ``fault`` and is reported as a trip.
+        """
+        self._planner.forget()
+        return self._put(self._planner.stopped(_NOT_ARMED))
+
+    def neutral(self) -> Applied:
+        """Throttle neutral and steering centred, now. Raises nothing, as ``stop``."""
+        self._planner.forget()
+        return self._put(self._planner.neutral(0.0, _NOT_ARMED))
+
+    def clock_pulse(self, pulse_us: float | None) -> None:
+        """Pulse on the spare clock channel (``calibrate clock``), None = off. Raises BusError."""
+        counts = None if pulse_us is None else Quantiser(self.pca.count_us).nearest(pulse_us)
+        if self._sending:
+            self.pca.write_channel(self.car.pwm.clock_channel, counts)
+
+    # -- one frame -------------------------------------------------------
+
+    def frame(self, now: float) -> Applied:
+        """One PWM frame: expire, limit, quantise, write both channels, read back each second.
+
+        A repeated command is written again. Bus errors do not pass through:
+        they stand in ``fault``, are reported once by ``trips()``, and the chip
+        is tried again each 100 ms.
+        """
+        if not math.isfinite(now) or now < self._planner.last - BACKWARD:
+            self._trip("TIME_BACKWARD")
+            return self.stop()
+        self.counters.frames += 1
+        plan = self._planner.plan(now)
+        self._note_expiry()
+        self._planner.last = now
+        if self.fault is not None:
+            self._revive(now)
+            return self.applied
+        applied = self._put(plan)
+        if self._sending and self.fault is None and now - self._checked_at >= READ_BACK_EVERY:
+            self._read_back(now)
+        return applied
+
+    def trips(self) -> tuple[str, ...]:
+        """Names of what must disarm the car, each told once.
+
+        COMMAND_INVALID, COMMAND_EXPIRED, TIME_BACKWARD, PCA_WRITE_FAILED,
+        PCA_READBACK, and what ``gate`` says.
+        """
+        names, self._trips = tuple(dict.fromkeys(self._trips)), []
+        return names
+
+    # -- counts and writes -------------------------------------------------
+
+    def _put(self, plan: Plan) -> Applied:
+        if not self._opened or self._planner.output.throttle == "untouched":
+            return self.applied
+        tripped = self.gate() if self.gate is not None and plan.moving else None
+        if tripped is not None:
+            self._trip(tripped)
+            plan = self._planner.neutral(self._planner.angle, (*plan.limited, *_NOT_ARMED))
+        counts = self._step(plan)
+        try:
+            self._send(counts)
+        except BusError as error:
+            self._lost(error, "PCA_WRITE_FAILED")
+            return self.applied
+        self._planner.angle, self._planner.throttle = plan.angle, plan.throttle
+        self.applied = self._applied(counts, plan.limited)
+        return self.applied
+
+    def _peek(self, plan: Plan) -> tuple[int, int]:
+        """Counts that the next frame would write."""
+        steering, throttle = self._quantisers
+        return steering.peek(plan.steering_us), throttle.peek(plan.throttle_us)
+
+    def _step(self, plan: Plan) -> tuple[int, int]:
+        """Counts of this frame with error feedback; a neutral throttle stands still."""
+        steering, throttle = self._quantisers
+        esc = throttle.step if plan.moving else throttle.nearest
+        return steering.step(plan.steering_us), esc(plan.throttle_us)
+
+    def _at_rest(self, angle: float) -> tuple[int, int]:
+        """Counts of neutral, rounded down: never above it; steering at ``angle``."""
+        plan = self._planner.neutral(angle, _NOT_ARMED)
+        steering, throttle = self._quantisers
+        throttle.error = 0.0
+        return steering.nearest(plan.steering_us), int(plan.throttle_us / self.pca.count_us)
+
+    def _send(self, counts: tuple[int, int]) -> None:
+        if self._sending:
+            self.pca.write(counts)
+            self.counters.writes += 1
+            self.counters.retries = self.pca.retries
+
+    def _applied(self, counts: tuple[int, int], why: tuple[str, ...]) -> Applied:
+        steering_us, throttle_us = (n * self.pca.count_us for n in counts)
+        throttle = (throttle_us - self.neutral_us) / self.car.throttle.span_us
+        standing = [] if self.map.calibrated else [Limit.UNCALIBRATED.value]
+        standing += [] if self._sending else [Limit.NOT_SENT.value]
+        return Applied(self.map.angle(steering_us), throttle, steering_us, throttle_us,
+                       tuple(dict.fromkeys((*why, *standing))))
+
+    # -- faults ------------------------------------------------------------
+
+    def _bring_up(self) -> None:
+        counts = self._at_rest(0.0)
+        self.pca.open(counts)
+        self.fault, self._opened = None, True
+        self._planner.angle, self._planner.throttle = self.map.angle(
+            counts[0] * self.pca.count_us), 0.0
+        self.applied = self._applied(counts, _NOT_ARMED)
+
+    def _read_back(self, now: float) -> None:
+        self._checked_at = now
+        self.counters.read_backs += 1
+        try:
+            self.pca.check()
+        except PcaFault as error:
+            self._lost(error, "PCA_READBACK")
+            self._revive(now)
+        except BusError as error:
+            self._lost(error, "PCA_WRITE_FAILED")
+
+    def _revive(self, now: float) -> None:
+        """Open the chip again at neutral, at most each 100 ms."""
+        if now - self._tried_at < REOPEN_EVERY:
+            return
+        self._tried_at = now
+        try:
+            self._bring_up()
+        except BusError as error:
+            self.fault = error
+            self.counters.bus_errors += 1
+            return
+        self.counters.reinits += 1
+        self._checked_at = now
+
+    def _lost(self, error: BusError, name: str) -> None:
+        self.fault = error
+        self.counters.bus_errors += 1
+        self._checked_at = -math.inf                    # look at the chip as soon as it answers
+        self._trip(name)
+
+    def _note_expiry(self) -> None:
+        """A command ran out. Running out at neutral is a stop; with throttle on, a hang."""
+        lapsed = self._planner.arbiter.lapsed
+        if lapsed is None or lapsed is self._lapsed:
+            return
+        self._lapsed = lapsed
+        self.counters.expired += 1
+        if lapsed.throttle != 0.0 and self._planner.output.throttle == "command":
+            self._trips.append("COMMAND_EXPIRED")
+
+    def _refuse(self) -> None:
+        self.counters.bad_commands += 1
+        self._trip("COMMAND_INVALID")
+        self.stop()
+
+    def _trip(self, name: str) -> None:
+        """Neutral until the supervisor has answered with another output."""
+        self._trips.append(name)
+        self._planner.latch()
+
+
+class _NoBus:
+    """Stands where a replay has no bus; touching it is a mistake of this room."""
+
+    def __getattr__(self, name: str) -> object:
+        raise BusError("there is no I2C bus behind this backend", found=name)

@@ -1,0 +1,229 @@
+"""The PCA9685 from a stranger's state to neutral pulses, and held there.
+
+The chip has no timeout: it repeats its last pulse until it is written or loses
+power, and waking it can bring an old pulse back. So registers hold neutral, or
+"all off" while the prescale is wrong, before any write that can wake the
+oscillator; MODE1 and PRE_SCALE are written only where they differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from dart_hal.actuation.bus import NACK, bus_name, explain
+from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, count_us, prescale_for
+from dart_hal.actuation.servokit import (
+    MODE1,
+    MODE2,
+    PRE_SCALE,
+    SLEEP,
+    WAKE_TIME,
+    Shield,
+    make_kit,
+)
+from dart_hal.errors import BusError, PcaFault, PcaMissing
+from dart_hal.links.base import Bus
+
+T = TypeVar("T")
+
+AUTO_INCREMENT, EXTCLK, ALLCALL = 0x20, 0x40, 0x01
+MODE2_NORMAL = 0x04
+"""Totem pole, not inverted, latched at STOP, low while /OE is high."""
+ALL_LED_OFF_H = 0xFD
+FULL_OFF = 0x10
+TRIES = 3
+LOCK_TRIES = 100
+"""Times 0.1 ms: longer than any transaction of ours."""
+SETTLE = 0.005
+"""s that ServoKit grants the oscillator after a new prescale."""
+
+
+class Pca9685:
+    """One PCA9685 that drives a servo and an ESC.
+
+    ``channels`` (steering, throttle); ``sleep`` in the backend's clock. All
+    methods raise BusError after two retries; nothing is swallowed.
+    """
+
+    def __init__(self, bus: Bus, *, address: int, frequency: float, channels: tuple[int, int],
+                 sleep: Callable[[float], None], oscillator_hz: float = NOMINAL_HZ) -> None:
+        self.address, self.channels = address, channels
+        self.frequency = frequency
+        self.prescale = prescale_for(frequency)
+        self.count_us = count_us(self.prescale, oscillator_hz)
+        self.frame = STEPS * self.count_us * 1e-6
+        """One PWM frame [s]."""
+        self.retries = 0
+        self._bus, self._sleep = bus, sleep
+        self._kit: Any = None
+
+    def open(self, neutral: tuple[int, int]) -> None:
+        """Bring the chip to ``neutral`` counts, whatever state it was left in.
+
+        No pulse longer than neutral leaves it on the way, but for the frame
+        under way at the first write. Raises PcaMissing, PcaFault, BusError.
+        """
+        mode1, mode2, prescale = self._identify()
+        if mode1 & EXTCLK:
+            raise PcaFault("the PCA9685 runs on an external clock", found=f"MODE1 {mode1:#04x}",
+                           expected="bit 6 clear", remedy="switch the board's power off and on")
+        self._register(MODE1, (mode1 & 0x7F) | AUTO_INCREMENT)
+        if mode2 & 0x1F != MODE2_NORMAL:
+            self._register(MODE2, MODE2_NORMAL)
+        if prescale == self.prescale:
+            self._take_over(mode1, neutral)
+        else:
+            self._set_up(prescale, neutral)
+        self.check()
+
+    def write(self, counts: tuple[int, int]) -> None:
+        """Pulse widths of (steering, throttle) in counts: one write if they are neighbours."""
+        first, second = self.channels
+        pulses = dict(zip(self.channels, counts, strict=True))
+        if abs(first - second) == 1:
+            low = min(pulses)
+            self._led(low, _pulse(pulses[low]) + _pulse(pulses[low + 1]))
+        else:
+            self._led(second, _pulse(pulses[second]))
+            self._led(first, _pulse(pulses[first]))
+
+    def write_channel(self, channel: int, counts: int | None) -> None:
+        """Pulse on a spare channel (``calibrate clock``); None = off.
+
+        Raises ValueError for the channels of servo and ESC.
+        """
+        if channel in self.channels:
+            raise ValueError(f"channel {channel} drives the car; use write()")
+        self._led(channel, _OFF if counts is None else _pulse(counts))
+
+    def all_off(self) -> None:
+        """No pulse on any channel: one 2-byte write. The ESC sees signal loss."""
+        self._register(ALL_LED_OFF_H, FULL_OFF)
+
+    def check(self) -> None:
+        """Read MODE1, MODE2 and PRE_SCALE back. Raises PcaFault where they are not ours."""
+        mode1, mode2 = self._read(MODE1), self._read(MODE2)
+        prescale = self._read(PRE_SCALE)
+        if mode1 & (SLEEP | AUTO_INCREMENT | EXTCLK) != AUTO_INCREMENT \
+                or mode2 & 0x1F != MODE2_NORMAL or prescale != self.prescale:
+            raise PcaFault(
+                f"the PCA9685 at {self.address:#04x} lost its settings",
+                found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, PRE_SCALE {prescale:#04x}",
+                expected=f"MODE1 0x20 or 0x21, MODE2 0x04, PRE_SCALE {self.prescale:#04x}",
+                remedy="check the 3.3 V supply of the board; dart-hal doctor")
+
+    def _identify(self) -> tuple[int, int, int | None]:
+        """MODE1, MODE2, PRE_SCALE one by one: a burst with AI = 0 reads one register."""
+        try:
+            mode1, mode2 = self._read(MODE1), self._read(MODE2)
+        except BusError as error:
+            if error.errno in NACK:
+                raise self._missing() from error
+            raise
+        try:
+            return mode1, mode2, self._read(PRE_SCALE)
+        except BusError:
+            return mode1, mode2, None
+
+    def _take_over(self, mode1: int, neutral: tuple[int, int]) -> None:
+        """The prescale is right: pulses go on without a cut one, from now on neutral.
+
+        With OCH = 0 the LED write also clears a pending RESTART.
+        """
+        self._kit = None
+        self.write(neutral)
+        for channel in range(16):
+            if channel not in self.channels:
+                self._led(channel, _OFF)
+        self._attach(keep=True)
+        if mode1 & SLEEP:
+            self._register(MODE1, AUTO_INCREMENT | ALLCALL)
+            self._sleep(WAKE_TIME)
+
+    def _set_up(self, prescale: int | None, neutral: tuple[int, int]) -> None:
+        """The prescale is wrong: 307 counts could be 3 ms. Missing pulses, none longer."""
+        self._kit = None
+        self.all_off()
+        running = STEPS * count_us(0xFF if prescale is None else prescale, NOMINAL_HZ) * 1e-6
+        self._sleep(1.1 * running)                      # a slow oscillator's frame is longer
+        self._attach(keep=False)
+        self._sleep(SETTLE)
+        self.write(neutral)
+
+    def _attach(self, keep: bool) -> None:
+        shield = Shield(self._bus, self.address, keep, self._sleep)
+        try:
+            self._kit = make_kit(shield, self.address, self.frequency)
+        except OSError as error:
+            raise explain(error, self.address, bus_name(self._bus)) from error
+        except ValueError as error:                     # how Adafruit's probe says "no answer"
+            raise self._missing() from error
+        shield.keep = True                              # nor may anybody's deinit() stop it
+
+    def _led(self, channel: int, data: bytes) -> None:
+        self._send(bytes([0x06 + 4 * channel]) + data)
+
+    def _register(self, register: int, value: int) -> None:
+        """Write one register past the shield."""
+        data = bytes([register, value])
+        self._retried(lambda: self._locked(lambda: self._bus.writeto(self.address, data)))
+
+    def _send(self, data: bytes) -> None:
+        """Write through ServoKit's device, or past it before there is one."""
+        if self._kit is None:
+            self._retried(lambda: self._locked(lambda: self._bus.writeto(self.address, data)))
+        else:
+            self._retried(lambda: self._through_kit(data))
+
+    def _through_kit(self, data: bytes) -> None:
+        with self._kit._pca.i2c_device as device:
+            device.write(data)
+
+    def _read(self, register: int) -> int:
+        buffer = bytearray(1)
+        self._retried(lambda: self._locked(lambda: self._bus.writeto_then_readfrom(
+            self.address, bytes([register]), buffer)))
+        return buffer[0]
+
+    def _locked(self, transfer: Callable[[], T]) -> T:
+        for _ in range(LOCK_TRIES):
+            if self._bus.try_lock():
+                break
+            self._sleep(1e-4)
+        else:
+            raise BusError(f"{bus_name(self._bus)} stays locked by another user of the bus",
+                           remedy="end the transaction that holds it")
+        try:
+            return transfer()
+        finally:
+            self._bus.unlock()
+
+    def _retried(self, transfer: Callable[[], T]) -> T:
+        for attempt in range(TRIES):
+            try:
+                return transfer()
+            except OSError as error:
+                if attempt == TRIES - 1:
+                    raise explain(error, self.address, bus_name(self._bus)) from error
+                self.retries += 1
+        raise AssertionError("unreachable")
+
+    def _missing(self) -> PcaMissing:
+        try:
+            found = self._locked(self._bus.scan)
+        except OSError:
+            found = []
+        names = ", ".join(f"{a:#04x}{_GUESS.get(a, '')}" for a in found) or "no device at all"
+        return PcaMissing(f"no PCA9685 at {self.address:#04x} on {bus_name(self._bus)}",
+                          found=names)
+
+
+_OFF = bytes([0, 0, 0, FULL_OFF])
+_GUESS = {0x28: " (BNO055?)", 0x29: " (BNO055?)", 0x3C: " (display?)",
+          0x70: " (PCA9685 all-call at its default)"}
+
+
+def _pulse(counts: int) -> bytes:
+    """ON at 0, OFF at ``counts`` (1..4095)."""
+    return bytes([0, 0, counts & 0xFF, counts >> 8])

@@ -1,0 +1,60 @@
+"""Pulse width to PCA9685 counts with error feedback.
+
+One count of the 12-bit counter is (prescale + 1) / oscillator, 4.88 us at 121
+and 25 MHz: 0.4 deg of road wheel. Rounding each pulse by itself leaves a
+constant error of up to half of that. Here the error of one PWM frame is added
+to the next, so that servo and ESC, which are slower than a frame, see the
+mean: below 0.05 us over 50 frames, and no pulse more than one count off.
+"""
+
+from __future__ import annotations
+
+import math
+
+NOMINAL_HZ = 25e6
+"""The PCA9685's oscillator by its data sheet; parts from 24 to 27 MHz are seen."""
+
+STEPS = 4096
+"""Counts of one PWM frame."""
+
+
+def prescale_for(frequency: float) -> int:
+    """PRE_SCALE for a PWM frequency [Hz], as ServoKit computes it at 25 MHz.
+
+    The nominal clock is used whatever the part's oscillator is: the frequency
+    need not be exact, and a prescale that never changes never cuts a pulse.
+    """
+    return int(NOMINAL_HZ / STEPS / frequency + 0.5) - 1
+
+
+def count_us(prescale: int, oscillator_hz: float) -> float:
+    """Length of one count [us]."""
+    return (prescale + 1) / oscillator_hz * 1e6
+
+
+class Quantiser:
+    """Counts of one channel; ``step`` is called once per PWM frame."""
+
+    def __init__(self, count: float) -> None:
+        self.count = count
+        """One count [us]."""
+        self.error = 0.0
+        """Pulse time still owed [us], within half a count."""
+
+    def peek(self, pulse_us: float) -> int:
+        """Counts that ``step`` would return; nothing changes."""
+        wanted = math.floor((pulse_us + self.error) / self.count + 0.5)
+        return min(max(wanted, 1), STEPS - 1)
+
+    def step(self, pulse_us: float) -> int:
+        """Counts for this frame; the rest is owed to the next."""
+        counts = self.peek(pulse_us)
+        owed = self.error + pulse_us - counts * self.count
+        half = 0.5 * self.count
+        self.error = min(max(owed, -half), half)      # only the ends of the range can exceed it
+        return counts
+
+    def nearest(self, pulse_us: float) -> int:
+        """Counts of a pulse that must not move (neutral); what was owed is forgotten."""
+        self.error = 0.0
+        return self.peek(pulse_us)

@@ -1,0 +1,168 @@
+"""The host's supervisor: walks the table of ``states``, with time as an argument.
+
+It reads no clock, touches no bus and knows no car: the owner passes in what
+holds now, and gives ``output`` to the actuator and ``beat`` to the Nano.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection
+
+from dart_hal.actuation.arming import GOOD_FOR, not_armed
+from dart_hal.actuation.plan import Output
+from dart_hal.actuation.states import ENTRY, TABLE, Event, State
+
+CLEAR_FOR = 0.5
+"""s for which the cause must be gone before TRIPPED ends."""
+TRIPS_TO_LOCK, TRIP_WINDOW = 3, 60.0
+RAW_IDLE = 10.0
+"""s without a call after which RAW ends."""
+HELD_FOR = 1.0
+"""s for which LOCKED holds the steering before it centres it."""
+PATIENCE = 1.5
+"""s beyond the ESC's neutral time that ARMING waits for what comes by waiting."""
+
+COMES_BY_WAITING = frozenset({"NEUTRAL_TOO_SHORT", "LINK_NOT_GOOD_500MS", "CLOCK_NOT_SYNCED"})
+LIMIT_OF = {"LINK_STALE": "STALE_LINK", "COMMAND_EXPIRED": "EXPIRED"}
+"""How a trip reads in ``Applied.limited``, beside NOT_ARMED."""
+
+
+class Supervisor:
+    """One car's state. ``causes``: what tripped it last; ``reasons``: why it did not arm.
+
+    ``log``: (time, event, state entered, why) of every change, for the recording.
+    """
+
+    def __init__(self, arm_neutral: float = 2.0, follow_disarmed: bool = False) -> None:
+        self.state, self.since = State.CLOSED, -math.inf
+        self.causes: tuple[str, ...] = ()
+        self.reasons: tuple[str, ...] = ()
+        self.log: deque[tuple[float, Event, State, tuple[str, ...]]] = deque(maxlen=1000)
+        self._arm_neutral, self._follow = arm_neutral, follow_disarmed
+        self._trips: deque[float] = deque(maxlen=TRIPS_TO_LOCK)
+        self._neutral_since: float | None = None
+        self._good_since: float | None = None
+        self._raw_call = -math.inf
+        self._now = -math.inf
+
+    # -- what the state means ----------------------------------------------
+
+    @property
+    def output(self) -> Output:
+        """What the pins may carry now."""
+        entry = ENTRY[self.state].output
+        steering = entry.steering
+        if self.state is State.LOCKED and self._now - self.since >= HELD_FOR:
+            steering = "centre"
+        if self._follow and self.state in (State.DISARMED, State.ARMING):
+            steering = "command"
+        why = entry.why
+        if self.state in (State.TRIPPED, State.LOCKED):
+            why = (*(LIMIT_OF[c] for c in self.causes if c in LIMIT_OF), *why)
+        return Output(entry.throttle, steering, why)
+
+    @property
+    def beat(self) -> str:
+        """Mode of the heartbeat: a name of ``wire.messages.BEAT_MODES``."""
+        return ENTRY[self.state].beat
+
+    def neutral_for(self, now: float) -> float:
+        """s for which the throttle has been neutral without a break."""
+        return 0.0 if self._neutral_since is None else now - self._neutral_since
+
+    # -- what happens --------------------------------------------------------
+
+    def event(self, event: Event, now: float, why: Collection[str] = ()) -> State:
+        """Something happened; returns the state after it."""
+        self._now = max(self._now, now)
+        if event in (Event.TRIP, Event.BUS_LOST) and self.state is State.ARMED:
+            event = self._count_trip(event, now)
+        to = TABLE[self.state][event]
+        if to is not self.state:
+            self._enter(to, event, now, tuple(why))
+        return self.state
+
+    def arm(self, now: float, refused: Collection[str] = ()) -> None:
+        """Start arming. Raises NotArmed with every reason that waiting will not cure."""
+        lasting = [name for name in refused if name not in COMES_BY_WAITING]
+        if self.state is State.LOCKED and "LATCHED" not in lasting:
+            lasting.append("LATCHED")
+        if self.state is State.RAW and "RAW_MODE_OPEN" not in lasting:
+            lasting.append("RAW_MODE_OPEN")
+        if self.state in (State.OPENING, State.CLOSED, State.FAULT) and not lasting:
+            lasting.append("PCA_ABSENT")
+        if self.state is State.TRIPPED and not lasting:
+            lasting += [c for c in self.causes if c in ("COMMAND_INVALID", "PCA_WRITE_FAILED")]
+            lasting = lasting or ["LINK_NOT_GOOD_500MS"]
+        if lasting:
+            self.reasons = tuple(lasting)
+            raise not_armed(lasting)
+        self.event(Event.ARM, now)
+
+    def raw_called(self, now: float) -> None:
+        """``pulses()`` was called: RAW stays open for another 10 s."""
+        self._raw_call = now
+
+    def step(self, now: float, *, causes: Collection[str] = (), refused: Collection[str] = (),
+             bus_ok: bool = True) -> State:
+        """Let time pass to ``now``; call it once per STATE frame.
+
+        ``causes``: trips that hold now or happened since the last call;
+        ``refused``: arming refusals that hold now; ``bus_ok``: the PCA9685 obeys.
+        """
+        self._now = max(self._now, now)
+        if not bus_ok:
+            return self.event(Event.BUS_LOST, now, causes or ("PCA_WRITE_FAILED",))
+        if self.state is State.FAULT:
+            self.event(Event.BUS_BACK, now)
+            return self.event(Event.OPENED, now)
+        if causes and self.state is not State.TRIPPED:
+            return self.event(Event.TRIP, now, causes)
+        if self.state is State.ARMING:
+            self._arming(now, refused)
+        elif self.state is State.TRIPPED and self._held(not causes, now, CLEAR_FOR):
+            self.event(Event.CLEARED, now)
+        elif self.state is State.RAW and now - max(self._raw_call, self.since) > RAW_IDLE:
+            self.event(Event.RAW_TIMEOUT, now)
+        return self.state
+
+    # -- inside ---------------------------------------------------------------
+
+    def _arming(self, now: float, refused: Collection[str]) -> None:
+        neutral = self.neutral_for(now) >= self._arm_neutral - 1e-9
+        late = now - self.since > self._arm_neutral + GOOD_FOR + PATIENCE
+        lasting = [name for name in refused if late or name not in COMES_BY_WAITING]
+        if lasting:
+            self.event(Event.REFUSED, now, lasting)
+        elif self._held(not refused, now, GOOD_FOR) and neutral:
+            self.event(Event.CHECKED, now)
+
+    def _held(self, good: bool, now: float, seconds: float) -> bool:
+        """Whether ``good`` has been true at every step for ``seconds``."""
+        if not good:
+            self._good_since = None
+            return False
+        if self._good_since is None:
+            self._good_since = now
+        return now - self._good_since >= seconds - 1e-9
+
+    def _count_trip(self, event: Event, now: float) -> Event:
+        self._trips.append(now)
+        third = len(self._trips) == TRIPS_TO_LOCK and now - self._trips[0] <= TRIP_WINDOW
+        return Event.THIRD_TRIP if third else event
+
+    def _enter(self, to: State, event: Event, now: float, why: tuple[str, ...]) -> None:
+        if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST):
+            self.causes = why
+        if self.state is State.ARMING:
+            self.reasons = why if to is State.DISARMED else ()
+        if event is Event.UNLOCK:
+            self._trips.clear()
+        if ENTRY[to].output.throttle != "neutral":
+            self._neutral_since = None
+        elif self._neutral_since is None:
+            self._neutral_since = now
+        self.state, self.since, self._good_since = to, now, None
+        self.log.append((now, event, to, why))
