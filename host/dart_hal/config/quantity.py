@@ -17,7 +17,7 @@ class Quantity(Table, frozen=True):
 
     value: float
     std: float
-    method: str = ""
+    method: str | None = None
 
 
 class Quantities(Table, frozen=True):
@@ -25,4 +25,4 @@ class Quantities(Table, frozen=True):
 
     value: tuple[float, ...]
     std: float | tuple[float, ...]
-    method: str = ""
+    method: str | None = None

@@ -32,7 +32,7 @@ def as_plain(thing: msgspec.Struct) -> dict[str, Any]:
 def _known(data: Any) -> Any:
     if isinstance(data, Mapping):
         inner = {key: _known(value) for key, value in data.items()}
-        return {key: value for key, value in inner.items() if value not in ({}, None, "")}
+        return {key: value for key, value in inner.items() if value is not None and value != {}}
     return [_known(value) for value in data] if isinstance(data, list) else data
 
 

@@ -1,0 +1,139 @@
+"""Every refusal of a car's file names the file, the key and a remedy."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.config import load_car, parse_calibration, parse_config, parse_model
+from dart_hal.errors import ConfigError, NotMonotone, OtherCar
+
+CAR = """
+name = "a"
+geometry = {{ wheelbase = 0.175, l_f = 0.0805, l_r = 0.0945, mass = 1.67 }}
+encoder = {{ metres_per_edge = {{ value = 0.002, std = 1e-5 }} }}
+{}
+"""
+MAP = 'car = "a"\n[steering.map]\npulse_us = {}\nangle_rad = {}\nstd_rad = [0.1, 0.1, 0.1]'
+
+
+def refused(read, text: str, kind: type[ConfigError] = ConfigError) -> ConfigError:
+    with pytest.raises(kind) as caught:
+        read(text)
+    assert "file.toml" in caught.value.what
+    assert caught.value.read == "file.toml"
+    assert caught.value.remedy
+    return caught.value
+
+
+def car(text: str) -> object:
+    return parse_config(CAR.format(text), "file.toml")
+
+
+def calibration(text: str) -> object:
+    return parse_calibration(text, "file.toml", "a")
+
+
+def test_the_base_text_of_these_tests_is_accepted() -> None:
+    car("")
+    calibration('car = "a"')
+    calibration(MAP.format("[1, 2, 3]", "[3, 2, 1]"))
+
+
+@pytest.mark.parametrize(("line", "key", "near"), [
+    ("[pwm]\nadress = 64", "adress", "address"),
+    ("[steering]\ncenter = 1500", "center", "center_us"),
+    ("[limits]\nmax_steer = 0.3", "max_steer", "max_steering"),
+    ("[safty]\ncutoff_required = true", "safty", "safety"),
+])
+def test_an_unknown_key_is_refused_with_the_nearest_that_exists(line, key, near) -> None:
+    error = refused(car, line)
+    assert error.found == key
+    assert near in error.expected
+    assert near in error.remedy
+
+
+@pytest.mark.parametrize(("line", "key"), [
+    ("[pwm]\naddress = 60", "pwm.address"),                 # decimal 60 for 0x40
+    ("[pwm]\naddress = 'x'", "pwm.address"),
+    ("[pwm]\nfrequency = nan", "pwm.frequency"),
+    ("[steering]\ndirection = 2", "steering.direction"),
+    ("[steering]\nspan_us = -375", "steering.span_us"),
+    ("[throttle]\nchannel = 0", "throttle.channel"),
+    ("[throttle]\nneutral_us = 150", "throttle.neutral_us"),
+    ("[limits]\nmax_throttle = 1.5", "limits.max_throttle"),
+    ("[limits]\nsteering_slew = inf", "limits.steering_slew"),
+    ("[encoder]\nrings = 3", "encoder"),
+])
+def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
+    text = CAR.format(line)
+    if line.startswith("[encoder]"):
+        text = text.replace("encoder = {", "#")
+    error = refused(lambda t: parse_config(t, "file.toml"), text)
+    assert key in str(error)
+
+
+def test_axles_that_do_not_add_up_to_the_wheelbase_are_refused() -> None:
+    text = CAR.format("").replace("0.0945", "0.0845")
+    assert "wheelbase" in refused(lambda t: parse_config(t, "file.toml"), text).what
+
+
+@pytest.mark.parametrize("entry", ["25_100_000", "{ value = 25_100_000 }", "{ std = 3 }",
+                                   "{ value = 25e6, std = -1 }", "{ value = 25e6, std = nan }"])
+def test_a_measured_value_without_an_honest_std_is_refused(entry) -> None:
+    error = refused(calibration, f'car = "a"\n[pwm]\noscillator_hz = {entry}')
+    assert "pwm.oscillator_hz" in error.what
+
+
+def test_a_map_without_stds_is_refused() -> None:
+    text = MAP.format("[1, 2, 3]", "[1, 2, 3]").rpartition("\n")[0]
+    assert "standard error" in refused(calibration, text).what
+
+
+@pytest.mark.parametrize(("pulse", "angle"), [
+    ("[1, 3, 2]", "[1, 2, 3]"), ("[1, 2, 3]", "[1, 3, 2]"), ("[1, 2, 3]", "[3, 1, 2]"),
+    ("[1, 2, 3]", "[1, 1, 2]"), ("[3, 2, 1]", "[1, 2, 3]")])
+def test_a_map_that_turns_back_is_refused(pulse, angle) -> None:
+    assert "turns back" in refused(calibration, MAP.format(pulse, angle), NotMonotone).what
+
+
+def test_a_map_of_unequal_columns_is_refused() -> None:
+    assert "angle_rad" in refused(calibration, MAP.format("[1, 2, 3]", "[1, 2]")).what
+
+
+def test_another_cars_calibration_is_refused() -> None:
+    error = refused(calibration, 'car = "b"', OtherCar)
+    assert (error.found, error.expected) == ("b", "a")
+
+
+def test_a_file_of_another_kind_is_refused_before_its_keys_confuse() -> None:
+    error = refused(calibration, 'schema = "dart-hal/model/1"\nname = "x"')
+    assert "calibration/1" in error.expected
+
+
+def test_a_ring_whose_intervals_do_not_sum_to_their_number_is_refused() -> None:
+    text = 'car = "a"\n[encoder]\nring = {{ value = [1.0, {}], std = 0.01 }}'
+    calibration(text.format("1.0"))
+    assert "ring" in refused(calibration, text.format("1.1")).what
+
+
+def test_a_model_with_an_unknown_parameter_is_refused() -> None:
+    text = 'name = "m"\nkind = "dynamic"\n[body]\nwheelbase = 0.2\n[friction]\n{} = 1.0'
+    parse_model(text.format("a"), "file.toml")
+    error = refused(lambda t: parse_model(t, "file.toml"), text.format("A"))
+    assert "[friction]" in error.what
+
+
+def test_broken_toml_is_refused_with_its_file() -> None:
+    refused(lambda t: parse_config(t, "file.toml"), "[pwm\n")
+
+
+def test_an_unknown_car_lists_those_that_exist(tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("DART_CARS", raising=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
+    (tmp_path / "cars" / "a").mkdir(parents=True)
+    (tmp_path / "cars" / "a" / "car.toml").write_text(CAR.format(""), encoding="utf-8")
+    assert load_car("a").config.name == "a"
+    with pytest.raises(ConfigError) as caught:
+        load_car("b")
+    assert "cars a" in caught.value.found
