@@ -17,7 +17,7 @@ stated ellipse honest on a closed loop, where such errors partly cancel.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, inf, sin
 
 import numpy as np
 
@@ -38,8 +38,8 @@ class OdometryNoise:
     travel: random part, m per sqrt(m); travel_scale: metres per edge,
     relative; gyro_noise: rad/s per sqrt(Hz), white (LSB, vibration);
     gyro_scale: relative; gyro_bias: rad/s before the first standstill (the
-    BNO055's zero-rate offset is 1 deg/s); slip_angle: rad of heading that the
-    rear axle slides, random per metre, in rad per sqrt(m).
+    BNO055's zero-rate offset is 1 deg/s); slip: sideways sliding of the
+    rear axle, m per sqrt(m).
     """
 
     travel: float = 0.003
@@ -47,7 +47,7 @@ class OdometryNoise:
     gyro_noise: float = 4e-4
     gyro_scale: float = 0.005
     gyro_bias: float = 0.0175
-    slip_angle: float = 0.005
+    slip: float = 0.005
 
 
 class Odometry:
@@ -67,18 +67,18 @@ class Odometry:
         self._noise6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # xx xy xt yy yt tt
         self._by_bias = (0.0, 0.0, 0.0)
         self._by_scale = (0.0, 0.0, 0.0)
-        self._yaw_gyro = 0.0
         self._carried = 0.0
         self._rate = 0.0
         self._t_gyro: float | None = None
+        self._t_valid = -inf
         self._distance: float | None = None
         self._now = 0.0
 
     def restart(self) -> None:
         """The device clock began anew: keep the pose, forget the times."""
         self._t_gyro = None
+        self._t_valid = -inf
         self._distance = None
-        self._carried = 0.0
 
     @property
     def yaw_rate(self) -> float:
@@ -110,24 +110,26 @@ class Odometry:
               hint: float, standing: bool) -> tuple[float, float, float]:
         """Yaw since the last frame [rad], variance of its noise, seconds under bias."""
         if gyro_z is None:
-            if self._t_gyro is None or (now - self._t_gyro) * rate > STALE:
+            if (now - self._t_valid) * rate > STALE:
                 self._rate = hint
-            self._carried = 0.0
+            self._t_gyro = None
             return self._rate * dt, (0.2 * self._rate) ** 2 * dt, 0.0
+        self._t_valid = now
         if standing:
             self.bias.observe(gyro_z, dt, self._freeze_bias)
-            self._rate = 0.0
-            self._t_gyro, self._carried = t_gyro, 0.0
+            self._rate = self._carried = 0.0
+            self._t_gyro = t_gyro
             return 0.0, 0.0, 0.0
         self.bias.moving()
         omega = gyro_z - self.bias.value
-        turn = 0.0
-        if self._t_gyro is not None and t_gyro > self._t_gyro:
-            turn = 0.5 * (self._rate + omega) * (t_gyro - self._t_gyro) * rate
-        self._t_gyro, self._rate = t_gyro, omega
         carried = omega * ((now - t_gyro) * rate + GYRO_LATENCY)
-        turn += carried - self._carried
-        self._carried = carried
+        if self._t_gyro is None:
+            turn = omega * dt
+        else:
+            turn = carried - self._carried
+            if t_gyro > self._t_gyro:
+                turn += 0.5 * (self._rate + omega) * (t_gyro - self._t_gyro) * rate
+        self._t_gyro, self._rate, self._carried = t_gyro, omega, carried
         return turn, self.noise.gyro_noise**2 * dt, dt
 
     def _freeze_bias(self, std: float) -> None:
@@ -173,7 +175,7 @@ class Odometry:
         xt -= dy * tt
         yt += dx * tt
         along = n.travel * n.travel * length
-        across = n.slip_angle * n.slip_angle * length
+        across = n.slip * n.slip * length
         q = 0.5 * turn_var
         self._noise6 = (xx + along * c * c + across * s * s, xy + (along - across) * c * s,
                         xt - dy * q, yy + along * s * s + across * c * c, yt + dx * q,

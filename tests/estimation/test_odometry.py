@@ -1,0 +1,165 @@
+"""Dead reckoning: geometry, gyro bias, honest covariance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dart_hal.estimation import Odometry, OdometryNoise
+
+FRAME = 0.01
+AGE = 0.004
+LATENCY = 0.010
+
+
+def drive(odometry, speed, yaw_rate, seconds, *, bias=0.0, gyro=True, start=0.0, travelled=0.0):
+    """Feed a constant motion; returns (now, distance) to go on with."""
+    steps = round(seconds / FRAME)
+    for k in range(1, steps + 1):
+        now = start + k * FRAME
+        odometry.update(now, travelled + speed * k * FRAME, speed,
+                        yaw_rate + bias if gyro else None, now - AGE, 1.0, yaw_rate)
+    return start + seconds, travelled + speed * seconds
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_circle_closes(gyro, sign):
+    odometry = Odometry()
+    odometry.update(0.0, 0.0, 1.0, sign * 2.0, -AGE, 1.0, sign * 2.0)
+    drive(odometry, 1.0, sign * 2.0, 100 * FRAME, gyro=gyro)
+    radius, yaw = 0.5, sign * 2.0
+    assert odometry.yaw == pytest.approx(yaw)
+    pose = odometry.pose
+    assert math.hypot(pose.x, pose.y - sign * radius) == pytest.approx(radius)
+    drive(odometry, 1.0, sign * 2.0, math.pi - 1.0, gyro=gyro, start=1.0, travelled=1.0)
+    assert math.hypot(odometry.x, odometry.y) < 0.01
+
+
+def test_an_arc_is_exact_whatever_the_frame_length():
+    fine, coarse = Odometry(), Odometry()
+    for odometry, count in ((fine, 1000), (coarse, 10)):
+        for k in range(count + 1):
+            now = k / count
+            odometry.update(now, now * 1.5, 1.5, None, 0.0, 1.0, 1.2)
+    assert coarse.x == pytest.approx(fine.x, abs=1e-9)
+    assert coarse.y == pytest.approx(fine.y, abs=1e-9)
+    assert fine.x == pytest.approx(1.25 * math.sin(1.2), abs=1e-9)
+    assert fine.y == pytest.approx(1.25 * (1 - math.cos(1.2)), abs=1e-9)
+
+
+def test_left_and_right_are_mirror_images():
+    left, right = Odometry(), Odometry()
+    drive(left, 1.0, 1.5, 3.0)
+    drive(right, 1.0, -1.5, 3.0)
+    assert right.x == pytest.approx(left.x)
+    assert right.y == pytest.approx(-left.y)
+    assert right.pose.cov == pytest.approx(left.pose.cov * np.array(
+        [[1, -1, -1], [-1, 1, 1], [-1, 1, 1]]))
+
+
+def test_standstill_teaches_the_bias_and_does_not_turn():
+    odometry = Odometry()
+    now, at = drive(odometry, 0.0, 0.0, 5.0, bias=0.012)
+    assert odometry.yaw == 0.0
+    assert odometry.bias.value == pytest.approx(0.012, abs=1e-3)
+    assert odometry.bias.std < 1e-3
+    drive(odometry, 1.0, 0.0, 10.0, bias=0.012, start=now, travelled=at)
+    assert abs(odometry.yaw) < 0.012
+    assert abs(odometry.y) < 3 * math.sqrt(odometry.pose.cov[1, 1])
+
+
+def test_carrying_the_car_teaches_no_bias():
+    odometry = Odometry(gyro_bias=0.0, gyro_bias_std=0.002)
+    drive(odometry, 0.0, 0.8, 3.0)
+    assert odometry.bias.value == 0.0
+
+
+def test_restart_keeps_the_pose():
+    odometry = Odometry()
+    drive(odometry, 1.0, 0.5, 2.0)
+    before = odometry.pose
+    odometry.restart()
+    odometry.update(0.02, 900.0, 1.0, 0.5, 0.016)
+    after = odometry.pose
+    assert math.hypot(after.x - before.x, after.y - before.y) < 1e-9
+    drive(odometry, 1.0, 0.5, 1.0, start=0.02, travelled=900.0)
+    assert math.hypot(odometry.x - before.x, odometry.y - before.y) == pytest.approx(1.0, rel=0.05)
+
+
+def test_pose_is_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        Odometry().pose.cov[0, 0] = 1.0
+
+
+def simulate(seed, noise, seconds=20.0, standing=3.0):
+    """A car with drawn errors drives a bent way; (error, covariance) at the end."""
+    rng = np.random.default_rng(seed)
+    bias = noise.gyro_bias * rng.standard_normal()
+    gyro_scale = 1 + noise.gyro_scale * rng.standard_normal()
+    travel_scale = 1 + noise.travel_scale * rng.standard_normal()
+    odometry = Odometry(noise)
+    x = y = yaw = measured = 0.0
+
+    def omega(t):
+        return 1.2 * math.sin(0.5 * t) + 0.3
+
+    for k in range(-round(standing / FRAME), 1):  # the ESC wants 2 s of neutral anyway
+        now = k * FRAME
+        noisy = noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal()
+        odometry.update(now, 0.0, 0.0, round((bias + noisy) * 900) / 900, now - AGE)
+    odometry.update(0.0, 0.0, 1.2, gyro_scale * omega(-AGE - LATENCY) + bias, -AGE)
+    for k in range(1, round(seconds / FRAME) + 1):
+        now = k * FRAME
+        ds, turn = 1.2 * FRAME, 0.5 * (omega(now - FRAME) + omega(now)) * FRAME
+        slide = noise.slip * math.sqrt(ds) * rng.standard_normal()
+        x += ds * math.cos(yaw + turn / 2) - slide * math.sin(yaw)
+        y += ds * math.sin(yaw + turn / 2) + slide * math.cos(yaw)
+        yaw += turn
+        measured += travel_scale * (ds + noise.travel * math.sqrt(ds) * rng.standard_normal())
+        reading = (gyro_scale * omega(now - AGE - LATENCY) + bias
+                   + noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal())
+        odometry.update(now, measured, 1.2, reading, now - AGE)
+    pose = odometry.pose
+    return np.array([pose.x - x, pose.y - y, pose.yaw - yaw]), pose.cov
+
+
+def nees(noise, seeds):
+    values = []
+    for seed in seeds:
+        error, cov = simulate(seed, noise)
+        values.append(error @ np.linalg.solve(cov, error))
+    return float(np.mean(values))
+
+
+@pytest.mark.parametrize("noise", [
+    OdometryNoise(),
+    OdometryNoise(gyro_noise=2e-3),
+    OdometryNoise(gyro_scale=0.008, travel_scale=0.02),
+], ids=["default", "noisy gyro", "wrong scales"])
+def test_covariance_is_honest(noise):
+    """Mean of 60 chi-square values of 3 degrees: 3 +- 0.32, so 4 sigma."""
+    assert 1.75 < nees(noise, range(60)) < 4.3
+
+
+def test_covariance_without_the_constant_errors_would_lie():
+    """Control: a bias of the stated size, a filter told of white noise alone."""
+    truth = OdometryNoise()
+    values = []
+    for seed in range(10):
+        error, _ = simulate(seed, truth)
+        blind = Odometry(OdometryNoise(gyro_bias=1e-9, gyro_scale=1e-9, travel_scale=1e-9))
+        drive(blind, 1.2, 0.3, 20.0)
+        values.append(error @ np.linalg.solve(blind.pose.cov, error))
+    assert np.mean(values) > 30
+
+
+def test_a_short_loss_of_the_gyro_neither_doubles_nor_drops_the_turn():
+    odometry = Odometry()
+    odometry.update(0.0, 0.0, 1.0, 1.0, -AGE)
+    now, at = drive(odometry, 1.0, 1.0, 1.0)
+    now, at = drive(odometry, 1.0, 1.0, 0.2, gyro=False, start=now, travelled=at)
+    drive(odometry, 1.0, 1.0, 1.0, start=now, travelled=at)
+    assert odometry.yaw == pytest.approx(2.2, abs=1e-6)
