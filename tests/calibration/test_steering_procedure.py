@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.calibration.steering import calibrate_steering, plan
-from dart_hal.config import load_car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.calibration.steering import calibrate_steering
 
 
 @pytest.fixture(scope="module")

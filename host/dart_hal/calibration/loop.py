@@ -107,8 +107,10 @@ def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic
     scale = 0.5 * np.sin(2.0 * delta) * systematic.scale
     bias = np.full(k, wheelbase / float(speed.mean())) * systematic.bias
     full = covariance[:k, :k] + np.outer(scale, scale) + np.outer(bias, bias)
+    width = max(float(solution[k]), 0.0)
     return LoopFit(levels, np.array([w.pulse_us for w in windows])[first], delta, full,
-                   Estimate(max(float(solution[k]), 0.0), float(np.sqrt(covariance[k, k])), "rad"),
+                   Estimate(width, float(np.hypot(np.sqrt(covariance[k, k]),
+                                                  width * systematic.scale)), "rad"),
                    Estimate(float(solution[k + 1]), float(np.sqrt(covariance[k + 1, k + 1])),
                             "s2/m2"),
                    angle - design @ solution, chi2)

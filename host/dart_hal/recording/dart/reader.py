@@ -133,8 +133,9 @@ def read_all(paths: Iterable[str | Path]
             seen.add(entry.resolve())
             continue
         found = 0
-        for file in sorted(entry.rglob("*.csv")):
+        for file in sorted([*entry.rglob("*.csv"), *entry.rglob("*.csv.gz")]):
             if file.resolve() in seen:
+                found += 1
                 continue
             seen.add(file.resolve())
             try:

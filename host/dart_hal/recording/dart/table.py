@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import io
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from dart_hal.types import FloatArray
 
 from .schema import detect, split_header
 
+GZIP = b"\x1f\x8b"
 MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not scratched
 
 
@@ -24,6 +27,11 @@ def read_text(path: Path) -> str:
     file = str(path)
     try:
         raw = path.read_bytes()
+        if raw[:2] == GZIP:
+            raw = gzip.decompress(raw)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as err:
+        raise RecordingError(f"{file}: damaged gzip file", found=str(err), read=file,
+                             remedy="copy the file again") from err
     except FileNotFoundError as err:
         raise RecordingError(f"{file}: no such file", read=file, remedy="check the path; "
                              "$DART_DATA is the folder of recordings") from err
