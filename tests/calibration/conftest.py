@@ -56,6 +56,7 @@ class BenchCar:
     angle: float = 0.0
     travelled: float = 0.0
     applied: Applied = NEUTRAL
+    push: float = 0.0
     stops: int = 0
     armed: bool = False
     max_speed_seen: float = 0.0
@@ -108,7 +109,7 @@ class BenchCar:
         tau = (self.applied.throttle_us - 1500.0) / 450.0 if self.esc == "ok" else 0.0
         drive = max(0.0, tau - 0.15) * (28.9 - 6.0 * self.v)
         drag = 1.72 * math.tanh(13.0 * self.v) + 0.29 * self.v
-        self.v = max(0.0, self.v + (drive - drag) / 1.67 * dt)
+        self.v = max(0.0, self.v + (drive + self.push - drag) / 1.67 * dt)
         self.travelled += self.v * dt
 
     def _state(self) -> State:
@@ -122,6 +123,11 @@ class BenchCar:
         ticks = 0 if self.encoder == "dead" else int(self.travelled / 0.0020646)
         return State(self.t, int(self.t * 100), seen, 0.01, gyro if self.imu else None, 0.0, 0.0,
                      ticks, Pose(), self.applied, FLAT)
+
+
+@pytest.fixture
+def car_toml() -> str:
+    return CAR_TOML
 
 
 @pytest.fixture

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
-from dart_hal.calibration.steering import calibrate_steering
+from dart_hal.calibration.schedule import count_us
+from dart_hal.calibration.steering import calibrate_steering, plan
+from dart_hal.config import load_car
+from dart_hal.errors import CalibrationFailed
 
 
-@pytest.fixture(scope="module")
-def nothing():
-    return None
-
-
-def test_finds_map_backlash_and_slip_of_hidden_cars(drawn):
+def test_finds_map_and_backlash_of_hidden_cars(drawn):
     inside, rms, backlash = [], [], []
     for seed in range(20):
         car = drawn(seed)
@@ -22,7 +22,108 @@ def test_finds_map_backlash_and_slip_of_hidden_cars(drawn):
         inside += list(np.abs(error) < 1.645 * result.angle_std)
         rms.append(np.degrees(np.sqrt(np.mean(error**2))))
         backlash.append((result.backlash.value - car.backlash) / result.backlash.std)
-    print(np.mean(inside), np.round(rms, 3), np.round(backlash, 1))
     assert 0.80 <= np.mean(inside) <= 0.98
     assert max(rms) <= 0.4
-    assert np.mean(np.abs(backlash) < 1.645) >= 0.7
+    assert np.mean(np.abs(backlash) < 1.645) >= 0.8
+
+
+def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
+    car = bench()
+    route = plan(files)
+    calibrate_steering(car, dry_run=True)
+    assert car.t <= min(route.time + 3.0, 120.0)
+    assert car.max_speed_seen <= 1.15 * route.speed
+    ticks = np.array(car.pulses_sent) / count_us(25e6, 50.0)
+    assert ticks == pytest.approx(np.round(ticks), abs=1e-6)
+
+
+def test_slip_is_removed(bench):
+    slipping = calibrate_steering(bench(kappa=0.08), dry_run=True)
+    error = slipping.angle - bench().true_angle(slipping.command)
+    assert np.degrees(np.abs(error)).max() < 0.1
+    at_speed = np.arctan(np.tan(slipping.angle) / (1.0 + 0.08 * 0.55**2))
+    assert np.degrees(np.abs(at_speed - slipping.angle)).max() > 0.35  # what slip would have cost
+    assert slipping.extra["understeer"]["value"] == pytest.approx(0.08, abs=0.015)
+
+
+def test_dry_run_writes_nothing(bench, files):
+    result = calibrate_steering(bench(), dry_run=True)
+    assert result.written is None
+    assert not (files.folder / "calibration.toml").exists()
+
+
+def test_written_file_is_read_back_and_the_old_one_kept(bench, files, car_toml):
+    files.folder.mkdir(parents=True, exist_ok=True)
+    (files.folder / "car.toml").write_text(car_toml)
+    first = calibrate_steering(bench())
+    second = calibrate_steering(bench(backlash=0.03, seed=1))
+    again = load_car(files.config.name, [files.folder.parent]).calibration
+    table = again.steering.map
+    assert table.angle_rad == pytest.approx(second.angle, abs=1e-6)
+    assert table.std_rad == pytest.approx(second.angle_std, abs=1e-6)
+    assert again.steering.backlash.value == pytest.approx(0.03, abs=0.003)
+    assert again.provenance["when"].tzinfo is not None
+    assert first.written == second.written == str(files.folder / "calibration.toml")
+    assert len(list((files.folder / "history").iterdir())) == 1
+
+
+def test_json_is_the_contract(bench):
+    data = json.loads(json.dumps(calibrate_steering(bench(), dry_run=True).to_json(),
+                                 allow_nan=False))
+    assert data["map"]["command"][0] == -1.0
+    assert data["map"]["command"][-1] == 1.0
+    assert len(data["map"]["pulse_us"]) == len(data["map"]["angle_rad"]) >= 9
+    assert data["backlash_rad"]["value"] == pytest.approx(0.015, abs=0.002)
+
+
+def test_progress_rises_and_is_the_only_output(bench, capsys):
+    seen = []
+    calibrate_steering(bench(), dry_run=True, progress=lambda f, text: seen.append((f, text)))
+    shares = [f for f, _ in seen]
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] < shares[-1] <= 1.0
+    assert all(text for _, text in seen)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_nothing_moves_without_consent(bench):
+    car = bench()
+    questions = []
+
+    def refuse(question: str) -> bool:
+        questions.append(question)
+        return False
+
+    with pytest.raises(CalibrationFailed, match="not started"):
+        calibrate_steering(car, ask=refuse)
+    assert car.t == 0.0
+    assert "m/s" in questions[0]
+    assert "floor" in questions[0]
+
+
+def test_ctrl_c_stops_the_car(bench, files):
+    car = bench(interrupt_at=15.0)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_steering(car)
+    assert car.stops == 1
+    assert car.applied.throttle_us == 1500.0
+    assert not (files.folder / "calibration.toml").exists()
+
+
+@pytest.mark.parametrize(("fault", "words"), [
+    ({"encoder": "dead"}, ("encoder does not count",)),
+    ({"esc": "off"}, ("does not move", "ESC")),
+    ({"ground": False}, ("does not turn", "off the ground")),
+    ({"gyro_sign": -1.0}, ("to the right gives a yaw rate to the left", "upside down")),
+    ({"imu": False}, ("no yaw rate at standstill", "IMU")),
+    ({"gyro_bias": 0.3}, ("gyro turns while the car stands",)),
+    ({"push": 1.9}, ("rolls at a neutral throttle",)),
+])
+def test_faults_are_named(bench, fault, words):
+    car = bench(**fault)
+    with pytest.raises(CalibrationFailed) as caught:
+        calibrate_steering(car)
+    for word in words:
+        assert word in str(caught.value)
+    assert car.stops == 1
+    assert car.t < 20.0

@@ -53,6 +53,8 @@ def fit_steering(samples: Samples) -> SteeringFit:
             found=f"{len(levels)} level(s) from {low:+.2f} to {high:+.2f}",
             expected=f"at least 4 levels over a span of {MIN_SPAN}",
             remedy="add recordings with other steering commands")
+    if np.cov(samples.command, samples.angle, aweights=samples.weight)[0, 1] <= 0.0:
+        raise _falling()
     form = fit(samples)
     residual = samples.angle - form.angle(samples.command)
     misfit = level_misfit(samples, residual)
@@ -60,15 +62,20 @@ def fit_steering(samples: Samples) -> SteeringFit:
     command = np.linspace(low, high, points)
     angle = form.angle(command)
     if np.any(np.diff(angle) <= 0.0):
-        raise CalibrationFailed("the fitted steering map does not increase",
-                                found="angle falls while the command rises",
-                                likely="yaw rate or steering with the wrong sign in the data",
-                                remedy="check the sign of W and of steering in the files")
+        raise _falling()
     std = np.sqrt(form.std(command) ** 2 + misfit**2)
     weight = samples.weight / samples.weight.sum()
     return SteeringFit(command, angle, std, form, residual,
                        float(np.sqrt(weight @ residual**2)), misfit,
                        backlash_of(samples, residual))
+
+
+def _falling() -> CalibrationFailed:
+    return CalibrationFailed("the steering map does not increase",
+                             found="angle falls while the command rises",
+                             expected="command +1 = full left, yaw rate positive to the left",
+                             likely="yaw rate or steering with the wrong sign in the data",
+                             remedy="check the sign of W and of steering in the files")
 
 
 def level_misfit(samples: Samples, residual: FloatArray) -> float:
