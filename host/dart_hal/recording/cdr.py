@@ -44,7 +44,10 @@ def byte_array(data: bytes) -> bytes:
 
 
 def byte_array_of(payload: bytes) -> bytes:
-    """Inverse of ``byte_array``."""
+    """Inverse of ``byte_array``; raises ValueError when the length does not fit."""
+    *_, length = _BYTES.unpack_from(payload)
+    if length != len(payload) - _BYTES.size:
+        raise ValueError(f"{length} bytes announced, {len(payload) - _BYTES.size} there")
     return payload[_BYTES.size:]
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from struct import Struct, error
 from typing import NamedTuple
 
+from mcap.exceptions import McapError
+
 from dart_hal.errors import RecordingError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -62,8 +64,8 @@ def read_mcap(path: Path) -> McapFile:
             if opcode == FOOTER:
                 found.complete = data[end:] == MAGIC
                 break
-    except (error, UnicodeDecodeError, IndexError, KeyError) as why:
-        raise RecordingError(f"{path}: a record is damaged", found=str(why), read=str(path),
+    except (error, ValueError, LookupError, EOFError, McapError) as why:
+        raise RecordingError(f"{path}: a record is damaged", found=repr(why), read=str(path),
                              likely="the file was changed or copied badly") from why
     return found
 
@@ -123,6 +125,8 @@ def _chunk(found: McapFile, body: bytes) -> None:
 def _string(body: bytes, at: int) -> tuple[str, int]:
     (length,) = _U32.unpack_from(body, at)
     end = at + 4 + length
+    if end > len(body):
+        raise ValueError(f"a text of {length} bytes in a record of {len(body)}")
     return body[at + 4:end].decode(), end
 
 

@@ -11,9 +11,10 @@ All times are host times of the backend's clock in s, >= 0.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from struct import Struct
+from struct import error as StructError  # noqa: N812
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -187,7 +188,11 @@ class RunReader:
     @property
     def start(self) -> float:
         """Clock [s] when the backend was opened."""
-        return float(self.meta.get("start", "0.0"))
+        try:
+            return float(self.meta.get("start", "0.0"))
+        except ValueError as why:
+            raise RecordingError(f"{self.path}: the run record is damaged", found=str(why),
+                                 read=str(self.path)) from why
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -198,7 +203,14 @@ class RunReader:
     def hello(self) -> dict[str, Any] | None:
         """Raw values of HELLO by name, None if it was not noted."""
         found = self._mcap.metadata.get("hello")
-        return json.loads(found["values"]) if found else None
+        if found is None:
+            return None
+        try:
+            values: dict[str, Any] = json.loads(found["values"])
+        except (ValueError, LookupError) as why:
+            raise RecordingError(f"{self.path}: the HELLO record is damaged", found=repr(why),
+                                 read=str(self.path)) from why
+        return values
 
     def chunks(self) -> Iterator[Chunk]:
         """Bytes from the Nano in recorded order."""
@@ -206,17 +218,11 @@ class RunReader:
 
     def sent(self) -> Iterator[Chunk]:
         """Bytes to the Nano in recorded order."""
-        for m in self._mcap.messages:
-            if m.topic == "tx":
-                yield Chunk(cdr.byte_array_of(m.data), stamp.join(m.ns, m.rest))
+        return self._decoded({"tx": _chunk})
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """What a replay needs, in recorded order: bytes received, pulses applied."""
-        for m in self._mcap.messages:
-            if m.topic == "rx":
-                yield Chunk(cdr.byte_array_of(m.data), stamp.join(m.ns, m.rest))
-            elif m.topic == "applied":
-                yield _applied(stamp.join(m.ns, m.rest), json.loads(cdr.string_of(m.data)))
+        return self._decoded({"rx": _chunk, "applied": _applied})
 
     def applied(self) -> Iterator[AppliedAt]:
         """What the pins carried, at each change."""
@@ -224,21 +230,42 @@ class RunReader:
 
     def commands(self) -> Iterator[Command]:
         """What was asked for, in recorded order."""
-        for m in self._mcap.messages:
-            if m.topic == "command":
-                v = json.loads(cdr.string_of(m.data))
-                yield Command(stamp.join(m.ns, m.rest), v["steering"], v["throttle"], v["source"])
+        return self._decoded({"command": _command})
 
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
+        return self._decoded({"i2c": _transaction})
+
+    def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
+        """Messages of some topics as values, in file order."""
         for m in self._mcap.messages:
-            if m.topic == "i2c":
-                data = cdr.byte_array_of(m.data)
-                address, wrote, read = _I2C.unpack_from(data)
-                at = _I2C.size + wrote
-                yield I2c(stamp.join(m.ns, m.rest), address, data[_I2C.size:at], data[at:at + read])
+            make = makers.get(m.topic)
+            if make is None:
+                continue
+            try:
+                yield make(stamp.join(m.ns, m.rest), m.data)
+            except (StructError, ValueError, LookupError, TypeError) as why:
+                raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
+                                     found=repr(why), read=str(self.path)) from why
 
 
-def _applied(t: float, v: dict[str, Any]) -> AppliedAt:
+def _chunk(t: float, data: bytes) -> Chunk:
+    return Chunk(cdr.byte_array_of(data), t)
+
+
+def _command(t: float, data: bytes) -> Command:
+    v = json.loads(cdr.string_of(data))
+    return Command(t, v["steering"], v["throttle"], v["source"])
+
+
+def _transaction(t: float, data: bytes) -> I2c:
+    raw = cdr.byte_array_of(data)
+    address, wrote, read = _I2C.unpack_from(raw)
+    at = _I2C.size + wrote
+    return I2c(t, address, raw[_I2C.size:at], raw[at:at + read])
+
+
+def _applied(t: float, data: bytes) -> AppliedAt:
+    v = json.loads(cdr.string_of(data))
     return AppliedAt(t, Applied(v["steering"], v["throttle"], v["steering_us"], v["throttle_us"],
                                 tuple(v["limited"])))
