@@ -100,8 +100,8 @@ class Planner:
             why.append(f"OVERRIDDEN({winner.source})")
         if self.output.throttle == "command" and winner is None and self.arbiter.lapsed:
             why.append(Limit.EXPIRED.value)
-        dt = min(max(now - self.last, self._frame), LONGEST_STEP)
-        return self._limited(winner, dt, why)
+        passed = now - self.last if math.isfinite(self.last) else self._frame
+        return self._limited(winner, min(max(passed, self._frame), LONGEST_STEP), why)
 
     def neutral(self, angle: float, why: tuple[str, ...]) -> Plan:
         """Throttle neutral, steering at ``angle``, at once."""

@@ -24,6 +24,8 @@ MODE1, MODE2, PRE_SCALE = 0x00, 0x01, 0xFE
 SLEEP = 0x10
 WAKE_TIME = 0.0005
 """s until the oscillator runs after SLEEP was cleared (data sheet: 500 us)."""
+KIT_WAIT = 0.005
+"""s that ServoKit waits between waking the chip and RESTART."""
 
 _IMPORT_FAILURES = (ImportError, NotImplementedError, AttributeError, RuntimeError, OSError)
 
@@ -32,8 +34,8 @@ class Shield:
     """A busio-shaped bus that can keep ServoKit's hands off two registers.
 
     ``keep``: writes to MODE1 and PRE_SCALE of ``address`` are dropped. Without
-    it they pass, and the oscillator gets its start-up time in the caller's
-    clock (ServoKit itself waits in wall-clock time).
+    it they pass, and ServoKit's wait for the oscillator is repeated in the
+    caller's clock (its own is in wall-clock time).
     """
 
     def __init__(self, bus: Bus, address: int, keep: bool, sleep: Callable[[float], None]) -> None:
@@ -54,7 +56,7 @@ class Shield:
             return
         self._bus.writeto(address, data)
         if control and data[0] == MODE1 and not data[-1] & SLEEP:
-            self._sleep(WAKE_TIME)
+            self._sleep(KIT_WAIT)
 
 
 def load_servokit() -> Any:

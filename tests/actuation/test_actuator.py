@@ -1,0 +1,332 @@
+"""The actuator while open: limits, expiry, priorities, faults."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pwm_world import World, car_files
+
+from dart_hal.actuation import LIVE, RAW, Actuator, Output
+from dart_hal.config import CarFiles
+from dart_hal.errors import BadCommand, PcaFault
+
+NEUTRAL = pytest.approx(1500.0, abs=5.0)
+HELD = Output("neutral", "held", ("NOT_ARMED",))
+
+
+def opened(files: CarFiles | None = None, output: Output = LIVE,
+           **options: object) -> tuple[World, Actuator]:
+    world = World()
+    actuator = world.actuator(files, **options)
+    actuator.open()
+    actuator.set_output(output)
+    return world, actuator
+
+
+def drive(world: World, actuator: Actuator, steering: float, throttle: float, frames: int = 1,
+          source: str = "user") -> None:
+    for _ in range(frames):
+        actuator.command(steering, throttle, 0.2, source, world.t)
+        world.run(actuator, 1)
+
+
+def test_a_command_reaches_the_pins_as_angle_and_throttle() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.2, 0.3, frames=50)
+    throttle = [length for _, length in world.pulses(1)[-40:]]
+    steering = [length for _, length in world.pulses(0)[-40:]]
+    assert sum(throttle) / 40 == pytest.approx(1500 + 450 * 0.3, abs=0.2)
+    assert actuator.map.angle(sum(steering) / 40) == pytest.approx(0.2, abs=2e-4)
+    assert actuator.applied.steering == pytest.approx(0.2, abs=0.009)
+
+
+def test_disarmed_nothing_moves_whatever_is_commanded() -> None:
+    world, actuator = opened(output=Output())
+    applied = actuator.command(0.3, 1.0, 0.2, "user", world.t)
+    assert "NOT_ARMED" in applied.limited
+    drive(world, actuator, 0.3, 1.0, frames=20)
+    assert all(length == NEUTRAL for _, length in world.pulses(1)[3:])
+    assert actuator.applied.steering == pytest.approx(0.0, abs=0.01)
+
+
+def test_command_returns_what_the_next_frame_applies() -> None:
+    world, actuator = opened()
+    for steering, throttle in ((0.1, 0.2), (-0.3, -0.5), (9.0, 9.0), (0.0, 0.0)):
+        promised = actuator.command(steering, throttle, 0.2, "user", world.t)
+        assert actuator.frame(world.t) == promised
+        world.t += 0.02
+
+
+def test_what_was_wanted_while_disarmed_does_not_jump_in_when_armed() -> None:
+    world, actuator = opened(output=Output())
+    actuator.command(0.0, 1.0, 0.5, "user", world.t)
+    actuator.set_output(LIVE)
+    world.run(actuator, 3)
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_a_command_expires_to_neutral_with_steering_held_and_trips_once() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.2, 0.5, frames=5)
+    before = actuator.applied.steering
+    world.run(actuator, 9)                                    # 0.18 s: still valid
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+    assert actuator.trips() == ()
+    world.run(actuator, 2)
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert "EXPIRED" in actuator.applied.limited
+    assert actuator.applied.steering == pytest.approx(before, abs=0.01)
+    world.run(actuator, 5)
+    assert "EXPIRED" in actuator.applied.limited
+    assert actuator.trips() == ("COMMAND_EXPIRED",)
+    assert actuator.trips() == ()
+    assert actuator.counters.expired == 1
+
+
+def test_running_out_at_neutral_is_a_stop_and_no_trip() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.2, 0.0, frames=5)
+    world.run(actuator, 30)
+    assert actuator.trips() == ()
+    assert "EXPIRED" in actuator.applied.limited
+
+
+def test_nobody_may_ask_for_more_than_half_a_second() -> None:
+    world, actuator = opened()
+    actuator.command(0.0, 0.5, 60.0, "user", world.t)
+    world.run(actuator, 30)
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", ["steering", "throttle", "valid_for"])
+def test_a_command_that_is_not_a_number_is_neutral_in_the_same_call(bad, place) -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=5)
+    values = {"steering": 0.1, "throttle": 0.5, "valid_for": 0.2, place: bad}
+    with pytest.raises(BadCommand, match=place):
+        actuator.command(**values, source="user", now=world.t)
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert actuator.trips() == ("COMMAND_INVALID",)
+    drive(world, actuator, 0.1, 0.5, frames=5)               # not without the supervisor
+    assert actuator.applied.throttle_us == NEUTRAL
+    actuator.set_output(HELD)
+    actuator.set_output(LIVE)
+    drive(world, actuator, 0.1, 0.5, frames=5)
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+
+
+def test_time_that_goes_back_is_refused() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=5)
+    with pytest.raises(BadCommand, match="time went back"):
+        actuator.command(0.1, 0.5, 0.2, "user", world.t - 1.0)
+    actuator.frame(world.t - 1.0)
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert actuator.trips() == ("COMMAND_INVALID", "TIME_BACKWARD")
+
+
+@given(st.floats(-2, 2), st.floats(-2, 2))
+@settings(max_examples=40, deadline=None)
+def test_no_command_passes_the_limits_and_clipping_is_said(steering, throttle) -> None:
+    world, actuator = opened(car_files(max_throttle=0.5, min_throttle=-0.3, max_steering=0.25))
+    drive(world, actuator, steering, throttle, frames=3)
+    applied, count = actuator.applied, 4.88 / 450 + 1e-9
+    assert -0.3 - count <= applied.throttle <= 0.5 + count
+    assert abs(applied.steering) <= 0.25 + 0.009
+    beyond = not -0.3 <= throttle <= 0.5 or abs(steering) > 0.25
+    assert ("RANGE" in applied.limited) == beyond
+
+
+@given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-1, 1)), min_size=1, max_size=15))
+@settings(max_examples=30, deadline=None)
+def test_slew_limits_hold_between_any_two_frames(commands) -> None:
+    world, actuator = opened(car_files(steering_slew=2.0, throttle_slew=5.0))
+    last = actuator.applied
+    for steering, throttle in commands:
+        drive(world, actuator, steering, throttle)
+        applied = actuator.applied
+        assert abs(applied.throttle - last.throttle) <= 5.0 * 0.02 + 2 * 4.88 / 450 + 1e-9
+        assert abs(applied.steering - last.steering) <= 2.0 * 0.02 + 2 * 0.0085
+        last = applied
+
+
+def test_stop_is_neutral_at_once_despite_the_slew_limit_with_steering_held() -> None:
+    world, actuator = opened(car_files(steering_slew=2.0, throttle_slew=5.0))
+    drive(world, actuator, 0.2, 0.8, frames=20)
+    before = actuator.applied.steering
+    assert actuator.stop().throttle_us == NEUTRAL
+    assert actuator.applied.steering == pytest.approx(before, abs=0.01)
+
+
+def test_a_stop_ramp_of_the_car_file_takes_its_time() -> None:
+    files = car_files()
+    throttle = msgspec.structs.replace(files.config.throttle, stop_ramp=0.5)
+    files = CarFiles(msgspec.structs.replace(files.config, throttle=throttle), files.calibration,
+                     None, files.folder, "x")
+    world, actuator = opened(files)
+    drive(world, actuator, 0.0, 1.0, frames=5)
+    actuator.stop()
+    actuator.set_output(HELD)
+    world.run(actuator, 12)
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.05)
+    world.run(actuator, 15)
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_the_source_listed_first_wins_and_the_loser_is_told() -> None:
+    world, actuator = opened()
+    actuator.command(0.0, 0.5, 0.2, "user", world.t)
+    actuator.command(0.0, -0.1, 0.1, "gamepad", world.t)
+    lost = actuator.command(0.0, 0.5, 0.2, "user", world.t)
+    assert lost.limited[0] == "OVERRIDDEN(gamepad)"
+    world.run(actuator, 1)
+    assert actuator.applied.throttle == pytest.approx(-0.1, abs=0.02)
+    world.t += 0.1                                            # the gamepad falls silent
+    world.run(actuator, 1)
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+
+
+def test_an_unlisted_source_loses_against_every_listed_one() -> None:
+    world, actuator = opened()
+    actuator.command(0.0, 0.2, 0.2, "user", world.t)
+    lost = actuator.command(0.0, 0.9, 0.2, "stranger", world.t)
+    assert "OVERRIDDEN(user)" in lost.limited
+
+
+def test_the_throttle_cap_of_a_lost_encoder() -> None:
+    world, actuator = opened()
+    actuator.cap_throttle(0.1)
+    drive(world, actuator, 0.0, 0.5, frames=2)
+    assert actuator.applied.throttle == pytest.approx(0.1, abs=0.012)
+    assert "RANGE" in actuator.applied.limited
+
+
+def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
+    world, actuator = opened(output=Output())
+    actuator.pulses(1300.0, 1700.0)
+    world.run(actuator, 3)
+    assert actuator.applied.throttle_us == NEUTRAL
+    actuator.set_output(RAW)
+    world.run(actuator, 3)
+    assert actuator.applied.throttle_us == NEUTRAL, "a pulse from before raw() must not act"
+    actuator.pulses(1300.0, 1700.0)
+    world.run(actuator, 3)
+    assert actuator.applied.throttle_us == pytest.approx(1700, abs=4.9)
+    assert actuator.applied.steering_us == pytest.approx(1300, abs=4.9)
+    for pulse in (999.0, 2001.0, math.nan):
+        with pytest.raises(BadCommand, match="throttle_us"):
+            actuator.pulses(1500.0, pulse)
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_an_equal_value_is_written_within_100_ms_of_a_brown_out() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.0, 0.0, frames=10)
+    browned = world.t
+    world.chip.brown_out(world.t)
+    drive(world, actuator, 0.0, 0.0, frames=10)
+    led = [t for t in world.bus.log if t.t_start >= browned and len(t.written) == 9]
+    assert led[0].t_stop - browned < 0.1
+
+
+def test_a_brown_out_is_found_in_1_1_s_and_healed_at_neutral() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=10)
+    world.pulses(1)
+    browned = world.t
+    world.chip.brown_out(world.t)
+    for _ in range(120):
+        actuator.command(0.1, 0.5, 0.2, "user", world.t)
+        world.run(actuator, 1)
+    after = [(rise, length) for rise, length in world.pulses(1) if rise > browned]
+    assert after[0][0] - browned < 1.1
+    assert all(length == NEUTRAL for _, length in after)
+    assert len(after) > 50
+    assert actuator.trips() == ("PCA_READBACK",)
+    assert actuator.counters.reinits == 1
+    assert "NOT_ARMED" in actuator.applied.limited
+
+
+def test_one_or_two_missing_acknowledges_do_not_show() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.0, 0.5, frames=3)
+    world.bus.nack = 2
+    drive(world, actuator, 0.0, 0.5, frames=1)
+    assert actuator.trips() == ()
+    assert actuator.counters.retries == 2
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_lost_bus_is_a_fault_that_ends_at_neutral_when_the_chip_answers() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.0, 0.5, frames=3)
+    world.bus.stuck = "scl"
+    drive(world, actuator, 0.0, 0.5, frames=20)
+    assert actuator.fault is not None
+    assert actuator.trips() == ("PCA_WRITE_FAILED",)
+    world.bus.stuck = ""
+    drive(world, actuator, 0.0, 0.5, frames=8)
+    assert actuator.fault is None
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_another_program_that_stops_the_chip_is_found_by_reading_back() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.0, 0.0, frames=60)
+    world.write(0x00, 0x31)
+    with pytest.raises(PcaFault, match="lost its settings"):
+        actuator.pca.check()
+    drive(world, actuator, 0.0, 0.0, frames=60)
+    assert actuator.counters.reinits == 1
+    actuator.pca.check()
+
+
+def test_the_gate_is_asked_right_before_a_write_that_moves_the_car() -> None:
+    tripped: list[str | None] = [None]
+    world, actuator = opened(gate=lambda: tripped[0])
+    drive(world, actuator, 0.0, 0.5, frames=3)
+    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+    tripped[0] = "GUARD_SILENT"
+    actuator.command(0.0, 0.5, 0.2, "user", world.t)
+    actuator.frame(world.t)
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert actuator.trips() == ("GUARD_SILENT",)
+
+
+def test_closing_leaves_two_frames_of_neutral_and_the_chip_awake() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.2, 0.5, frames=10)
+    actuator.close()
+    world.t += 1.0
+    assert all(length == NEUTRAL for _, length in world.pulses(1)[-45:])
+    assert world.chip.peek(0x00) & 0x10 == 0
+    written = len(world.bus.log)
+    actuator.close()
+    actuator.stop()
+    assert len(world.bus.log) == written, "closed means no write"
+
+
+def test_without_a_bus_commands_are_reported_as_not_sent() -> None:
+    actuator = Actuator(car_files(), None, lambda s: None)
+    actuator.open()
+    actuator.set_output(LIVE)
+    actuator.command(0.1, 0.3, 0.2, "user", 1.0)
+    applied = actuator.frame(1.0)
+    assert applied.throttle == pytest.approx(0.3, abs=0.02)
+    assert {"NOT_SENT", "UNCALIBRATED"} <= set(applied.limited)
+    actuator.clock_pulse(1500.0)
+    actuator.close()
+
+
+def test_the_clock_channel_pulses_and_the_cars_own_may_not() -> None:
+    world, actuator = opened()
+    actuator.clock_pulse(1500.0)
+    world.run(actuator, 5)
+    assert world.pulses(15)[-1][1] == pytest.approx(1500, abs=2.5)
+    with pytest.raises(ValueError, match="drives the car"):
+        actuator.pca.write_channel(1, 400)

@@ -1,0 +1,257 @@
+"""The supervisor's table, one law or row of the safety document per test."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import pytest
+
+from dart_hal.actuation import Event, Facts, State, Supervisor, refusals, warnings
+from dart_hal.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
+from dart_hal.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
+from dart_hal.errors import NotArmed
+
+SLOT = 0.01
+
+
+def at(state: State) -> tuple[Supervisor, float]:
+    """A supervisor in ``state``, and the time."""
+    s, t = Supervisor(), 0.0
+    if state is State.CLOSED:
+        return s, t
+    s.event(Event.OPEN, t)
+    if state is State.OPENING:
+        return s, t
+    s.event(Event.OPENED, t)
+    if state is State.RAW:
+        s.event(Event.RAW_OPEN, t)
+    elif state is State.FAULT:
+        s.event(Event.BUS_LOST, t)
+    elif state is not State.DISARMED:
+        s.arm(t)
+        if state is State.ARMING:
+            return s, t
+        t = run(s, t, 3.0)
+        for _ in range({State.ARMED: 0, State.TRIPPED: 1, State.LOCKED: 3}[state]):
+            if s.state is not State.ARMED:
+                t = run(s, t, 0.6)
+                s.arm(t)
+                t = run(s, t, 2.1)
+            s.event(Event.TRIP, t, ("LINK_STALE",))
+    assert s.state is state
+    return s, t
+
+
+def run(s: Supervisor, t: float, seconds: float, **inputs: object) -> float:
+    for _ in range(round(seconds / SLOT)):
+        t += SLOT
+        s.step(t, **inputs)
+    return t
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("event", list(Event))
+def test_every_event_in_every_state_does_what_the_table_says(state, event) -> None:
+    s, t = at(state)
+    s.event(event, t)
+    assert s.state is TABLE[state][event]
+
+
+def test_the_throttle_obeys_in_armed_and_raw_alone() -> None:
+    obeys = {s for s in State if ENTRY[s].output.throttle not in ("neutral", "untouched")}
+    assert obeys == {State.ARMED, State.RAW}
+
+
+@pytest.mark.parametrize("broken", [
+    GRID.replace("BUS_BACK", "BUS_LOST"),
+    "\n".join(line for line in GRID.splitlines() if not line.startswith("TRIP ")),
+    GRID.replace("CHECKED      .", "CHECKED"),
+])
+def test_a_grid_with_a_hole_is_not_accepted(broken: str) -> None:
+    with pytest.raises(AssertionError):
+        read_grid(broken)
+
+
+@pytest.mark.parametrize(("state", "event"), [
+    (State.TRIPPED, Event.CLEARED), (State.DISARMED, Event.ARM), (State.LOCKED, Event.UNLOCK)])
+def test_a_shortcut_into_armed_is_not_accepted(state, event) -> None:
+    table = copy.deepcopy(TABLE)
+    table[state][event] = State.ARMED
+    with pytest.raises(AssertionError):
+        check_table(table)
+
+
+def test_arming_takes_two_seconds_of_neutral_and_half_a_second_of_good_checks() -> None:
+    s, t = at(State.ARMING)
+    t = run(s, t, 1.98)
+    assert s.state is State.ARMING
+    t = run(s, t, 0.03)
+    assert s.state is State.ARMED
+    s, t = at(State.ARMING)
+    t = run(s, t, 1.8)
+    s.step(t, refused=("LINK_NOT_GOOD_500MS",))
+    t = run(s, t, 0.48)
+    assert s.state is State.ARMING
+    run(s, t, 0.05)
+    assert s.state is State.ARMED
+
+
+def test_a_refusal_while_arming_disarms_with_the_list() -> None:
+    s, t = at(State.ARMING)
+    s.step(t + SLOT, refused=("RUN_STOP", "IMU_STALE", "NEUTRAL_TOO_SHORT"))
+    assert s.state is State.DISARMED
+    assert set(s.reasons) == {"RUN_STOP", "IMU_STALE"}
+
+
+def test_what_waiting_does_not_cure_ends_arming_in_bounded_time() -> None:
+    s, t = at(State.ARMING)
+    run(s, t, 4.1, refused=("CLOCK_NOT_SYNCED",))
+    assert s.state is State.DISARMED
+    assert s.reasons == ("CLOCK_NOT_SYNCED",)
+
+
+@pytest.mark.parametrize("state", [State.CLOSED, State.OPENING, State.FAULT, State.RAW,
+                                   State.TRIPPED, State.LOCKED])
+def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: State) -> None:
+    s, t = at(state)
+    with pytest.raises(NotArmed) as caught:
+        s.arm(t)
+    assert caught.value.reasons
+    assert s.state is state
+
+
+def test_a_trip_clears_half_a_second_after_its_cause_and_never_rearms() -> None:
+    s, t = at(State.ARMED)
+    t = run(s, t, 0.3, causes=("LINK_STALE",))
+    assert s.state is State.TRIPPED
+    assert s.output.why == ("STALE_LINK", "NOT_ARMED")
+    t = run(s, t, 0.48)
+    assert s.state is State.TRIPPED
+    t = run(s, t, 0.05)
+    assert s.state is State.DISARMED
+    run(s, t, 10.0)
+    assert s.state is State.DISARMED
+
+
+def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
+    s, t = at(State.LOCKED)
+    assert (s.output.steering, s.beat) == ("held", "STOP")
+    t = run(s, t, 70.0)
+    assert s.state is State.LOCKED
+    assert s.output.steering == "centre"
+    s.event(Event.UNLOCK, t, ("seen to",))
+    assert s.state is State.DISARMED
+    s.arm(t)
+    t = run(s, t, 0.6)
+    s.event(Event.TRIP, t)
+    assert s.state is State.TRIPPED, "unlock starts the count anew"
+
+
+def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
+    s, t = at(State.ARMED)
+    for _ in range(4):
+        s.event(Event.TRIP, t, ("LINK_STALE",))
+        assert s.state is State.TRIPPED
+        t = run(s, t, 30.5)
+        s.arm(t)
+        t = run(s, t, 0.6)
+        assert s.state is State.ARMED
+
+
+def test_raw_ends_ten_seconds_after_the_last_call_or_at_a_trip() -> None:
+    s, t = at(State.RAW)
+    t = run(s, t, 9.0)
+    s.raw_called(t)
+    t = run(s, t, 9.9)
+    assert s.state is State.RAW
+    run(s, t, 0.2)
+    assert s.state is State.DISARMED
+    s, t = at(State.RAW)
+    s.step(t + SLOT, causes=("LINK_STALE",))
+    assert s.state is State.DISARMED
+
+
+def test_a_lost_bus_is_a_fault_that_leads_back_to_disarmed() -> None:
+    s, t = at(State.ARMED)
+    t = run(s, t, 0.1, bus_ok=False, causes=("PCA_WRITE_FAILED",))
+    assert (s.state, s.beat) == (State.FAULT, "STOP")
+    s.step(t + SLOT, bus_ok=True)
+    assert s.state is State.DISARMED
+
+
+def test_a_reboot_of_the_nano_disarms() -> None:
+    s, t = at(State.ARMED)
+    s.event(Event.REBOOT, t)
+    assert s.state is State.DISARMED
+
+
+def test_following_while_disarmed_is_a_car_parameter() -> None:
+    s = Supervisor(follow_disarmed=True)
+    s.event(Event.OPEN, 0.0)
+    s.event(Event.OPENED, 0.0)
+    assert (s.output.throttle, s.output.steering) == ("neutral", "command")
+
+
+BAD_FACTS = {
+    "NO_HELLO": {"hello": False}, "SCHEMA_MISMATCH": {"schema_ok": False},
+    "PROTOCOL_TOO_OLD": {"protocol_ok": False}, "LINK_NOT_GOOD_500MS": {"link_good_for": 0.4},
+    "FRAME_LOSS": {"frame_loss": 0.03}, "CLOCK_NOT_SYNCED": {"clock_synced": False},
+    "MCU_REBOOTED": {"rebooted": True}, "IMU_ABSENT": {"imu_absent": True},
+    "IMU_STALE": {"imu_stale": True}, "IMU_STUCK": {"imu_stuck": True},
+    "ENCODER_MOVING": {"wheel_moves": True}, "ENCODER_LOST": {"encoder_lost": True},
+    "ENCODER_NOISY": {"encoder_noisy": True}, "PCA_ABSENT": {"pca_present": False},
+    "PCA_MODE": {"pca_mode_ok": False}, "PCA_PRESCALE": {"prescale_ok": False},
+    "PCA_WRITE_FAILED": {"write_failed": True}, "NEUTRAL_TOO_SHORT": {"neutral_for": 1.9},
+    "PWM_CLOCK_UNCALIBRATED": {"clock_calibrated": False},
+    "THROTTLE_NOT_NEUTRAL": {"throttle": 0.1}, "COMMAND_INVALID": {"command_ok": False},
+    "RAW_MODE_OPEN": {"raw_open": True}, "RUN_STOP": {"run_stop": True},
+    "GUARD_MISSING": {"guard_age": None}, "GUARD_SILENT": {"guard_age": 0.2},
+    "LOOP_TOO_SLOW": {"loop_p99": 0.03}, "LATCHED": {"latched": True},
+    "CALIBRATION_MISSING": {"calibration": "missing"},
+    "CALIBRATION_OTHER_CAR": {"calibration": "other_car"},
+    "CALIBRATION_INVALID": {"calibration": "invalid"},
+    "CUTOFF_REQUIRED": {"cutoff_required": True},
+    "CUTOFF_TEST_FAILED": {"cutoff": "mux", "cutoff_tested": False},
+    "MCU_WATCHDOG_FIRED": {"watchdog_fired": True},
+}
+
+
+def test_every_refusal_has_a_fact_that_raises_it_alone() -> None:
+    assert set(BAD_FACTS) == {r.name for r in REFUSALS}
+    assert refusals(Facts()) == ()
+    for name, facts in BAD_FACTS.items():
+        assert refusals(Facts(**facts)) == (name,)
+
+
+def test_all_reasons_are_named_at_once_with_their_remedies() -> None:
+    facts = Facts(run_stop=True, hello=False, throttle=0.2)
+    assert refusals(facts) == ("NO_HELLO", "THROTTLE_NOT_NEUTRAL", "RUN_STOP")
+    s, t = at(State.DISARMED)
+    with pytest.raises(NotArmed) as caught:
+        s.arm(t, refusals(facts))
+    assert caught.value.reasons == refusals(facts)
+    assert all(BY_NAME[name].remedy in str(caught.value) for name in refusals(facts))
+
+
+def test_waivers_are_by_name_and_only_for_what_may_be_waived() -> None:
+    facts = Facts(clock_calibrated=False, calibration="missing", run_stop=True)
+    assert set(WAIVABLE) == {"PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING"}
+    assert refusals(facts, WAIVABLE) == ("RUN_STOP",)
+    for name in ("RUN_STOP", "NO_SUCH_NAME"):
+        with pytest.raises(NotArmed, match="cannot be waived"):
+            refusals(facts, [name])
+
+
+def test_an_imu_that_is_not_required_does_not_refuse() -> None:
+    facts = Facts(imu_absent=True, imu_stale=True, imu_stuck=True)
+    assert len(refusals(facts)) == 3
+    assert refusals(replace(facts, imu_required=False)) == ()
+
+
+def test_warnings_do_not_refuse() -> None:
+    facts = Facts(calibration_old=True, watchdog_on=False, firmware_dirty=True,
+                  imu_calibrated=False)
+    assert refusals(facts) == ()
+    assert warnings(facts) == ("NO_HARDWARE_CUTOFF", "CALIBRATION_OLD", "IMU_UNCALIBRATED",
+                               "WATCHDOG_OFF", "FIRMWARE_DIRTY")
