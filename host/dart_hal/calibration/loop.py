@@ -24,7 +24,7 @@ from dart_hal.types import Estimate, FloatArray
 from .samples import IntArray
 
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
-KAPPA_PRIOR = (0.03, 0.04)  # s2/m2, mean and sigma: a 1:10 car on rubber to tiles
+KAPPA_PRIOR = (0.0, 0.06)  # s2/m2, mean and sigma: 1:10 cars under- or oversteer
 STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
 ROUNDS = 6
 
