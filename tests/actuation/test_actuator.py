@@ -200,7 +200,7 @@ def test_an_unlisted_source_loses_against_every_listed_one() -> None:
 
 def test_the_throttle_cap_of_a_lost_encoder() -> None:
     world, actuator = opened()
-    actuator.cap_throttle(0.1)
+    actuator.throttle_cap = 0.1
     drive(world, actuator, 0.0, 0.5, frames=2)
     assert actuator.applied.throttle == pytest.approx(0.1, abs=0.012)
     assert "RANGE" in actuator.applied.limited

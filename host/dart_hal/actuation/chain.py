@@ -161,8 +161,13 @@ class Actuator:
         """What the winning source asks for at ``now``, armed or not; None = nothing."""
         return self._planner.arbiter.winner(now)
 
-    def cap_throttle(self, cap: float | None) -> None:
+    @property
+    def throttle_cap(self) -> float | None:
         """Largest |throttle| for now (the encoder is lost), None = the car's limits."""
+        return self._planner.throttle_cap
+
+    @throttle_cap.setter
+    def throttle_cap(self, cap: float | None) -> None:
         self._planner.throttle_cap = cap
 
     def stop(self) -> Applied:

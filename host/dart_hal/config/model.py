@@ -20,10 +20,10 @@ Parameters = dict[str, Parameter]
 KNOWN: dict[str, tuple[str, ...]] = {
     "body": ("wheelbase", "l_f", "l_r", "mass", "yaw_inertia", "front_share"),
     "friction": ("a", "b", "c", "q"),
-    "motor": ("d", "e", "g"),
+    "motor": ("d", "e", "g", "reverse"),
     "steering": ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"),
     "delay": ("steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s"),
-    "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness",
+    "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness", "rear_max",
               "rear_D", "rear_C", "rear_B", "rear_E"),
     "load_transfer": ("omega", "k"),
 }
