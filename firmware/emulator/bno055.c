@@ -8,6 +8,7 @@
 
 #define NEVER INFINITY
 #define GRAVITY 9.80665
+#define CLOCK_ERROR 0.0037 /* its own oscillator: never in step with the Nano */
 
 enum {
 	CHIP_ID = 0x00, PAGE_ID = 0x07, ACC = 0x08, GYR = 0x14, QUA = 0x20,
@@ -56,7 +57,7 @@ void bno_init(struct bno055 *b)
 
 	memset(b, 0, sizeof *b);
 	memcpy(b->calib_after, calib, sizeof calib);
-	b->period = 0.01;
+	b->period = 0.01 / (1 + CLOCK_ERROR);
 	b->ready = b->next = NEVER;
 	b->noise = 0x1234567u;
 	defaults(b);

@@ -9,6 +9,7 @@
 #include <stddef.h>
 
 #include <simavr/sim_avr.h>
+#include <simavr/avr_eeprom.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_twi.h>
 #include <simavr/avr_uart.h>
@@ -19,13 +20,14 @@
 
 #define NEVER UINT64_MAX
 #define FLASH_SIZE 32768u
-#define EEPROM_SIZE 1024
 #define VECTORS 26
 #define RING_MARKS 128
 #define LOG_SIZE 8192 /* power of two */
 
 /* Our own events; at the same cycle they run in this order. */
-enum { EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_IMU, EV_COUNT };
+enum {
+	EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_EEPROM, EV_IMU, EV_COUNT
+};
 
 struct isr_stat {
 	struct emu *e;
@@ -91,6 +93,10 @@ struct emu {
 	/* world time = world_t + (cycle - world_c) / hz */
 	double hz, world_t;
 	uint64_t world_c;
+	struct eeprom {
+		avr_eeprom_t *io;
+		avr_io_write_t write; /* simavr's, of EECR */
+	} eeprom;
 	struct uart uart;
 	struct twi twi;
 	struct bno055 imu;
@@ -131,6 +137,9 @@ void pins_input(emu_t *e, int port, int bit, int level);
 void wheel_event(emu_t *e, int ring);
 void wheel_clock(emu_t *e, double old_hz);
 void wheel_sensor(emu_t *e); /* D7 switched the IR sensor */
+
+int eeprom_init(emu_t *e);
+void eeprom_event(emu_t *e);
 
 int probe_init(emu_t *e);
 

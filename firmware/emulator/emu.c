@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <simavr/avr_eeprom.h>
 #include <simavr/avr_extint.h>
 #include <simavr/sim_core.h>
 #include <simavr/sim_core_config.h>
@@ -152,6 +151,7 @@ static void run_events(emu_t *e)
 		case EV_TWI: twi_event(e); break;
 		case EV_RING_A: wheel_event(e, 0); break;
 		case EV_RING_B: wheel_event(e, 1); break;
+		case EV_EEPROM: eeprom_event(e); break;
 		default: imu_event(e); break;
 		}
 	}
@@ -202,7 +202,7 @@ static bool find_parts(emu_t *e)
 {
 	e->watchdog = emu_module(e, "watchdog", 0);
 	return e->watchdog && uart_init(e) && twi_init(e) && pins_init(e) &&
-	       probe_init(e);
+	       eeprom_init(e) && probe_init(e);
 }
 
 emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
@@ -297,8 +297,24 @@ static bool stands(const emu_t *e)
 
 	if (avr->state != cpu_Running)
 		return true;
-	return e->hang && avr->sreg[S_I] && !avr->interrupts.running_ptr &&
-	       avr->interrupt_state <= 0;
+	return e->hang && avr->sreg[S_I] && !avr->interrupts.running_ptr;
+}
+
+/* Instructions up to the next timer, or the time until then at once. */
+static void advance(emu_t *e, bool standing)
+{
+	avr_t *avr = e->avr;
+	uint64_t timer = avr->cycle_timers.timer->when; /* the gate at least */
+
+	if (!standing) {
+		avr->run_cycle_count = timer > avr->cycle ?
+				       timer - avr->cycle : 1;
+		avr->pc = avr_run_one(avr);
+	} else if (!avr->interrupt_state || !avr->sreg[S_I] ||
+		   avr->state == cpu_Crashed) {
+		pass_time(e);
+	} /* else the interrupt first: the delay after SEI must not span a
+	   * sleep, or the cut of a slice would show in it */
 }
 
 int emu_run(emu_t *e, uint64_t target)
@@ -323,14 +339,7 @@ int emu_run(emu_t *e, uint64_t target)
 		avr->run_cycle_limit = NEVER;
 		set_gate(e);
 		slept = stands(e);
-		if (slept) {
-			pass_time(e);
-		} else {
-			avr->run_cycle_count =
-				avr->cycle_timers.timer->when > avr->cycle ?
-				avr->cycle_timers.timer->when - avr->cycle : 1;
-			avr->pc = avr_run_one(avr);
-		}
+		advance(e, slept);
 		avr_cycle_timer_process(avr);
 		run_events(e);
 		if (avr->run != e->raw_run) {
@@ -369,25 +378,6 @@ void emu_hang(emu_t *e, int on)
 void emu_vcc(emu_t *e, int millivolt)
 {
 	e->avr->vcc = e->avr->avcc = e->avr->aref = (uint32_t)millivolt;
-}
-
-int emu_eeprom_get(emu_t *e, uint8_t *buf, int n)
-{
-	avr_eeprom_desc_t d = {.ee = buf, .offset = 0, .size = (uint32_t)n};
-
-	if (n < 0 || n > EEPROM_SIZE)
-		return -1;
-	return avr_ioctl(e->avr, AVR_IOCTL_EEPROM_GET, &d) == -1 ? -1 : n;
-}
-
-int emu_eeprom_set(emu_t *e, const uint8_t *buf, int n)
-{
-	avr_eeprom_desc_t d = {.ee = (uint8_t *)buf, .offset = 0,
-			       .size = (uint32_t)n};
-
-	if (n < 0 || n > EEPROM_SIZE)
-		return -1;
-	return avr_ioctl(e->avr, AVR_IOCTL_EEPROM_SET, &d) == -1 ? -1 : n;
 }
 
 int emu_flash_get(const emu_t *e, uint8_t *buf, int n)

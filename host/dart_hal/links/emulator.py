@@ -210,7 +210,7 @@ class EmulatedNano:
         self._staged = True
 
     def set_imu_errors(self, gyro: Sequence[float] = (0, 0, 0), acc: Sequence[float] = (0, 0, 0),
-                       clock: float = 0.0,
+                       clock: float = 0.0037,
                        calibrated_after: Sequence[float] = (2.0, 1.0, 4.0)) -> None:
         """Zero errors [rad/s], [m/s2], relative clock error of the BNO055, and the seconds
         in a fusion mode until its sys, gyr and acc levels are 3 (negative: never)."""
