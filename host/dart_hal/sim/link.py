@@ -40,14 +40,15 @@ class SimLink:
         self._check_open()
         horizon = self._now + timeout
         while True:
-            if self._arrived and self._arrived[0].t <= horizon:
+            due = self._arrived[0].t if self._arrived else float("inf")
+            if due <= self._world.t and due <= horizon:
                 chunk = self._arrived.popleft()
                 self._now = max(self._now, chunk.t)
                 return chunk
             if self._world.t >= horizon:
                 self._now = horizon
                 return None
-            self._advance(min(horizon, self._arrived[0].t) if self._arrived else horizon)
+            self._advance(min(horizon, due))
 
     def write(self, data: bytes) -> None:
         """Bytes start on the line now (after the latency of the line, if any)."""

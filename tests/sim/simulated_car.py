@@ -1,0 +1,61 @@
+"""Hand tool of these tests: drives a simulated car by raw pulses, without the HAL."""
+
+from __future__ import annotations
+
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+from dart_hal.wire.codec import UP
+from dart_hal.wire.decoder import Decoder
+
+
+class RawCar:
+    """``sim://`` with a decoder and pulses in us; every frame is kept."""
+
+    def __init__(self, url: str, slice_s: float = 0.01):
+        self.backend = open_backend(url)
+        self.world = world_of(self.backend)
+        self.decoder = Decoder(UP)
+        self.frames = []
+        self.raw = bytearray()
+        self.stamps = []
+        self.slice_s = slice_s
+        bus = self.backend.bus
+        for data in (b"\x00\x31", b"\xfe\x79", b"\x00\x21"):
+            bus.writeto(0x40, data)
+
+    def pulses(self, steering_us, throttle_us):
+        count = 122e6 / self.world.car.oscillator_hz
+        s, t = round(steering_us / count), round(throttle_us / count)
+        self.backend.bus.writeto(0x40, bytes((0x06, 0, 0, s & 255, s >> 8, 0, 0, t & 255, t >> 8)))
+
+    def run(self, seconds, on_frame=None):
+        end = self.backend.clock.now() + seconds
+        while self.backend.clock.now() < end - 1e-9:
+            chunk = self.backend.link.read(min(self.slice_s, end - self.backend.clock.now()))
+            if chunk is None:
+                continue
+            self.raw += chunk.data
+            self.stamps.append(chunk.t)
+            for frame in self.decoder.feed(chunk.data):
+                self.frames.append(frame)
+                if on_frame is not None:
+                    on_frame(frame)
+        return self
+
+    def drive(self, steering, throttle, seconds):
+        self.pulses(1500 + 375 * steering, 1500 + 450 * throttle)
+        return self.run(seconds)
+
+    def armed(self):
+        self.pulses(1500, 1500)
+        return self.run(2.2)
+
+    def of(self, name):
+        return [f for f in self.frames if f.message.name == name]
+
+    def states(self):
+        return [f.as_si() for f in self.of("STATE")]
+
+    @property
+    def truth(self):
+        return self.world.truth()

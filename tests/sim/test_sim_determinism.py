@@ -1,0 +1,93 @@
+"""The same seed gives the same bytes, however the reader cuts its time."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from dart_hal.wire.codec import encode
+from dart_hal.wire.messages import HEARTBEAT, TIME_PING
+
+URL = "sim://?nano=mock&seed=7"
+
+
+def scenario(raw_car, url, slice_s):
+    """Drives by what it sees: commands and beats are answers to frames."""
+    car = raw_car(url, slice_s)
+    seen = [0]
+
+    def react(frame):
+        if frame.message.name != "STATE":
+            return
+        seen[0] += 1
+        n = seen[0]
+        gyro = frame.as_si()["gyro"][2]
+        car.backend.link.write(encode(HEARTBEAT, n, (1, 15000, 15000, 2, 0, 0)))
+        if n % 25 == 0:
+            car.backend.link.write(encode(TIME_PING, n, (n, 7)))
+        if n % 2 == 0:
+            throttle = 0 if n < 220 else 100 + 60 * (n % 200 > 100)
+            car.pulses(1500 + 200 * (n % 300 > 150) - 20 * gyro, 1500 + throttle)
+
+    car.run(6.0, react)
+    chunks = repr(car.stamps).encode()
+    return (hashlib.sha256(bytes(car.raw)).hexdigest(), hashlib.sha256(chunks).hexdigest(),
+            car.truth)
+
+
+@pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4"])
+def test_read_slices_do_not_matter(raw_car, extra):
+    first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
+    assert all(o == first for o in others)
+
+
+def test_twice_the_same_and_another_seed_not(raw_car):
+    assert scenario(raw_car, URL, 0.01) == scenario(raw_car, URL, 0.01)
+    assert scenario(raw_car, URL, 0.01)[0] != scenario(raw_car, "sim://?nano=mock&seed=8", 0.01)[0]
+
+
+def test_bytes_of_the_future_are_held_back(raw_car):
+    car = raw_car(URL)
+    link = car.backend.link
+    for _ in range(2000):
+        chunk = link.read(0.37e-3)
+        assert chunk is None or chunk.t <= link.now
+        assert car.world.t <= link.now + 1e-3
+
+
+def test_a_command_acts_from_the_frame_it_answers(raw_car):
+    """The STOP of a write follows the frame's last stop bit by its wire time."""
+    car = raw_car("sim://?nano=mock")
+    times = []
+
+    def react(frame):
+        if frame.message.name != "STATE":
+            return
+        car.pulses(1500, 1500)
+        times.append((car.backend.clock.now(), car.backend.bus.log[-1]))
+
+    car.run(0.5, react)
+    assert all(log.t_start == now for now, log in times)
+
+
+def test_sleep_leaves_the_frames_to_be_read(raw_car):
+    car = raw_car("sim://?nano=mock")
+    car.backend.clock.sleep(1.0)
+    assert car.backend.clock.now() == pytest.approx(1.0)
+    frames = 0
+    while (chunk := car.backend.link.read(0.0)) is not None:
+        assert chunk.t <= 1.0
+        frames += 1
+    assert frames >= 99
+    assert car.backend.clock.now() == pytest.approx(1.0)
+
+
+def test_usb_jitter_delays_and_keeps_the_order(raw_car):
+    plain, late = raw_car("sim://?nano=mock").run(5.0), raw_car("sim://?nano=mock&jitter=usb")
+    late.run(5.0)
+    assert late.stamps == sorted(late.stamps)
+    delays = [b - a for a, b in zip(plain.stamps, late.stamps, strict=False)]
+    assert min(delays) >= 0.0
+    assert max(delays) > 1.5e-3
+    assert sum(d < 1e-3 for d in delays) > 0.8 * len(delays)

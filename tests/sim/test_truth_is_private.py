@@ -1,0 +1,70 @@
+"""Nobody outside ``sim`` learns the truth: read from the sources, not from good will."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import dart_hal
+
+ROOT = Path(dart_hal.__file__).parent
+ALLOWED = {"cli/sim.py", "cli/demo.py"}
+SECRET = {"dart_hal.sim.truth", "dart_hal.sim.hidden", "dart_hal.sim.world"}
+
+
+def imported(source: str, package: str) -> set[str]:
+    """Absolute names of all modules that a source may import, also inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {a.name for a in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                head = package.split(".")[:len(package.split(".")) - node.level + 1]
+                base = ".".join([*head, base] if base else head)
+            names |= {base} | {f"{base}.{a.name}" for a in node.names}
+    return names
+
+
+def peeks(source: str, package: str = "dart_hal.calibration") -> list[str]:
+    """What in a source reaches for the truth."""
+    found = sorted(imported(source, package) & SECRET)
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Attribute) and node.attr in ("_world", "world_of"):
+            own = isinstance(node.value, ast.Name) and node.value.id == "self"
+            found += [] if own else [f".{node.attr}"]
+        if isinstance(node, ast.Constant) and node.value in (SECRET | {"_world"}):
+            found.append(repr(node.value))
+    return found
+
+
+def test_nobody_outside_peeks():
+    guilty = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        name = path.relative_to(ROOT).as_posix()
+        if name.startswith("sim/") or name in ALLOWED:
+            continue
+        package = ".".join(["dart_hal", *path.relative_to(ROOT).parent.parts])
+        if found := peeks(path.read_text(encoding="utf-8"), package):
+            guilty[name] = found
+    assert guilty == {}
+
+
+def test_the_test_would_see_a_peek():
+    for source in ("from dart_hal.sim.truth import truth", "import dart_hal.sim.hidden as h",
+                   "from dart_hal.sim import world", "from ..sim import truth",
+                   "def f(b):\n    from dart_hal.sim.world import World",
+                   "def f(b): return b.link._world.car", "getattr(b.link, '_world')",
+                   "import importlib\nimportlib.import_module('dart_hal.sim.truth')"):
+        assert peeks(source), source
+    assert peeks("from dart_hal.sim.backend import open_sim") == []
+
+
+def test_importing_the_library_does_not_load_the_simulator():
+    import subprocess
+    import sys
+
+    code = "import sys, dart_hal; print([m for m in sys.modules if m.startswith('dart_hal.sim')])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
