@@ -3,9 +3,13 @@
  * A small program for tests of the emulator, independent of the firmware:
  * UART at 500000 baud, echo of each byte, edge counters of D2 and D3 and a
  * command per letter:
- *   c: counts  'C' u16 u16      t: TWI read of the BNO055, see below
- *   m: MCUSR at boot            s: sleep until the next interrupt
- *   w: watchdog reset           e: EEPROM byte 0 + 1
+ *   c: counts  'C' u16 u16      t: TWI read of the BNO055
+ *   w: watchdog reset           k: watchdog interrupt, 'K' when it came
+ *   e: EEPROM byte 0 + 1        W reg value: TWI write
+ *   b n: TWBR                   g n: n SCL pulses by GPIO, level of SDA
+ *   d: deaf for four bytes      p: toggle D4 (power of the BNO055)
+ *   v: ADC of the bandgap       o: toggle D9 by OC1A at each beat
+ *   i: ICR1 (rising edge of D8, 0.5 us modulo 1 ms)
  * In its main loop it sleeps (IDLE). Boot: 'B' MCUSR.
  */
 #include <avr/eeprom.h>
@@ -16,6 +20,7 @@
 #include <stdint.h>
 
 static volatile uint16_t edges[2];
+static volatile uint8_t bitten;
 static volatile uint8_t rx[64], rx_head;
 static uint8_t rx_tail;
 static uint8_t cause __attribute__((section(".noinit")));
@@ -37,6 +42,7 @@ ISR(USART_RX_vect)
 	rx[rx_head++ & 63] = v;
 }
 EMPTY_INTERRUPT(TIMER1_COMPA_vect)
+ISR(WDT_vect) { bitten = 1; }
 
 static void put(uint8_t v)
 {
@@ -146,6 +152,31 @@ static void deaf(void)
 	sei();
 }
 
+static void bandgap(void)
+{
+	ADMUX = _BV(REFS0) | 14;
+	ADCSRA = _BV(ADEN) | _BV(ADSC) | 7;
+	while (ADCSRA & _BV(ADSC))
+		;
+	put16(ADC);
+}
+
+static void watchdog_interrupt(void)
+{
+	cli();
+	wdt_reset();
+	WDTCSR = _BV(WDCE) | _BV(WDE);
+	WDTCSR = _BV(WDIE); /* 16 ms */
+	sei();
+	while (!bitten)
+		;
+	put('K');
+	cli();
+	wdt_disable();
+	bitten = 0;
+	sei();
+}
+
 static void command(uint8_t v)
 {
 	uint8_t a, b;
@@ -188,6 +219,19 @@ static void command(uint8_t v)
 		eeprom_update_byte((uint8_t *)0, a + 1);
 		put(a);
 		break;
+	case 'v':
+		bandgap();
+		break;
+	case 'k':
+		watchdog_interrupt();
+		break;
+	case 'o':
+		DDRB |= _BV(1);
+		TCCR1A |= _BV(COM1A0);
+		break;
+	case 'i':
+		put16(ICR1);
+		break;
 	case 'p':
 		PORTD ^= _BV(4);
 		break;
@@ -206,7 +250,7 @@ int main(void)
 	EICRA = _BV(ISC00) | _BV(ISC10);
 	EIMSK = _BV(INT0) | _BV(INT1);
 	TWBR = 12;
-	TCCR1B = _BV(WGM12) | _BV(CS11); /* 1 ms beat wakes the loop */
+	TCCR1B = _BV(WGM12) | _BV(CS11) | _BV(ICES1); /* 1 ms beat wakes the loop */
 	OCR1A = 1999;
 	TIMSK1 = _BV(OCIE1A);
 	sei();
