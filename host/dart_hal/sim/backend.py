@@ -11,6 +11,7 @@ from __future__ import annotations
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
+from dart_hal.sim.eeprom import preset
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimClock, SimLink
@@ -57,7 +58,7 @@ def _nano(url: Url, car: HiddenCar) -> tuple[Nano, tuple[str, ...]]:
 
 
 def _mock(car: HiddenCar) -> MockNano:
-    return MockNano(clock_error=car.clock_error, board_id=car.board_id)
+    return MockNano(clock_error=car.clock_error, eeprom=preset(car.board_id))
 
 
 def _emulated(car: HiddenCar) -> Nano:
@@ -65,7 +66,7 @@ def _emulated(car: HiddenCar) -> Nano:
         from dart_hal.links.emulator import EmulatedNano
     except ImportError as error:
         raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
-    nano: Nano = EmulatedNano(clock_error=car.clock_error)
+    nano: Nano = EmulatedNano(clock_error=car.clock_error, eeprom=preset(car.board_id))
     return nano
 
 

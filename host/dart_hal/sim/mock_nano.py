@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from dart_hal.sim.eeprom import packed_params, stored
 from dart_hal.sim.mock_capture import MockCapture
 from dart_hal.sim.mock_encoder import MockEncoder
 from dart_hal.sim.mock_imu import START, MockImu
@@ -40,13 +41,15 @@ class MockNano:
     """
 
     def __init__(self, clock_error: float = 0.0, eeprom: bytes | None = None,
-                 host_baud: int = 500_000, board_id: int = 0xDA270000) -> None:
+                 host_baud: int = 500_000) -> None:
         self.now = 0.0
         self.eeprom = eeprom
         self._out: list[tuple[bytes, float]] = []
-        self.board_id = board_id
+        board_id, params = stored(eeprom) if eeprom else (None, {})
+        self.board_id = 0xDA27DA27 if board_id is None else board_id
         self.boot_count = 0
-        self.params = {p.id: p.default for p in m.PARAMS}
+        self.params = {p.id: p.default for p in m.PARAMS} | params
+        self._stored = bool(params)
         self.imu = MockImu()
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
@@ -166,7 +169,7 @@ class MockNano:
     def _state(self, ck: int) -> tuple[int, ...]:
         a, b = self.rings
         flags = _FLAG["MOCK"] | self._imu_flags()
-        flags |= _FLAG["PARAM_DEFAULTS"] if self._defaults() else 0
+        flags |= 0 if self._stored else _FLAG["PARAM_DEFAULTS"]
         age = self.supervisor.age(self.now)
         live = self.supervisor.state
         flags |= _FLAG["BEAT_OK"] if age <= self.supervisor.timeout else 0
@@ -194,9 +197,6 @@ class MockNano:
         age = (self.now - self._sample_at) * 250e3
         return round(age) if age < 65535 else 65535
 
-    def _defaults(self) -> bool:
-        return all(self.params[p.id] == p.default for p in m.PARAMS)
-
     # -- messages --------------------------------------------------------------
 
     def _send(self, message: m.Message, values: Any, earliest: float | None = None) -> None:
@@ -205,14 +205,13 @@ class MockNano:
         self._uart.send(data, self.now if earliest is None else earliest)
 
     def _hello(self, req_seq: int) -> dict[str, Any]:
-        caps = (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
-        block = struct.pack(f"<{len(m.PARAMS)}I", *(self.params[p.id] for p in m.PARAMS))
+        caps = 2 | (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
         return {"proto": m.PROTO, "req_seq": req_seq, "schema": m.SCHEMA,
                 "fw_version": (0, 0, 0), "build": 0x04, "git": 0, "board_id": self.board_id,
                 "boot_count": self.boot_count & 0xFFFF, "reset_cause": self._cause,
                 "bootloader": 0, "boot_nonce": self.nonce,
                 "edges_per_rev": (self.params[1], self.params[2]), "caps": caps,
-                "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(block)}
+                "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(packed_params(self.params))}
 
     def _diag(self, ck: int) -> dict[str, int]:
         c = self._decoder.counters
@@ -279,6 +278,7 @@ class MockNano:
         status = 1 if spec is None else 0 if spec.low <= value <= spec.high else 2
         if status == 0 and self.params[ident] != value:
             self.params[ident] = value
+            self._stored = True
             self._event(6, ident)
         self._queue.append((m.PARAM_VALUE, (ident, status, frame.seq,
                                             self.params.get(ident, 0))))
