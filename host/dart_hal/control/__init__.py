@@ -1,0 +1,1 @@
+"""Controllers and command sources on top of the Car."""

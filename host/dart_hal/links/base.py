@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
 from urllib.parse import parse_qsl, urlsplit
 
@@ -136,9 +136,9 @@ class Backend:
             closer()
 
 
-def schemes() -> dict[str, Callable[[Url], Backend]]:
+def schemes() -> dict[str, EntryPoint]:
     """URL schemes that an installed package serves."""
-    return {e.name: e.load for e in entry_points(group="dart_hal.backends")}
+    return {e.name: e for e in entry_points(group="dart_hal.backends")}
 
 
 def open_backend(text: str) -> Backend:
@@ -148,5 +148,5 @@ def open_backend(text: str) -> Backend:
     if url.scheme not in loaders:
         raise UnknownScheme(f"no backend for {url.scheme}://", found=text,
                             expected=", ".join(f"{s}://" for s in sorted(loaders)))
-    opener: Callable[[Url], Backend] = loaders[url.scheme]()
+    opener: Callable[[Url], Backend] = loaders[url.scheme].load()
     return opener(url)

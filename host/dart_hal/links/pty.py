@@ -37,7 +37,8 @@ _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios)
 class PacedNano(Protocol):
     """What `Pty` needs of a Nano; `EmulatedNano` and a simulated car are such."""
 
-    now: float
+    @property
+    def now(self) -> float: ...
 
     def run(self, until: float) -> bool: ...
     def read(self) -> list[tuple[bytes, float]]: ...

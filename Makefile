@@ -1,0 +1,66 @@
+# DART-HAL: every job of this checkout by one word. `make` alone lists them.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-slow lint bench docs firmware clean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
+
+demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; writes demo/index.html
+	@$(BIN)/dart-hal demo --out demo $(ARGS)
+
+test: $(VENV)/.dev toolchain ## run every test (about five minutes)
+	@$(BIN)/python -m pytest -n 2 -m "not slow" $(ARGS)
+	@echo "All good: tests, types, style and floors hold."
+
+test-slow: $(VENV)/.dev toolchain ## the long suites: 20 hidden cars, soak, flashing
+	@$(BIN)/python -m pytest -m slow $(ARGS)
+
+lint: $(VENV)/.dev ## style, types and import floors
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+bench: $(VENV)/.dev toolchain ## every figure of the README, measured here
+	@$(BIN)/python benchmarks/run.py $(ARGS)
+
+docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (docs/build/index.html)
+	@$(BIN)/dart-hal wire --write
+	@$(BIN)/python -m sphinx -q -W -b html docs docs/build
+	@echo "open docs/build/index.html"
+
+firmware: toolchain ## build firmware, emulator bridge and native core, print the budgets
+	@if command -v avr-gcc >/dev/null; then $(MAKE) -s -C firmware hex native size; fi
+
+# Compiler for the Nano and the emulator. Without them the mock takes over, visibly.
+.PHONY: toolchain
+toolchain:
+	@sh firmware/toolchain.sh
+
+setup: $(VENV)/.dev toolchain ## install everything without running anything
+
+$(BIN)/python:
+	@echo "-- making a virtual environment in $(VENV)"
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 10) else "DART-HAL needs Python 3.10 or newer, found %d.%d; try: make PYTHON=python3.11" % v[:2])'
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); sh firmware/toolchain.sh --apt python3-venv && $(PYTHON) -m venv $(VENV); }
+
+$(VENV)/.demo: pyproject.toml | $(BIN)/python
+	@echo "-- installing dart-hal and its Python packages (once)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot]'
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/python
+	@echo "-- installing dart-hal and the tools that test it (once)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@ $(VENV)/.demo
+
+$(VENV)/.docs: pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs]'
+	@touch $@
+
+clean: ## remove what was built (not the environment)
+	@rm -rf demo docs/build firmware/build

@@ -1,0 +1,305 @@
+"""``Car``: the facade that a controller talks to, whatever stands behind it."""
+
+from __future__ import annotations
+
+import atexit
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from types import TracebackType
+
+from dart_hal.actuation import Event
+from dart_hal.actuation import State as Mode
+from dart_hal.car.engine import Engine
+from dart_hal.car.hooks import Hook
+from dart_hal.car.identity import Hello
+from dart_hal.car.pump import InlinePump, Pump, ThreadPump
+from dart_hal.car.recorder import start_recording
+from dart_hal.car.signals import stop_on_sigterm
+from dart_hal.car.timing import LoopTimer, Timing
+from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.errors import DartHalError, EndOfRecording, LinkLost, NotArmed
+from dart_hal.links.base import Backend, open_backend
+from dart_hal.types import Applied, State
+from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.speed_law import SpeedLaw
+
+DEFAULT_URL = "sim://"
+PERIOD = 0.01
+"""s between two STATE frames."""
+ARM_PATIENCE = 4.5
+"""s: the ESC's 2 s of neutral, 0.5 s of good checks, 1.5 s for what comes by waiting."""
+
+
+class Car:
+    """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
+
+    ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
+    the user must see once.
+    """
+
+    def __init__(self, backend: Backend, files: CarFiles, record: str | Path | None = None) -> None:
+        self.files = files
+        self.notices = backend.notices
+        self.url = backend.url.text
+        self._engine = Engine(backend, files)
+        self._recorder = start_recording(self._engine, files, record) if record else None
+        self._law = SpeedLaw(vehicle_of(files.model))
+        self._timer = LoopTimer()
+        self._law_t: float | None = None
+        self._state: State | None = None
+        self._pump: Pump | None = None
+        self._closed = False
+
+    # -- life ------------------------------------------------------------------
+
+    @classmethod
+    def open(cls, url: str | None = None, *, car: str = "dart-01",
+             cars: str | Path | None = None, record: str | Path | None = None) -> Car:
+        """Open a car and leave it at neutral and disarmed.
+
+        url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
+        car; a simulated or recorded one brings its own. ``cars``: folder of
+        the cars' files. ``record``: MCAP file for everything that passes.
+        Raises the errors of the catalogue: UnknownScheme, PortMissing,
+        PortBusy, PortDenied, NoHello, PcaMissing, ConfigError, ...
+        """
+        text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
+        return cls.over(open_backend(text), car=car, cars=cars, record=record)
+
+    @classmethod
+    def over(cls, backend: Backend, *, car: str = "dart-01", cars: str | Path | None = None,
+             record: str | Path | None = None) -> Car:
+        """As ``open``, over a backend that is open already; closes it on failure."""
+        folders = [cars] if cars else None
+        try:
+            if backend.car_toml is not None:
+                files = parse_car(backend.car_toml, backend.url.text, folders)
+            else:
+                files = load_car(backend.car or car, folders)
+            opened = cls(backend, files, record)
+        except BaseException:
+            backend.close()
+            raise
+        opened._begin()
+        return opened
+
+    def _begin(self) -> None:
+        engine = self._engine
+        atexit.register(self.close)
+        try:
+            engine.driver.open(engine.now)
+            engine.identify()
+            engine.start()
+        except BaseException:
+            self.close()
+            raise
+        self._pump = InlinePump(engine) if engine.backend.virtual else ThreadPump(engine)
+        stop_on_sigterm()
+
+    def close(self) -> None:
+        """Neutral, two PWM frames, then let go of bus and port; idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        atexit.unregister(self.close)
+        if self._pump is not None:
+            self._pump.stop()
+        try:
+            with self._engine.lock:
+                self._engine.close()
+        finally:
+            if self._recorder is not None:
+                self._recorder.close()
+            self._engine.backend.close()
+
+    def __enter__(self) -> Car:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    # -- the loop ----------------------------------------------------------------
+
+    def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[State]:
+        """One State per telemetry frame, 100 Hz: the loop's clock.
+
+        Blocks on the next frame; a loop that is too slow gets the newest one
+        (``health.skipped`` counts the others). Ends after ``duration`` s of the
+        car's time, or at the end of a recording. Raises LinkLost after
+        ``timeout`` s without a frame.
+        """
+        start: float | None = None
+        while True:
+            try:
+                state = self._next(timeout)
+            except EndOfRecording:
+                return
+            start = state.t if start is None else start
+            yield state
+            if state.t - start >= duration - 1.5 * PERIOD:
+                return
+
+    def _next(self, timeout: float) -> State:
+        if self._pump is None or self._closed:
+            raise LinkLost("the car is closed", likely="states() used outside the with block",
+                           remedy="open it again with Car.open()")
+        state, skipped = self._pump.next(timeout)
+        self._timer.tick(self._engine.now, skipped)
+        if self._timer.skipped:
+            state = replace(state, health=replace(state.health, skipped=self._timer.skipped))
+        self._state = state
+        return state
+
+    # -- commands ------------------------------------------------------------------
+
+    def drive(self, *, steering: float = 0.0, throttle: float = 0.0, valid_for: float = 0.2,
+              source: str = "user") -> Applied:
+        """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s.
+
+        Returns what the pins carry, or will with the next PWM frame, and why
+        it differs. Raises BadCommand for NaN and inf; the car is tripped then.
+        """
+        engine = self._engine
+        with engine.lock:
+            now = engine.now
+            if self._recorder is not None:
+                self._recorder.command(now, steering, throttle, source)
+            planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
+            return engine.driver.applied if engine.answer() else planned
+
+    def drive_speed(self, *, steering: float, speed: float, valid_for: float = 0.2,
+                    source: str = "user") -> Applied:
+        """Command steering [rad] and a speed [m/s] held by the built-in loop.
+
+        Feed-forward from model.toml (else the paper's model) and a PI part.
+        The integral is forgotten at a stop and when commands expired.
+        """
+        state = self._state
+        measured, t = (state.speed, state.t) if state else (0.0, 0.0)
+        dt = t - self._law_t if self._law_t is not None else 0.0
+        self._law_t = t
+        if dt > valid_for or self._engine.driver.mode is not Mode.ARMED:
+            self._law.reset()
+            dt = 0.0
+        limit = self.files.config.limits.max_speed
+        throttle = self._law.throttle(min(max(speed, -limit), limit), measured, dt)
+        return self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
+                          source=source)
+
+    def pulses(self, *, steering_us: float, throttle_us: float) -> Applied:
+        """Raw pulses [us] for calibration, inside ``with car.raw():``.
+
+        Raises BadCommand outside 1000 to 2000 us or outside raw().
+        """
+        engine = self._engine
+        with engine.lock:
+            engine.driver.supervisor.raw_called(engine.now)
+            planned = engine.driver.raw_pulses(steering_us, throttle_us)
+            return engine.driver.applied if engine.answer() else planned
+
+    def stop(self) -> Applied:
+        """Throttle neutral now, steering held; the car is disarmed."""
+        self._law.reset()
+        with self._engine.lock:
+            return self._engine.driver.stop(self._engine.now)
+
+    # -- arming ----------------------------------------------------------------------
+
+    def arm(self, *, waive: Sequence[str] = ()) -> None:
+        """Hold neutral for the ESC's start-up time, check everything, arm.
+
+        Raises NotArmed with every reason that holds; never prompts. Waivable:
+        PWM_CLOCK_UNCALIBRATED, CALIBRATION_MISSING; waivers are recorded.
+        """
+        engine = self._engine
+        if engine.backend.bus is None:
+            return
+        for _ in self._until_good():
+            pass
+        with engine.lock:
+            engine.driver.arm(engine.now, tuple(waive))
+            if waive and self._recorder is not None:
+                self._recorder.note("waived", {"reasons": ", ".join(waive)})
+        for _ in self.states(duration=ARM_PATIENCE):
+            if engine.driver.mode is Mode.ARMED:
+                return
+            if engine.driver.mode is not Mode.ARMING:
+                break
+        with engine.lock:
+            refused: NotArmed = engine.driver.refused()
+            engine.driver.stop(engine.now)
+        raise refused
+
+    def _until_good(self) -> Iterator[State]:
+        """States until clock and IMU have settled after the opening; 2 s at most."""
+        for state in self.states(duration=2.0):
+            if self._engine.driver.settled(self._engine.now):
+                return
+            yield state
+
+    @contextmanager
+    def raw(self) -> Iterator[None]:
+        """Calibration: ``pulses()`` instead of ``drive()``, after the ESC's neutral time.
+
+        Ends after 10 s without a call. Raises NotArmed when the link or the
+        bus is not good; clock and calibration need not exist yet.
+        """
+        engine = self._engine
+        for _ in self.states(duration=self.files.config.throttle.arm_neutral):
+            pass
+        with engine.lock:
+            engine.driver.open_raw(engine.now)
+        try:
+            yield
+        finally:
+            with engine.lock:
+                engine.driver.event(Event.RAW_CLOSE, engine.now)
+                engine.driver.actuator.stop()
+
+    def unlock(self, reason: str) -> None:
+        """Leave LOCKED (three trips in a minute); the reason is recorded."""
+        with self._engine.lock:
+            self._engine.driver.event(Event.UNLOCK, self._engine.now)
+        if self._recorder is not None:
+            self._recorder.note("unlock", {"reason": reason})
+
+    # -- what is known -----------------------------------------------------------------
+
+    @property
+    def hello(self) -> Hello:
+        """Identity of the Nano that answered."""
+        hello = self._engine.receiver.hello
+        if hello is None:
+            raise DartHalError("the Nano has not said who it is")
+        return hello
+
+    @property
+    def mode(self) -> str:
+        """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
+        return self._engine.driver.mode.value
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Names of what tripped the car last."""
+        return self._engine.driver.supervisor.causes
+
+    @property
+    def timing(self) -> Timing:
+        """How loop and link run."""
+        p50, p99, longest = self._timer.quantiles()
+        counters = self._engine.receiver.counters
+        return Timing(p50, p99, longest, counters.gaps, counters.damaged, self._timer.skipped,
+                      self._engine.link_age)
+
+    def on_bytes(self, hook: Hook) -> None:
+        """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""
+        self._engine.hooks.add(hook)
+
+    def on_state(self, listener: Callable[[State], None]) -> None:
+        """``listener(state)`` sees every State, also those a slow loop skips; keep it short."""
+        self._engine.listeners.append(listener)

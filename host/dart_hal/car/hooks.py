@@ -1,0 +1,48 @@
+"""Everything that passes between Car and backend can be watched or altered.
+
+A hook gets ``(direction, data, t)`` and returns the bytes to go on with:
+"rx" from the Nano, "tx" to it. That is how faults are injected and how a
+recording keeps the raw bytes; the recorder sees what the hooks let through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from dart_hal.types import Applied
+
+Hook = Callable[[str, bytes, float], bytes]
+
+
+class Recorder(Protocol):
+    """What a run writer offers to the engine (``recording.RunWriter``)."""
+
+    def rx(self, data: bytes, t: float) -> None: ...
+    def tx(self, data: bytes, t: float) -> None: ...
+    def applied(self, t: float, applied: Applied) -> None: ...
+
+
+class Hooks:
+    """The chain of hooks, then the recorder."""
+
+    def __init__(self) -> None:
+        self._hooks: list[Hook] = []
+        self.recorder: Recorder | None = None
+
+    def add(self, hook: Hook) -> None:
+        self._hooks.append(hook)
+
+    def rx(self, data: bytes, t: float) -> bytes:
+        for hook in self._hooks:
+            data = hook("rx", data, t)
+        if self.recorder is not None and data:
+            self.recorder.rx(data, t)
+        return data
+
+    def tx(self, data: bytes, t: float) -> bytes:
+        for hook in self._hooks:
+            data = hook("tx", data, t)
+        if self.recorder is not None and data:
+            self.recorder.tx(data, t)
+        return data

@@ -1,0 +1,64 @@
+"""Who is at the other end: HELLO as a value, and what may be done with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from dart_hal.wire.messages import PROTO, SCHEMA
+
+BUILD_DIRTY, BUILD_TEST, BUILD_MOCK = 1, 2, 4
+BOOTLOADERS = {0: "unknown", 1: "ATmegaBOOT (57600)", 2: "Optiboot (115200)"}
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Identity of a Nano, from its HELLO frame."""
+
+    proto: int
+    schema: int
+    version: tuple[int, int, int]
+    build: int
+    git: int
+    board_id: int
+    boot_count: int
+    reset_cause: int
+    bootloader: int
+    boot_nonce: int
+    edges_per_rev: tuple[int, int]
+    caps: int
+    clock_hz: int
+
+    @classmethod
+    def from_frame(cls, values: dict[str, Any]) -> Hello:
+        return cls(
+            proto=values["proto"], schema=values["schema"],
+            version=tuple(values["fw_version"]), build=values["build"], git=values["git"],
+            board_id=values["board_id"], boot_count=values["boot_count"],
+            reset_cause=values["reset_cause"], bootloader=values["bootloader"],
+            boot_nonce=values["boot_nonce"], edges_per_rev=tuple(values["edges_per_rev"]),
+            caps=values["caps"], clock_hz=values["clock_hz"])
+
+    @property
+    def mock(self) -> bool:
+        """True when the frames come from MockNano, not from firmware."""
+        return bool(self.build & BUILD_MOCK)
+
+    @property
+    def same_schema(self) -> bool:
+        return self.schema == SCHEMA
+
+    @property
+    def proto_supported(self) -> bool:
+        """A host for protocol N works with firmware N-1, N and N+1."""
+        return abs(self.proto - PROTO) <= 1
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "firmware": ".".join(map(str, self.version)), "git": f"{self.git:08x}",
+            "schema": f"{self.schema:08x}", "proto": self.proto, "mock": self.mock,
+            "board_id": f"{self.board_id:08x}", "boot_count": self.boot_count,
+            "reset_cause": self.reset_cause,
+            "bootloader": BOOTLOADERS.get(self.bootloader, "unknown"),
+            "edges_per_rev": list(self.edges_per_rev), "caps": self.caps,
+        }

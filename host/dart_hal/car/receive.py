@@ -1,0 +1,94 @@
+"""Bytes in, States out: decoder, dispatch by message, and what is kept of each."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.car.identity import Hello
+from dart_hal.car.telemetry import Telemetry
+from dart_hal.car.transmit import Transmitter
+from dart_hal.types import Applied, State
+from dart_hal.wire.codec import UP
+from dart_hal.wire.decoder import Counters, Decoder
+from dart_hal.wire.frame import Frame
+from dart_hal.wire.messages import DIAG, HELLO, STATE, TIME_PONG
+from dart_hal.wire.plausible import Gates
+
+INBOX = 64
+"""Frames of the rarer kinds that are kept for whoever asked for them."""
+
+
+class Receiver:
+    """Decodes the link's bytes; one per open car.
+
+    ``hello``, ``diag``: the newest; ``inbox``: the other messages in order of
+    arrival; ``boots``: how often a HELLO of another boot was seen; ``sent_at``:
+    when the recorded pings of a replay had left.
+    """
+
+    def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
+        self._telemetry = telemetry
+        self._transmitter = transmitter
+        self._decoder = Decoder(UP, Gates())
+        self._fed = 0
+        self._seq = -1
+        self.hello: Hello | None = None
+        self.hello_values: dict[str, Any] | None = None
+        self.diag: dict[str, Any] = {}
+        self.boots = 0
+        self.inbox: deque[Frame] = deque(maxlen=INBOX)
+        self.on_boot: Callable[[Hello], None] = lambda hello: None
+        self.sent_at: Callable[[int], float | None] | None = None
+
+    @property
+    def counters(self) -> Counters:
+        """Decoder's account: frames ok, lost, damaged."""
+        return self._decoder.counters
+
+    @property
+    def schema_ok(self) -> bool:
+        return self.hello is not None and self.hello.same_schema
+
+    def feed(self, data: bytes, t: float, applied: Applied) -> list[State]:
+        """States that end in ``data``, whose last byte arrived at host time ``t``."""
+        self._fed += len(data)
+        states = []
+        for frame in self._decoder.feed(data):
+            if frame.message is STATE:
+                states.append(self._state(frame, t, applied))
+            else:
+                self._other(frame, t)
+        return states
+
+    def _state(self, frame: Frame, t: float, applied: Applied) -> State:
+        self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
+        millivolt = self.diag.get("vcc_mv", 0)
+        return self._telemetry.read(frame, self._seq, t, self._fed - frame.end, applied,
+                                    self.counters.gaps, millivolt * 1e-3 if millivolt else None)
+
+    def _other(self, frame: Frame, t: float) -> None:
+        if self._seq >= 0:
+            self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1
+        if frame.message is HELLO:
+            self.hello_values = frame.as_dict()
+            self._hello(Hello.from_frame(self.hello_values))
+        elif frame.message is DIAG:
+            self.diag = frame.as_dict()
+        elif frame.message is TIME_PONG:
+            behind = (self._fed - frame.end) * self._telemetry.clock.byte_time
+            pong = frame.as_dict()
+            sent = self.sent_at(pong["ping_id"]) if self.sent_at else None
+            self._transmitter.pong(pong, self._telemetry.clock, t - behind, sent)
+        else:
+            self.inbox.append(frame)
+
+    def _hello(self, hello: Hello) -> None:
+        known = self.hello
+        self.hello = hello
+        if known is not None and (known.boot_count, known.board_id) != (hello.boot_count,
+                                                                        hello.board_id):
+            self.boots += 1
+            self._telemetry.restart()
+            self.on_boot(hello)

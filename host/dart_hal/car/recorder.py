@@ -1,0 +1,27 @@
+"""Recording of an open car: bytes both ways, commands, pulses, who it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dart_hal.car.engine import Engine
+from dart_hal.config import CarFiles
+from dart_hal.recording.run import RunWriter
+
+FILES = ("car.toml", "calibration.toml", "model.toml")
+
+
+def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWriter:
+    """Begin an MCAP file of this run; ``engine`` writes into it from now on."""
+    texts = {name: (files.folder / name).read_text(encoding="utf-8")
+             for name in FILES if (files.folder / name).is_file()}
+    backend = engine.backend
+    if backend.car_toml is not None:
+        texts["car.toml"] = backend.car_toml
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    writer = RunWriter(path, url=backend.url.text, car=files.config.name, start=engine.now,
+                       files=texts)
+    engine.hooks.recorder = writer
+    engine.recorder = writer
+    engine.listeners.append(writer.state)
+    return writer

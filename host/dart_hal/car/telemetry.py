@@ -1,0 +1,72 @@
+"""STATE frames in, States out: axes, clock, wheel speed and pose in one step."""
+
+from __future__ import annotations
+
+from math import tan
+
+from dart_hal.config import CarFiles
+from dart_hal.estimation.clock import ClockFit
+from dart_hal.estimation.frames import FrameReader, Mounting, flag_names
+from dart_hal.estimation.odometry import Odometry
+from dart_hal.estimation.speed import WheelSpeed
+from dart_hal.types import Applied, Health, State
+from dart_hal.wire.frame import Frame
+from dart_hal.wire.messages import STATE
+
+BITS_PER_BYTE = 10
+"""8N1: start, eight data bits, stop."""
+
+
+class Telemetry:
+    """One per open car; ``read`` is called once per STATE frame.
+
+    byte_time [s]: one byte on the line.
+    """
+
+    def __init__(self, files: CarFiles, byte_time: float) -> None:
+        yaw, pitch, roll = files.imu_mount
+        imu = files.calibration.imu if files.calibration else None
+        scale = imu.gyro_scale.value if imu and imu.gyro_scale else 1.0
+        bias = imu.gyro_bias if imu and imu.gyro_bias else None
+        encoder = files.config.encoder
+        self._wheelbase = files.config.geometry.wheelbase
+        self._wire_time = STATE.wire_size * byte_time
+        self._frames = FrameReader(Mounting(roll, pitch, yaw, scale))
+        self.clock = ClockFit(byte_time=byte_time)
+        self.speed = WheelSpeed(files.metres_per_edge.value, encoder.edges_per_rev, files.ring)
+        self.odometry = Odometry(gyro_bias=bias.value if bias else 0.0,
+                                 gyro_bias_std=bias.std if bias else None)
+        self.last_dev = 0.0
+        self.restarts = 0
+
+    def restart(self) -> None:
+        """The Nano booted again: re-base at the next frame."""
+        self._frames.restart()
+
+    def read(self, frame: Frame, seq: int, t_arrival: float, bytes_behind: int, applied: Applied,
+             lost: int, vcc: float | None) -> State:
+        """Turn one STATE frame into a State (``skipped`` is left at 0)."""
+        sample = self._frames.read(frame.values(), t_arrival)
+        if sample.restarted:
+            self.restarts += 1
+            self.clock.restart()
+            self.odometry.restart()
+        self.clock.add_frame(sample.t_dev, t_arrival, self._wire_time, bytes_behind)
+        t, t_std = self.clock.to_host(sample.t_dev)
+        rate = self.clock.rate
+        throttle = applied.throttle
+        hint = (throttle > 0.0) - (throttle < 0.0)
+        speed, speed_std = self.speed.update(sample.ticks, sample.edge_t, sample.edge_dt,
+                                             sample.t_dev, rate, hint)
+        gyro_z = sample.gyro[2] if sample.gyro is not None else None
+        odometry = self.odometry
+        odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, sample.imu_t, rate,
+                        speed * tan(applied.steering) / self._wheelbase)
+        self.last_dev = sample.t_dev
+        health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
+                        t_std, "linear", sample.calib)
+        acc = sample.acc
+        return State(
+            t, seq, speed, speed_std, None if gyro_z is None else gyro_z - odometry.bias.value,
+            acc[0] if acc else None, acc[1] if acc else None, sample.ticks, odometry.pose,
+            applied, health)

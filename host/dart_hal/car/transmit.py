@@ -1,0 +1,82 @@
+"""Host to Nano: numbered frames, and the messages that are sent on a schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dart_hal.car.hooks import Hooks
+from dart_hal.estimation.clock import ClockFit
+from dart_hal.links.base import Link
+from dart_hal.types import Applied
+from dart_hal.wire.codec import encode
+from dart_hal.wire.messages import BEAT_MODES, HEARTBEAT, TIME_PING, TIME_PONG, Message
+
+PING_FAST, PING_SLOW = 0.1, 0.5
+"""s between pings: 10 Hz for the first 3 s, then 2 Hz."""
+FAST_FOR = 3.0
+KEPT_PINGS = 16
+MICROSECONDS = 1 << 32
+
+
+class Transmitter:
+    """Numbers and sends frames; remembers pings until they are answered."""
+
+    def __init__(self, link: Link, hooks: Hooks, host_id: int, byte_time: float) -> None:
+        self._link = link
+        self._hooks = hooks
+        self._host_id = host_id
+        self._byte_time = byte_time
+        self._seq = 0
+        self._ping_id = 0
+        self._pings: dict[int, float] = {}
+        self._next_ping = float("-inf")
+        self._slow_from: float | None = None
+
+    def send(self, message: Message, values: Mapping[str, Any], t: float) -> int:
+        """Send one message at host time ``t``; returns its sequence number."""
+        seq = self._seq
+        self._seq = (seq + 1) & 0xFF
+        data = self._hooks.tx(encode(message, seq, values), t)
+        if data:
+            self._link.write(data)
+        return seq
+
+    def heartbeat(self, applied: Applied, mode: str, token: int, direction: int, t: float) -> None:
+        """Feed the Nano's supervisor: what the PCA9685 carries, and the mode."""
+        self.send(HEARTBEAT, {
+            "host_id": self._host_id, "throttle": _tenths(applied.throttle_us),
+            "steering": _tenths(applied.steering_us), "arm_token": token,
+            "mode": BEAT_MODES[mode], "flags": {0: 0, 1: 1, -1: 2}[direction]}, t)
+
+    def ping(self, t: float) -> None:
+        """Send a TIME_PING when one is due."""
+        if t < self._next_ping:
+            return
+        if self._slow_from is None:
+            self._slow_from = t + FAST_FOR
+        self._next_ping = t + (PING_FAST if t < self._slow_from else PING_SLOW)
+        self._ping_id = (self._ping_id + 1) & 0xFFFF
+        self._pings[self._ping_id] = t
+        while len(self._pings) > KEPT_PINGS:
+            del self._pings[next(iter(self._pings))]
+        self.send(TIME_PING, {"ping_id": self._ping_id,
+                              "host_us": int(t * 1e6) % MICROSECONDS}, t)
+
+    def pong(self, values: Mapping[str, Any], clock: ClockFit, t_arrival: float,
+             sent: float | None = None) -> None:
+        """Give an answered ping to the clock; ``sent`` from a recording, else our own.
+
+        A ping that nobody remembers is not ours.
+        """
+        own = self._pings.pop(values["ping_id"], None)
+        sent = own if sent is None else sent
+        if sent is None:
+            return
+        wire = (TIME_PING.wire_size + TIME_PONG.wire_size) * self._byte_time
+        elapsed = (values["tx_ck"] - values["rx_ck"]) % (1 << 32) * 0.5e-6
+        clock.add_ping(sent, 0.0, elapsed, t_arrival, wire)
+
+
+def _tenths(pulse_us: float) -> int:
+    return min(max(round(pulse_us * 10), 0), 65535)

@@ -1,0 +1,198 @@
+"""The checks of ``doctor``: each a function of what was found, with a remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dart_hal.actuation.arming import BY_NAME
+from dart_hal.car import Car
+from dart_hal.errors import BusError, ConfigError, DartHalError
+from dart_hal.links.base import Backend, open_backend
+from dart_hal.types import State
+from dart_hal.wire.messages import SCHEMA
+
+RATE = 100.0
+"""STATE frames per second."""
+MOUNTED_STILL = 0.35
+"""m/s2 of acceleration without gravity that a standing, levelled car may show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the doctor's report."""
+
+    id: str
+    title: str
+    verdict: str
+    found: str
+    expected: str = ""
+    cause: str = ""
+    remedy: str = ""
+
+    def as_json(self) -> dict[str, str]:
+        return {"id": self.id, "title": self.title, "verdict": self.verdict, "found": self.found,
+                "expected": self.expected, "cause": self.cause, "try": self.remedy}
+
+
+TITLES = {
+    "port": "port", "bus": "I2C and PCA9685", "files": "files of the car", "hello": "firmware",
+    "schema": "message definitions", "rate": "frame rate", "losses": "losses",
+    "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
+    "calibration": "calibration",
+}
+
+
+def _check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
+           cause: str = "", remedy: str = "") -> Check:
+    return Check(name, TITLES[name], "ok" if good else bad, found, expected, cause, remedy)
+
+
+def _failed(name: str, error: DartHalError) -> Check:
+    found = f"{error.what}: {error.found}" if error.found else error.what
+    return Check(name, TITLES[name], "fail", found, error.expected, error.likely, error.remedy)
+
+
+def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[Check]:
+    """Open what can be opened and look at it; what depends on a fault is skipped."""
+    checks: list[Check] = []
+    try:
+        backend = open_backend(url)
+    except DartHalError as error:
+        checks.append(_failed("bus" if isinstance(error, BusError) else "port", error))
+        return checks + _skipped(checks)
+    checks.append(_check("port", True, f"{url} is open"))
+    car = _open(backend, url, car_name, cars, checks)
+    if car is None:
+        return checks + _skipped(checks)
+    try:
+        checks += _stream(car, seconds)
+        checks += _car(car)
+    except DartHalError as error:
+        checks.append(_failed("rate", error))
+    finally:
+        car.close()
+    return _ordered(checks + _skipped(checks))
+
+
+def _open(backend: Backend, url: str, car_name: str, cars: Path | None,
+          checks: list[Check]) -> Car | None:
+    """The car; without its I2C bus if that is the fault."""
+    try:
+        if backend.bus is None:
+            checks.append(Check("bus", TITLES["bus"], "warn", "no I2C bus in the URL",
+                                remedy=f"--url '{url}?i2c=1'"))
+        car = Car.over(backend, car=car_name, cars=cars)
+    except BusError as error:
+        checks.append(_failed("bus", error))
+        backend = open_backend(url)
+        backend.bus = None
+        return _without_bus(backend, car_name, cars, checks)
+    except ConfigError as error:
+        checks.append(_failed("files", error))
+        return None
+    except DartHalError as error:
+        checks.append(_failed("hello", error))
+        return None
+    if backend.bus is not None:
+        applied = car.stop()
+        checks.append(_check("bus", True, "PCA9685 read back well, throttle at "
+                             f"{applied.throttle_us:.1f} us"))
+    return car
+
+
+def _without_bus(backend: Backend, car_name: str, cars: Path | None,
+                 checks: list[Check]) -> Car | None:
+    try:
+        return Car.over(backend, car=car_name, cars=cars)
+    except DartHalError as error:
+        checks.append(_failed("hello", error))
+        return None
+
+
+def _stream(car: Car, seconds: float) -> list[Check]:
+    hello = car.hello
+    version = ".".join(map(str, hello.version))
+    states = list(car.states(duration=seconds, timeout=1.0))
+    last, timing = states[-1], car.timing
+    rate = (last.seq - states[0].seq + 1) / max(last.t - states[0].t + 1 / RATE, 1e-3)
+    rate = min(rate, len(states) / max(last.t - states[0].t + 1 / RATE, 1e-3))
+    share = timing.lost / max(last.seq, 1)
+    return [
+        _check("hello", not hello.mock, f"version {version}, board {hello.board_id:08x}, "
+               f"boot {hello.boot_count}" + (", MockNano: no firmware" if hello.mock else ""),
+               bad="warn", expected="the firmware", cause="the emulator was not built",
+               remedy="make firmware"),
+        _check("schema", hello.same_schema, f"{hello.schema:08x}", expected=f"{SCHEMA:08x}",
+               cause="firmware and library are of different versions", remedy="dart-hal flash"),
+        _check("rate", abs(rate - RATE) < 2.0, f"{rate:.1f} STATE frames per second",
+               expected="100", cause="a slow USB hub or a busy computer",
+               remedy="another USB port; close other programs"),
+        _check("losses", share < 1e-3 and timing.damaged == 0,
+               f"{timing.lost} frames lost, {timing.damaged} damaged", expected="none",
+               bad="warn" if share < 0.02 else "fail", cause="a poor USB cable or a ground loop",
+               remedy="another cable, shorter, away from the motor leads"),
+        _check("clock", last.health.t_std < 1e-3, f"samples timed to {last.health.t_std * 1e3:.2f} "
+               "ms", bad="warn", expected="below 1 ms", cause="USB latency timer of 16 ms",
+               remedy="setserial PORT low_latency, or the udev rule of the handbook"),
+        _imu(states), _encoder(states),
+    ]
+
+
+def _imu(states: list[State]) -> Check:
+    last = states[-1]
+    flags = last.health.flags
+    for name in ("IMU_ABSENT", "IMU_STUCK", "IMU_STALE"):
+        if name in flags:
+            refusal = BY_NAME[name]
+            return _check("imu", False, refusal.text, expected="a sample each 10 ms",
+                          cause="SDA/SCL swapped, loose jumper, or no 5 V at D4",
+                          remedy="check the four wires against the wiring page; " + refusal.remedy)
+    if last.yaw_rate is None:
+        return _check("imu", False, "no valid sample", expected="a sample each 10 ms",
+                      cause="still starting", remedy="run doctor again")
+    rates = [s.yaw_rate for s in states if s.yaw_rate is not None]
+    still = sum(rates) / len(rates)
+    acceleration = max(abs(last.accel_x or 0.0), abs(last.accel_y or 0.0))
+    return _check("imu", abs(still) < 0.1 and acceleration < 3 * MOUNTED_STILL,
+                  f"yaw rate {still:+.4f} rad/s, age {last.health.imu_age * 1e3:.0f} ms",
+                  bad="warn", expected="near zero while the car stands",
+                  cause="the car is being moved", remedy="leave it still and run doctor again")
+
+
+def _encoder(states: list[State]) -> Check:
+    edges = states[-1].ticks - states[0].ticks
+    return _check("encoder", edges == 0 or abs(states[-1].speed) > 0.05,
+                  f"{edges} edges while listening ({states[-1].ticks} since boot); "
+                  "turn a wheel by hand to see them", bad="warn",
+                  expected="none at standstill", cause="the sensor sits on an edge and flickers",
+                  remedy="turn its potentiometer until the LED is steady")
+
+
+def _car(car: Car) -> list[Check]:
+    files = car.files
+    fitted = car.hello.caps >> 2 & 3
+    map_ = files.calibration.steering.map if files.calibration else None
+    return [
+        _check("files", True, f"{files.origin}"),
+        _check("cutoff", bool(fitted), "fitted" if fitted else
+               "none: if the computer dies the car keeps its throttle", bad="warn",
+               expected="/OE or multiplexer on the Nano",
+               remedy="see the handbook, hardware cut-off"),
+        _check("calibration", map_ is not None, "steering map of this car" if map_ else
+               "no steering map: the paper's is used", bad="warn",
+               expected=str(files.folder / "calibration.toml"),
+               remedy=f"dart-hal calibrate steering --url '{car.url}'"),
+    ]
+
+
+def _skipped(checks: list[Check]) -> list[Check]:
+    done = {c.id for c in checks}
+    return [Check(name, title, "skip", "not reached") for name, title in TITLES.items()
+            if name not in done]
+
+
+def _ordered(checks: list[Check]) -> list[Check]:
+    order = list(TITLES)
+    return sorted(checks, key=lambda c: order.index(c.id))
+

@@ -1,0 +1,49 @@
+"""``dart-hal doctor``: every link of the chain, in the order in which one debugs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.checks import Check, examine
+from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.output import console, print_json
+
+COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
+
+
+@click.command("doctor")
+@car_options
+@click.option("--seconds", type=click.FloatRange(min=1.0), default=3.0, show_default=True,
+              help="how long to listen to the stream")
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
+            as_json: bool) -> int:
+    """Check port, firmware, stream, I2C, PCA9685, IMU and encoder; exit 1 on a fault.
+
+    The wheels are not driven; the pins go to neutral.
+    """
+    text = url or "sim://"
+    checks = examine(text, car_name, cars, seconds)
+    verdicts = {c.verdict for c in checks}
+    verdict = "fail" if "fail" in verdicts else "warn" if "warn" in verdicts else "ok"
+    if as_json:
+        print_json({"url": text, "checks": [c.as_json() for c in checks], "verdict": verdict})
+    else:
+        for check in checks:
+            show(check)
+        console.print({"ok": "all well", "warn": "it will drive; see the warnings",
+                       "fail": "not ready; see above what to type"}[verdict])
+    return 1 if verdict == "fail" else 0
+
+
+def show(check: Check) -> None:
+    """One line, and for a fault what was expected and what to type."""
+    console.print(f"[{COLOURS[check.verdict]}]{check.verdict:>4}[/]  {check.title:<22} "
+                  f"{check.found}", highlight=False)
+    if check.verdict in ("warn", "fail"):
+        for name, value in (("expected", check.expected), ("cause", check.cause),
+                            ("try", check.remedy)):
+            if value:
+                console.print(f"        {name:<8} : {value}", markup=False, highlight=False)

@@ -1,0 +1,105 @@
+"""``dart-hal drive``: by keyboard, gamepad or a script."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dart_hal.car import Car
+from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.cli.session import in_real_time, opened, with_progress
+from dart_hal.cli.summary import Summary
+from dart_hal.control.gamepad import Gamepad, Manual
+from dart_hal.control.keyboard import Keyboard
+from dart_hal.errors import UsageError
+from dart_hal.types import State
+
+Control = Callable[[State], tuple[float, float] | None]
+WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops the car"
+
+
+@click.command("drive")
+@car_options
+@click.argument("script", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
+@click.option("--gamepad", is_flag=True, help="/dev/input/js0, right bumper held")
+@click.option("--duration", type=click.FloatRange(min=0.1), default=None,
+              help="seconds of the car's time (a script: 10)")
+@click.option("--max-throttle", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True,
+              help="scale of keyboard and gamepad")
+@click.option("--waive", multiple=True, type=click.Choice(WAIVE),
+              help="arm although this is missing")
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="write the run to this MCAP file")
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
+            keyboard: bool, gamepad: bool, duration: float | None, max_throttle: float,
+            waive: tuple[str, ...], record: Path | None, as_json: bool) -> None:
+    """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
+    if keyboard + gamepad + (script is not None) != 1:
+        raise UsageError("say how to drive", expected="one of --keyboard, --gamepad, SCRIPT.py",
+                         remedy="dart-hal drive --keyboard")
+    control = load(script) if script else None
+    with opened(url, car_name, cars, record) as car:
+        summary = Summary(car)
+        car.arm(waive=waive)
+        if control is not None:
+            run_script(car, control, duration or 10.0)
+        else:
+            run_manual(car, Gamepad() if gamepad else Keyboard(), max_throttle,
+                       duration or float("inf"))
+        car.stop()
+        result = summary.as_json({"recording": record} if record else {})
+    if as_json:
+        print_json(result)
+    else:
+        console.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s"
+                      + (f", recorded in {record}" if record else ""))
+
+
+def load(path: Path) -> Control:
+    """The function ``control`` of a script. Raises UsageError."""
+    if not path.is_file():
+        raise UsageError(f"there is no script {path}", expected="a Python file")
+    space: dict[str, Any] = runpy.run_path(str(path))
+    control = space.get("control")
+    if not callable(control):
+        raise UsageError(f"{path} defines no control(state)",
+                         found=", ".join(n for n in space if not n.startswith("_")),
+                         expected="def control(state): return steering_rad, throttle")
+    checked: Control = control
+    return checked
+
+
+def run_script(car: Car, control: Control, duration: float) -> None:
+    """Ask ``control`` at every State."""
+    for state in with_progress(car.states(duration=duration), duration, "driving"):
+        wanted = control(state)
+        if wanted is None:
+            return
+        car.drive(steering=wanted[0], throttle=wanted[1], source="script")
+
+
+def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -> None:
+    """A person drives; full deflection is the car's full lock and ``max_throttle``."""
+    lock = car.files.config.limits.max_steering
+    name = type(source).__name__.lower()
+    console.print(HELP if name == "keyboard" else "hold the right bumper to drive, B ends")
+    try:
+        for n, state in enumerate(in_real_time(car.states(duration=duration))):
+            steering, throttle, ended = source.read()
+            if ended:
+                return
+            car.drive(steering=lock * steering, throttle=max_throttle * throttle, source=name)
+            if n % 10 == 0:
+                console.print(f"{state.speed:5.2f} m/s  steering {state.applied.steering:+.2f} rad"
+                              f"  x {state.pose.x:6.2f} y {state.pose.y:6.2f} m", end="\r")
+    finally:
+        source.close()
+        console.print()

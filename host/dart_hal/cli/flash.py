@@ -1,0 +1,98 @@
+"""``dart-hal flash``: avrdude at both bootloader speeds, then the firmware's HELLO."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import click
+from serial.tools import list_ports
+
+from dart_hal.car.identify import identify_port
+from dart_hal.cli.options import json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.errors import FlashFailed, PortMissing, UsageError
+from dart_hal.links.image import find_image
+from dart_hal.links.serial_port import holders
+
+BAUDS = (115_200, 57_600)
+"""Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""
+USB_BRIDGES = "1A86:|0403:|2341:|10C4:|067B:"
+"""CH340, FT232, Arduino, CP210x, PL2303."""
+
+
+@click.command("flash")
+@click.argument("image", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--port", default=None, help="serial port; found by itself if there is just one")
+@click.option("--avrdude", default="avrdude", show_default=True, help="program that writes")
+@click.option("--baud", type=int, default=None, help="only this bootloader speed")
+@json_option
+def command(image: Path | None, port: str | None, avrdude: str, baud: int | None,
+            as_json: bool) -> int:
+    """Write IMAGE (default: the firmware of this version) to a Nano and wait for its HELLO."""
+    path = image or find_image().with_suffix(".hex")
+    _check(path, avrdude)
+    device = port or _only_port()
+    for pid, name in holders(device):
+        raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",
+                          remedy="close that program, then flash again")
+    rate, report = _write(avrdude, device, path, (baud,) if baud else BAUDS)
+    hello = identify_port(device)
+    result: dict[str, Any] = {"port": device, "baud": rate, **report, "hello": hello.as_json()}
+    if as_json:
+        print_json(result)
+    else:
+        version = ".".join(map(str, hello.version))
+        console.print(f"{report['bytes']} bytes written and verified at {rate} baud; "
+                      f"firmware {version} answers on {device}")
+    return 0
+
+
+def _check(path: Path, avrdude: str) -> None:
+    if not path.is_file():
+        raise UsageError(f"no firmware image at {path}", expected="an Intel hex file",
+                         remedy="make firmware, or give the path of dart_nano.hex")
+    if not path.read_bytes().startswith(b":"):
+        raise UsageError(f"{path} is not an Intel hex file", expected="lines that begin with ':'")
+    wanted = path.with_suffix(path.suffix + ".sha256")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if wanted.is_file() and wanted.read_text().split()[0] != digest:
+        raise FlashFailed(f"{path} does not match {wanted.name}", found=digest,
+                          likely="a broken download or a local build in its place",
+                          remedy="make firmware, then dart-hal flash firmware/build/dart_nano.hex")
+    if shutil.which(avrdude) is None:
+        raise FlashFailed(f"{avrdude} is not installed",
+                          remedy="sudo apt-get install avrdude, or name it with --avrdude")
+
+
+def _only_port() -> str:
+    ports = list(list_ports.grep(USB_BRIDGES))
+    if len(ports) == 1:
+        return str(ports[0].device)
+    names = ", ".join(f"{p.device} ({p.description})" for p in ports) or "none"
+    raise PortMissing("which port?", found=f"USB serial ports: {names}",
+                      remedy="dart-hal flash --port /dev/ttyUSB0")
+
+
+def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
+           ) -> tuple[int, dict[str, Any]]:
+    said = ""
+    for baud in bauds:
+        console.print(f"trying the bootloader at {baud} baud")
+        args = [avrdude, "-c", "arduino", "-p", "m328p", "-P", port, "-b", str(baud), "-D",
+                "-U", f"flash:w:{path}:i"]
+        try:
+            run = subprocess.run(args, capture_output=True, text=True, timeout=120, check=False)
+        except subprocess.TimeoutExpired:
+            said = "no answer within 120 s"
+            continue
+        said = run.stderr.strip().splitlines()[-1] if run.stderr.strip() else ""
+        verified = re.search(r"(\d+) bytes of flash verified", run.stderr)
+        if run.returncode == 0 and verified:
+            return baud, {"bytes": int(verified.group(1)), "verified": True}
+    raise FlashFailed(f"avrdude could not write to {port}", found=said,
+                      expected=f"a bootloader at {' or '.join(map(str, bauds))} baud")

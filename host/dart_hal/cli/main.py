@@ -1,0 +1,79 @@
+"""The command ``dart-hal``: one file per verb, loaded when it is called."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+import click
+
+from dart_hal import __version__
+from dart_hal.cli.output import console, print_json
+from dart_hal.errors import DartHalError, UsageError
+
+VERBS = {
+    "demo": "the whole system on an emulated car: calibrate, drive, compare with the truth",
+    "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder, and say what to type",
+    "calibrate": "measure this car and write calibration.toml",
+    "drive": "drive by keyboard, gamepad or a script",
+    "record": "write a run to an MCAP file, raw bytes included",
+    "replay": "run a recording through the same decoder again",
+    "top": "live view of a car in the terminal",
+    "sim": "serve the virtual car as a serial port, or reveal its hidden truth",
+    "flash": "write the firmware to a Nano and wait for its HELLO",
+    "wire": "the frame table; regenerate what is made from the specification",
+}
+
+
+class _Verbs(click.Group):
+    """Imports a verb's module only when it is needed: `dart-hal --help` stays quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in VERBS:
+            return None
+        module = import_module(f"dart_hal.cli.{name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.command(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="dart-hal")
+def cli() -> None:
+    """Drive, calibrate, record and check DART cars: real, emulated or recorded."""
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
+    argv = sys.argv[1:] if args is None else args
+    as_json = "--json" in argv
+    try:
+        sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
+    except DartHalError as error:
+        _fail(error, as_json)
+    except click.ClickException as error:
+        if as_json:
+            _fail(UsageError(error.format_message(), found=" ".join(argv),
+                             remedy="dart-hal --help"), as_json)
+        error.show()
+        sys.exit(2)
+    except (KeyboardInterrupt, click.Abort):
+        console.print("stopped")
+        sys.exit(130)
+
+
+def _fail(error: DartHalError, as_json: bool) -> None:
+    if as_json:
+        print_json({"error": error.as_json()})
+    console.print(str(error), style="red", markup=False, highlight=False)
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Options that verbs share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def url_option(command: F) -> F:
+    """``--url``: which car; the default is $DART_HAL_URL, then the emulated car."""
+    return click.option("--url", default=None, envvar="DART_HAL_URL", metavar="URL",
+                        help="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, replay://run.mcap "
+                             "(default: $DART_HAL_URL, then sim://)")(command)
+
+
+def car_options(command: F) -> F:
+    """``--url``, ``--car`` and ``--cars``: which car and where its files are."""
+    command = click.option("--car", "car_name", default="dart-01", show_default=True,
+                           help="name of the car whose files are used")(command)
+    command = click.option("--cars", type=click.Path(path_type=Path, file_okay=False),
+                           default=None, help="folder with the cars' files "
+                           "(default: $DART_CARS, ./cars, ~/.local/share/dart-hal/cars)")(command)
+    return url_option(command)
+
+
+def json_option(command: F) -> F:
+    """``--json``: one JSON object on standard output."""
+    return click.option("--json", "as_json", is_flag=True,
+                        help="print one JSON object for machines")(command)
+
+
+class PathsOption(click.Option):
+    """An option that takes every path up to the next option, and may be repeated."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **{**kwargs, "multiple": True, "type": click.Path(path_type=Path)})
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        super().add_to_parser(parser, ctx)
+        for name in self.opts:
+            option = parser._long_opt.get(name) or parser._short_opt.get(name)
+            if option is not None:
+                self._make_greedy(option)
+
+    @staticmethod
+    def _make_greedy(option: Any) -> None:
+        process = option.process
+
+        def greedy(value: Any, state: Any) -> None:
+            process(value, state)
+            while state.rargs and not state.rargs[0].startswith("-"):
+                process(state.rargs.pop(0), state)
+
+        option.process = greedy

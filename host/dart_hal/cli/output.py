@@ -1,0 +1,50 @@
+"""Where verbs print: JSON to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+console = Console(stderr=True)
+"""Notices, tables and progress: never mixed into the JSON."""
+
+
+def plain(value: Any) -> Any:
+    """JSON's types only: arrays become lists, paths strings, NaN and inf null."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def print_json(value: Any) -> None:
+    """Print exactly one JSON object on standard output."""
+    print(json.dumps(plain(value), indent=2, allow_nan=False))
+
+
+def notices(lines: tuple[str, ...]) -> None:
+    """Show sentences that the user must see once."""
+    for line in lines:
+        console.print(f"notice: {line}", style="yellow", markup=False, highlight=False)
+
+
+def progress_bar() -> Progress:
+    """Progress on standard error, gone when it is done."""
+    return Progress(TextColumn("{task.description}"), BarColumn(),
+                    TextColumn("{task.percentage:>3.0f}%"), TimeRemainingColumn(),
+                    console=console, transient=True)

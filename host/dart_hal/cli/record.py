@@ -1,0 +1,34 @@
+"""``dart-hal record``: a run to an MCAP file, with the raw bytes inside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.cli.session import opened, with_progress
+from dart_hal.cli.summary import Summary
+
+
+@click.command("record")
+@car_options
+@click.option("--duration", type=click.FloatRange(min=0.1), default=60.0, show_default=True,
+              help="seconds of the car's time")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
+              default=Path("runs/run.mcap"), show_default=True, help="file to write")
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, duration: float, out: Path,
+            as_json: bool) -> None:
+    """Record what the car's sensors say; it is not driven (`dart-hal drive --record` does)."""
+    with opened(url, car_name, cars, record=out) as car:
+        summary = Summary(car)
+        for _ in with_progress(car.states(duration=duration), duration, "recording"):
+            pass
+        result = summary.as_json({"recording": out})
+    if as_json:
+        print_json(result)
+    else:
+        console.print(f"{summary.frames} frames, {summary.lost} lost, in {out} "
+                      f"(dart-hal replay {out})")

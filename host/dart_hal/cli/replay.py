@@ -1,0 +1,40 @@
+"""``dart-hal replay``: a recording through the same decoder and estimators."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import click
+
+from dart_hal.car import Car
+from dart_hal.cli.options import json_option
+from dart_hal.cli.output import console, notices, print_json
+from dart_hal.cli.summary import Summary
+from dart_hal.recording import open_writer
+
+
+@click.command("replay")
+@click.argument("recording", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="also write the States as a table")
+@json_option
+def command(recording: Path, csv: Path | None, as_json: bool) -> None:
+    """Decode RECORDING again; the States equal those of the run."""
+    files = {"recording": recording} | ({"csv": csv} if csv else {})
+    with Car.open(f"replay://{recording}") as car:
+        notices(car.notices)
+        summary = Summary(car)
+        with open_writer(csv) if csv else nullcontext() as writer:
+            if writer is not None:
+                car.on_state(writer.state)
+            for _ in car.states():
+                pass
+        result = summary.as_json(files)
+    if as_json:
+        print_json(result)
+    else:
+        pose = result["summary"]["pose"] or {"x": 0.0, "y": 0.0}
+        console.print(f"{summary.frames} frames in {summary.duration:.1f} s, {summary.lost} lost; "
+                      f"{summary.distance:.2f} m driven, now at x {pose['x']:.3f} m, "
+                      f"y {pose['y']:.3f} m")

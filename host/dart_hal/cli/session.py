@@ -1,0 +1,45 @@
+"""Opening a car for a verb: notices shown, progress drawn, pace kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dart_hal.car import Car
+from dart_hal.cli.output import notices, progress_bar
+from dart_hal.types import State
+
+
+@contextmanager
+def opened(url: str | None, car_name: str, cars: Path | None,
+           record: Path | None = None) -> Iterator[Car]:
+    """An open car whose notices have been shown; closed at neutral afterwards."""
+    with Car.open(url, car=car_name, cars=cars, record=record) as car:
+        notices(car.notices)
+        yield car
+
+
+def with_progress(states: Iterator[State], duration: float, title: str) -> Iterator[State]:
+    """States of a stretch of known length, with a bar on standard error."""
+    with progress_bar() as bar:
+        task = bar.add_task(title, total=duration)
+        start: float | None = None
+        for n, state in enumerate(states):
+            start = state.t if start is None else start
+            if n % 20 == 0:
+                bar.update(task, completed=state.t - start)
+            yield state
+
+
+def in_real_time(states: Iterator[State]) -> Iterator[State]:
+    """States no faster than their own times: for a person at the wheel of a simulation."""
+    begin: tuple[float, float] | None = None
+    for state in states:
+        if begin is None:
+            begin = (time.monotonic(), state.t)
+        ahead = (state.t - begin[1]) - (time.monotonic() - begin[0])
+        if ahead > 0.0:
+            time.sleep(ahead)
+        yield state

@@ -1,0 +1,74 @@
+"""``dart-hal sim``: the virtual car for other programs, or its hidden truth."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.options import json_option, url_option
+from dart_hal.cli.output import console, notices, print_json
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Url, open_backend
+from dart_hal.links.pty import Pty
+from dart_hal.sim.serve import BusServer, PacedWorld
+from dart_hal.sim.truth import reveal
+
+
+@click.command("sim")
+@url_option
+@click.option("--reveal", "show", is_flag=True, help="print what is true about the hidden car")
+@click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
+@click.option("--bus", type=click.Path(path_type=Path), default=None,
+              help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
+@json_option
+def command(url: str | None, show: bool, pty: bool, bus: Path | None, as_json: bool) -> None:
+    """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`."""
+    parsed = Url.parse(url or "sim://")
+    if parsed.scheme != "sim":
+        raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
+    if show == pty or (bus and not pty):
+        raise UsageError("say what to do with the car", expected="--reveal, or --pty [--bus PATH]")
+    if show:
+        _reveal(parsed, as_json)
+    else:
+        _serve(parsed, bus, as_json)
+
+
+def _reveal(url: Url, as_json: bool) -> None:
+    seed = url.options.get("seed", "0")
+    if not seed.isdigit():
+        raise UsageError(f"seed={seed!r} is not a number", found=url.text)
+    truth = reveal(int(seed))
+    if as_json:
+        print_json(truth)
+        return
+    for name, value in truth["sensors"].items():
+        console.print(f"{name:32} {value}")
+    steering = truth["steering"]
+    for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
+        console.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
+
+
+def _serve(url: Url, bus: Path | None, as_json: bool) -> None:
+    backend = open_backend(url.text)
+    notices(backend.notices)
+    paced = PacedWorld(backend)
+    done = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: done.set())
+    signal.signal(signal.SIGINT, lambda *_: done.set())
+    served = BusServer(backend, paced, bus) if bus else None
+    try:
+        with Pty(paced) as port:
+            address = f"serial://{port.path}" + (f"?i2c=unix:{bus}" if bus else "")
+            if as_json:
+                print_json({"url": address, "pty": port.path, "bus": bus})
+            console.print(f"the car answers on {port.path}; from another terminal:\n"
+                          f"  dart-hal top --url '{address}'\nCtrl-C ends it")
+            done.wait()
+    finally:
+        if served is not None:
+            served.close()
+        backend.close()

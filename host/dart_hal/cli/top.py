@@ -1,0 +1,63 @@
+"""``dart-hal top``: a live view of a car in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.live import Live
+from rich.table import Table
+
+from dart_hal.car import Car
+from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.cli.session import in_real_time, opened
+from dart_hal.cli.summary import Summary
+from dart_hal.types import State
+
+EVERY = 10
+"""Frames between two pictures: ten a second."""
+
+
+@click.command("top")
+@car_options
+@click.option("--duration", type=click.FloatRange(min=0.1), default=float("inf"),
+              help="seconds of the car's time; without it until Ctrl-C")
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, duration: float,
+            as_json: bool) -> None:
+    """Watch a car: speed, yaw rate, pose, pins, flags, losses. The car is not driven."""
+    with opened(url, car_name, cars) as car:
+        summary = Summary(car)
+        states = in_real_time(car.states(duration=duration))
+        if as_json:
+            for _ in states:
+                pass
+            print_json(summary.as_json({}))
+            return
+        with Live(console=console, auto_refresh=False) as live:
+            for n, state in enumerate(states):
+                if n % EVERY == 0:
+                    live.update(picture(car, state), refresh=True)
+
+
+def picture(car: Car, state: State) -> Table:
+    """One picture of the car."""
+    health, timing, pose = state.health, car.timing, state.pose
+    table = Table(title=f"{car.files.config.name} on {car.url}", show_header=False, box=None)
+    yaw_rate = "no IMU" if state.yaw_rate is None else f"{state.yaw_rate:+7.3f} rad/s"
+    rows = {
+        "time": f"{state.t:9.2f} s  +- {health.t_std * 1e3:.2f} ms",
+        "speed": f"{state.speed:+7.3f} m/s  +- {state.speed_std:.3f}   {state.ticks} edges",
+        "yaw rate": yaw_rate,
+        "pose": f"x {pose.x:+7.2f} m  y {pose.y:+7.2f} m  yaw {pose.yaw:+6.2f} rad",
+        "steering": f"{state.applied.steering:+6.3f} rad  {state.applied.steering_us:7.1f} us",
+        "throttle": f"{state.applied.throttle:+6.3f}      {state.applied.throttle_us:7.1f} us",
+        "limited": ", ".join(state.applied.limited) or "-",
+        "flags": ", ".join(sorted(health.flags)) or "-",
+        "link": f"{timing.lost} lost, {timing.damaged} damaged, age {timing.link_age * 1e3:.0f} ms",
+        "mode": car.mode,
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table

@@ -1,0 +1,54 @@
+"""``dart-hal wire``: the frame table, and what is generated from the specification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.options import json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.errors import UsageError
+from dart_hal.wire import emit
+from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
+
+FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
+
+
+def checkout() -> Path:
+    """Root of the source tree; raises UsageError in an installed package."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / "firmware").is_dir():
+        raise UsageError("this needs a checkout of DART-HAL", found=str(root),
+                         remedy="git clone the project and install it with pip install -e .")
+    return root
+
+
+@click.command("wire")
+@click.option("--format", "form", type=click.Choice(sorted(FORMATS)), default="md",
+              show_default=True, help="markdown table, C++ header or Wireshark dissector")
+@click.option("--write", is_flag=True, help="regenerate header, docs and golden vectors in place")
+@click.option("--check", is_flag=True, help="exit 1 if a generated file differs")
+@json_option
+def command(form: str, write: bool, check: bool, as_json: bool) -> int:
+    """Print the frame table that Nano and host share."""
+    if check:
+        stale = emit.drift(checkout())
+        for path in stale:
+            console.print(f"differs from the specification: {path}  (dart-hal wire --write)")
+        if as_json:
+            print_json({"drift": stale})
+        return 1 if stale else 0
+    if write:
+        emit.write_all(checkout())
+        console.print("header, docs/wire.md and the golden vectors are up to date")
+        return 0
+    if as_json:
+        print_json({"proto": PROTO, "schema": f"{SCHEMA:08x}", "messages": [
+            {"name": m.name, "id": m.id, "dir": m.dir, "payload": m.size, "wire": m.wire_size,
+             "seed": f"{m.seed:04x}",
+             "fields": [{"name": f.name, "type": f.type, "count": f.count, "scale": f.scale,
+                         "unit": f.unit, "doc": f.doc} for f in m.fields]} for m in MESSAGES]})
+    else:
+        click.echo(FORMATS[form]())
+    return 0

@@ -1,0 +1,44 @@
+"""Pure pursuit: steer along the arc that meets the path a look-ahead away.
+
+R. C. Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm",
+CMU-RI-TR-92-01 (1992); written for the rear axle, where ``State.pose`` is.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, sin
+
+from dart_hal.control.paths import Path
+from dart_hal.types import Pose
+
+LOOK_AHEAD = 0.35
+"""m: a third of the tightest radius below, where the arc cuts corners by 2 cm."""
+DELAY = 0.04
+"""s from a command to the wheels: half a PWM frame and the servo's travel."""
+
+
+class PurePursuit:
+    """Road-wheel angle that follows a path; remembers how far along it is."""
+
+    def __init__(self, path: Path, wheelbase: float, look_ahead: float = LOOK_AHEAD,
+                 delay: float = DELAY) -> None:
+        self.path = path
+        self.s = 0.0
+        """Arc length of the closest point [m]; grows over laps."""
+        self.offset = 0.0
+        """Distance to the left of the path [m]."""
+        self._wheelbase = wheelbase
+        self._look_ahead = look_ahead
+        self._delay = delay
+
+    def steer(self, pose: Pose, speed: float, yaw_rate: float) -> float:
+        """Steering angle [rad] for a pose, speed [m/s] and yaw rate [rad/s]."""
+        self.s = self.path.closest(pose.x, pose.y, self.s)
+        self.offset = self.path.offset(pose.x, pose.y, self.s)
+        ahead = speed * self._delay
+        yaw = pose.yaw + yaw_rate * self._delay
+        x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
+        tx, ty = self.path.point(self.s + ahead + self._look_ahead)
+        bearing = atan2(ty - y, tx - x) - yaw
+        distance = max(hypot(tx - x, ty - y), 1e-3)
+        return atan2(2.0 * self._wheelbase * sin(bearing), distance)

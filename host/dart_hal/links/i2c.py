@@ -1,0 +1,104 @@
+"""The I2C bus of a URL: ``i2c=1`` is /dev/i2c-1, ``i2c=unix:/path`` a socket.
+
+The socket carries the bus of a simulated car to other programs
+(``dart-hal sim --bus /path``). One request per transfer:
+
+    address u8 | write length u16 | read length u16 | bytes to write
+    errno u8 | bytes read        (errno 0 = done; the answer)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import struct
+
+from dart_hal.actuation.bus import SmbusBus, explain
+from dart_hal.errors import BusError, UsageError
+from dart_hal.links.base import Bus
+
+REQUEST = struct.Struct("<BHH")
+TIMEOUT = 1.0
+"""s: a transfer takes 1 ms; a server that is silent for longer is gone."""
+
+
+def open_bus(spec: str) -> Bus:
+    """Open the bus that a URL names. Raises BusError, UsageError."""
+    if spec.startswith("unix:"):
+        return SocketBus(spec[len("unix:"):])
+    if spec.isdecimal():
+        return SmbusBus(int(spec))
+    raise UsageError(f"i2c={spec} names no bus", expected="i2c=1 or i2c=unix:/path/of/socket")
+
+
+def receive(connection: socket.socket, n: int) -> bytes:
+    """Exactly ``n`` bytes of a stream socket; raises ConnectionError at its end."""
+    data = b""
+    while len(data) < n:
+        part = connection.recv(n - len(data))
+        if not part:
+            raise ConnectionError("the other end closed the socket")
+        data += part
+    return data
+
+
+class SocketBus:
+    """Client side of a simulated car's I2C bus, in the shape of ``busio.I2C``."""
+
+    def __init__(self, path: str) -> None:
+        self.where = f"unix:{path}"
+        self._locked = False
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(TIMEOUT)
+        try:
+            self._socket.connect(path)
+        except OSError as error:
+            raise BusError(f"no simulated I2C bus at {path}", found=str(error),
+                           remedy=f"dart-hal sim --pty --bus {path}") from error
+
+    def try_lock(self) -> bool:
+        if self._locked:
+            return False
+        self._locked = True
+        return True
+
+    def unlock(self) -> None:
+        self._locked = False
+
+    def scan(self) -> list[int]:
+        found = []
+        for address in range(0x08, 0x78):
+            with contextlib.suppress(BusError):
+                self._transfer(address, b"", 1)
+                found.append(address)
+        return found
+
+    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
+                end: int | None = None) -> None:
+        self._transfer(address, bytes(buffer[start:end]), 0)
+
+    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
+                      end: int | None = None) -> None:
+        place = range(len(buffer))[start:end]
+        buffer[place.start:place.stop] = self._transfer(address, b"", len(place))
+
+    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
+                              out_start: int = 0, out_end: int | None = None,
+                              in_start: int = 0, in_end: int | None = None) -> None:
+        place = range(len(in_buffer))[in_start:in_end]
+        data = self._transfer(address, bytes(out_buffer[out_start:out_end]), len(place))
+        in_buffer[place.start:place.stop] = data
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _transfer(self, address: int, data: bytes, n: int) -> bytes:
+        try:
+            self._socket.sendall(REQUEST.pack(address, len(data), n) + data)
+            code = receive(self._socket, 1)[0]
+            if code == 0:
+                return receive(self._socket, n)
+        except OSError as error:
+            raise explain(error, address, self.where) from error
+        raise explain(OSError(code, os.strerror(code)), address, self.where)
