@@ -133,25 +133,3 @@ def test_any_buffer():
     stream = encode(STATE, 0, STATE.struct.unpack(bytes(38)))
     for data in (stream, bytearray(stream), memoryview(stream)):
         assert batch.decode(data).counters.ok == 1
-
-
-@pytest.mark.slow
-def test_a_long_damaged_recording():
-    """Some 300 000 frames, a third of them hurt: one call, both ways alike."""
-    rng = Random(12)
-    frames = samples.drive(2800.0, seed=7)
-    agree(b"".join(rng.choice(FAULTS)(f, rng) if rng.random() < 0.3 and len(f) > 8 else f
-                   for f in frames), UP)
-
-
-@pytest.mark.slow
-def test_ten_million_blocks_of_noise():
-    """Random bytes, many of the length of a STATE, none of them sent by anybody."""
-    rng = np.random.default_rng(13)
-    accepted = 0
-    for _ in range(50):
-        noise = rng.integers(1, 256, (200_000, 44), np.uint8)
-        noise[:, 0], noise[:, 1], noise[:, -1] = 2 + noise[:, 0] % 42, STATE.id, 0
-        accepted += batch.decode(noise.tobytes(), UP).counters.ok
-    # Few chains of codes end in the right place, and 2^-16 of those pass the CRC.
-    assert accepted <= 10_000_000 / 2**16

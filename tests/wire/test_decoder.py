@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dart_hal.wire import blocks, samples
+from dart_hal.wire import batch, blocks, cobs, samples
 from dart_hal.wire.codec import DOWN, UP, encode
+from dart_hal.wire.crc import crc16
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import BY_NAME, MAX_BLOCK, MESSAGES, STATE
 
@@ -177,9 +178,20 @@ def test_repair_takes_both_checks():
 
 
 def test_a_type_of_zero_is_no_frame():
-    """A first code byte of 1 would move the code chain onto the type."""
-    block = bytes([1]) + encode(STATE, 0, PATTERN)[1:]
-    assert whole(block)[1].cobs == 1
+    """Its second code byte can look like a type; even a right CRC does not help."""
+    raw = bytes(1) + b"\x11" * 15 + bytes(1) + b"\x11" * 23
+    block = cobs.encode(raw + crc16(raw, STATE.seed).to_bytes(2, "little"))
+    assert (block[1], len(block)) == (STATE.id, STATE.wire_size - 1)
+    for result in (whole(block + b"\0")[1], batch.decode((block + b"\0") * 100).counters):
+        assert result.ok == 0
+        assert result.cobs in (1, 100)
+
+
+@pytest.mark.parametrize(("length", "counter"), [
+    (1, "length"), (5, "length"), (6, "unknown"), (256, "unknown"), (257, "oversize")])
+def test_limits_of_an_unknown_block(length, counter):
+    counters = whole(b"\x3e" * length + b"\0")[1]
+    assert (getattr(counters, counter), counters.damaged) == (1, 1)
 
 
 def test_reads_of_any_kind_of_buffer():

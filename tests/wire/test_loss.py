@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dart_hal.wire import ledger, samples
+from dart_hal.wire import batch, ledger, samples
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
@@ -49,6 +49,31 @@ def test_the_sequence_number_alone_would_not_do(monkeypatch):
     """Negative control."""
     monkeypatch.setattr(ledger, "LONG", ledger.MASK32)
     assert lost(DRIVE[:50] + DRIVE[650:]) == 600 % 256
+
+
+def two_states(periods, step):
+    """Counters after two STATE frames so many periods and sequence numbers apart."""
+    values = list(STATE.struct.unpack(bytes(38)))
+    stream = encode(STATE, 9, values)
+    values[0] = periods * ledger.STATE_PERIOD
+    stream += encode(STATE, 9 + step, values)
+    decoder = Decoder(UP)
+    decoder.feed(stream)
+    assert batch.decode(stream, UP).counters == decoder.counters
+    return decoder.counters.gaps
+
+
+def test_a_busy_nano_may_leave_out_some():
+    """Slots it skipped have no number; a few of them do not pass for another round."""
+    assert two_states(300, 295) == 294
+    assert two_states(200, 200 - ledger.SLACK) == 199 - ledger.SLACK
+    assert two_states(200, 199 - ledger.SLACK) == 198 - ledger.SLACK + 256
+
+
+@pytest.mark.parametrize(("short", "added"), [(-300, 0), (0, 0), (1, 256), (256, 256), (257, 512)])
+def test_rounds(short, added):
+    elapsed = (short + ledger.SLACK + 400) * ledger.STATE_PERIOD
+    assert ledger.rounds(elapsed, 400) == added
 
 
 def test_what_is_missing_at_the_ends_is_not_claimed():

@@ -109,6 +109,13 @@ def test_gates_follow_a_restart_after_one_frame():
     assert verdicts == [True, True, False, True, True]
 
 
+def test_a_frame_refused_long_ago_is_no_base():
+    gates = Gates()
+    verdicts = [gates.passes(state(t, 0)) for t in
+                (20_000, 2_000_000_000, 40_000, 2_000_020_000, 60_000)]
+    assert verdicts == [True, False, True, False, True]
+
+
 def test_hello_tells_the_gates_of_a_restart():
     decoder = Decoder(UP, Gates())
     frames = samples.drive(5.0, 1) + samples.drive(1.0, 2, boot=2)

@@ -78,9 +78,11 @@ _REST = """\
 - A damaged byte costs at most one frame; a deleted delimiter two; a *changed* delimiter none:
   a block of exactly two frame lengths and one byte is tried as two frames, and both checks
   must hold. Good frames are never delayed: the next 0x00 ends the damage.
-- All faults of one to three bits are detected; of heavier damage at most 1.5e-5 per damaged
-  frame passes (2^-16), and at most 5e-6 behind the gates of `wire/plausible.py` (device time
-  grows, no more edges than a wheel can make, no rate beyond the gyro's range).
+- No fault of one or two bits passes (all of them tried on a STATE), and none was seen in a
+  million faults of one to three bits or of one byte changed, dropped or doubled. Of heavier
+  damage at most 1.5e-5 per damaged frame passes (2^-16), and at most 5e-6 behind the gates
+  of `wire/plausible.py` (device time grows, no more edges than a wheel can make, no rate
+  beyond the gyro's range).
 - `sent = ok + lost` holds exactly between the first and the last good frame: by `seq` below
   256 consecutive losses, by the `t_ck` of STATE above, up to {limit:.0f} s of silence.
 """

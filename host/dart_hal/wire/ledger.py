@@ -41,7 +41,7 @@ def boot_of(hello: bytes) -> tuple[int, int]:
 
 def rounds(elapsed: int, counted: int) -> int:
     """Frames to add (a multiple of 256) so that ``counted`` fills ``elapsed`` ticks."""
-    short = (elapsed + STATE_PERIOD // 2) // STATE_PERIOD - SLACK - counted
+    short = elapsed // STATE_PERIOD - SLACK - counted
     return -(-short // ROUND) * ROUND if short > 0 else 0
 
 

@@ -23,6 +23,7 @@ from dart_hal.wire.messages import (
 )
 
 _RANGES = {"u8": (0, 0xFF), "u16": (0, 0xFFFF), "u32": (0, 0xFFFF_FFFF), "i16": (-32768, 32767)}
+_WRAP = 0xFFFF_FFFF
 
 
 def random_values(message: Message, rng: Random) -> tuple[Any, ...]:
@@ -52,16 +53,16 @@ def drive(seconds: float, seed: int = 0, boot: int = 1) -> list[bytes]:
          TICKS_PER_SECOND, 0x5678)
     count, rate = 0.0, 0.0
     for i in range(round(seconds * 100)):
-        t = (i + 20) * STATE_PERIOD
+        t = (i + 20) * STATE_PERIOD & _WRAP
         rate = min(max(rate + rng.gauss(0, 30), 0), 1500)
         count += rate / 100
         send(STATE, *_state(t, int(count), rate, rng))
         if i % 50 == 10:
-            send(TIME_PONG, i // 50, t // 2, t + 400, t + 900, 0)
+            send(TIME_PONG, i // 50 & 0xFFFF, t // 2, t + 400 & _WRAP, t + 900 & _WRAP, 0)
         if i % 50 == 30:
-            send(DIAG, t, i, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1500, 0, 900, 4980, boot)
+            send(DIAG, t, i & 0xFFFF, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1500, 0, 900, 4980, boot)
         if i % 1000 == 500:
-            send(EVENT, t, 6, i // 1000, 0)
+            send(EVENT, t, 6, i // 1000 & 0xFF, 0)
             send(LOG, 1, b"parameter written")
     return frames
 
@@ -69,8 +70,8 @@ def drive(seconds: float, seed: int = 0, boot: int = 1) -> list[bytes]:
 def _state(t: int, count: int, rate: float, rng: Random) -> tuple[int, ...]:
     interval = min(int(TICKS_PER_SECOND / rate), 0xFFFF) if rate > 1 else 0xFFFF
     imu = [round(rng.gauss(0, 60)) for _ in range(6)]
-    return (t, count, t - interval // 2, interval, 0, 0, *imu, 400 + rng.randrange(50), 0x3F,
-            0x0C01, rng.randrange(20))
+    return (t, count, t - interval // 2 & _WRAP, interval, 0, 0, *imu,
+            400 + rng.randrange(50), 0x3F, 0x0C01, rng.randrange(20))
 
 
 Fault = Callable[[bytes, Random], bytes]
