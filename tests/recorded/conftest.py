@@ -31,7 +31,7 @@ def recordings() -> Path:
 def rows_a(n: int = 60, t0: float = 100.0) -> dict[str, np.ndarray]:
     """A car that drives a left circle at 0.1032 m/s per 2 counts, 10 Hz."""
     one = np.ones(n)
-    table = dict.fromkeys(NAMES_A, 0.0 * one)
+    table = {name: np.zeros(n) for name in NAMES_A}
     table["elapsed time sensors"] = t0 + 0.1 * np.arange(n)
     table["W (IMU)"] = 0.5 * one
     table["vel encoder"] = 0.05161 * (10 + np.arange(n) % 9)

@@ -130,3 +130,28 @@ def test_everything_at_once(recordings):
     assert np.all(np.diff(result.angle) > 0.0)
     assert len(result.source) == 83 - sum("skipped" in n for n in result.notes) - sum(
         " 0 of " in n for n in result.notes)
+
+
+def sine_drive(table_a, lag: float) -> dict:
+    """20 Hz rows of a sine in steering that the wheels answer ``lag`` s later, 1 m/s."""
+    n = 1200
+    table = table_a(n)
+    t = 0.05 * np.arange(n)
+    table["elapsed time sensors"] = 100.0 + t
+    table["steering"] = np.sin(2.0 * np.pi * 0.4 * t)
+    table["vel encoder"][:] = 1.0
+    wheel = make_steering(PAPER.steering, np)(np.sin(2.0 * np.pi * 0.4 * (t - lag)))
+    table["W (IMU)"] = np.tan(wheel) / 0.175
+    return table
+
+
+def test_changing_commands_are_taken_as_the_wheels_answer_them(write, table_a):
+    result = steering_from([write(sine_drive(table_a, 0.2))])
+    paper = make_steering(PAPER.steering, np)(result.command)
+    assert np.degrees(np.abs(result.angle - paper)).max() < 0.5
+    assert any("taken 0.20 s earlier" in n for n in result.notes)
+    assert result.backlash is None
+
+
+def test_held_levels_are_not_shifted(levels):
+    assert not any("earlier" in n for n in levels.notes)

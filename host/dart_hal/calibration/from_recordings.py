@@ -13,6 +13,7 @@ import numpy as np
 
 from dart_hal.errors import CalibrationFailed
 from dart_hal.recording.dart import Recording, grid, read_all, reference_for
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.types import FloatArray
 
@@ -24,6 +25,7 @@ WHEELBASE = 0.175  # m, of the car of the recordings
 FAST, SLOW = 0.8, 0.3  # m/s
 FAST_SHARE = 0.1  # of the moving rows must be fast, else the recording counts as slow
 MAX_LATERAL = 4.0  # m/s2; beyond it the tyres slip by degrees, the angle is no steering angle
+MIN_FOR_LAG, MAX_LAG = 40, 0.4  # samples, s
 THIN = 10  # every tenth sample of the 100 Hz grid, as often as a sensor message
 
 
@@ -87,10 +89,37 @@ def samples_of(recording: Recording, wheelbase: float) -> tuple[Samples, list[st
                      "acceleration dropped (tyres slip)")
         use = use & ~slipping
     notes.append(f"{int(use.sum())} of {len(use)} samples used, the others stood or were slower")
+    command, more = _answered(t, command, wheelbase * yaw_rate / np.where(use, speed, 1.0), use)
+    notes += more
     angle = np.arctan2(wheelbase * yaw_rate[use], speed[use])
     direction, age = approach(command, t)
     return Samples(command[use], angle, direction[use], age[use], np.ones(int(use.sum())),
                    blocks(command, segment)[use]), notes
+
+
+def _answered(t: FloatArray, command: FloatArray, slope: FloatArray, use: BoolArray
+              ) -> tuple[FloatArray, list[str]]:
+    """The command that the wheels were answering, where commands change all the time.
+
+    slope (n,): l W/v. With held levels the command stays as it is: there the
+    lag touches few samples, and the published figures contain them.
+    """
+    _, age = approach(command, t)
+    if use.sum() < MIN_FOR_LAG or np.mean(age[use] < SETTLED) < 0.5:
+        return command, []
+    lags = np.arange(0.0, MAX_LAG + 1e-9, 0.01)
+    errors = []
+    for lag in lags:
+        shifted = np.interp(t[use] - lag, t, command)
+        shape = np.vander(shifted, 4)
+        fitted = shape @ np.linalg.lstsq(shape, slope[use], rcond=None)[0]
+        errors.append(float(np.sum((slope[use] - fitted) ** 2)))
+    best = float(lags[int(np.argmin(errors))])
+    if best == 0.0:
+        return command, []
+    return np.interp(t - best, t, command), [
+        f"commands change all the time: taken {best:.2f} s earlier, where they fit best "
+        "(delay and lag of servo and recorder)"]
 
 
 def _motion(recording: Recording
@@ -118,8 +147,6 @@ def _cautions(samples: Samples, fitted: SteeringFit) -> list[str]:
     if fitted.misfit > 0.003:
         said.append(f"level means leave the five-parameter form by {fitted.misfit:.4f} rad rms; "
                     "this is part of angle_std_rad")
-    if np.mean(samples.age < SETTLED) > 0.5:
-        said.append("commands change all the time: delay and lag of the servo smear the map")
     if fitted.backlash is None:
         said.append("backlash: no level was held after reaching it from both sides, "
                     "so it cannot be told")

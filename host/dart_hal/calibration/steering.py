@@ -213,10 +213,16 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
         angle_std=std, pulse_us=pulse, paper_form=form.as_dict(),
         residual_rms=float(np.sqrt(np.mean(fit.residual**2))), backlash=fit.backlash,
         notes=notes, covariance=covariance,
-        samples=(np.array([w.command for w in windows]), np.array([w.angle for w in windows]),
+        samples=(np.array([w.command for w in windows]), _without_slip(windows, fit),
                  np.array([w.direction for w in windows])),
         extra={"understeer": {"value": fit.kappa.value, "std": fit.kappa.std, "unit": "s2/m2"},
                "speeds_m_s": sorted({round(w.speed, 2) for w in windows})})
+
+
+def _without_slip(windows: list[Window], fit: LoopFit) -> FloatArray:
+    angle = np.array([w.angle for w in windows])
+    speed = np.array([w.speed for w in windows])
+    return np.asarray(angle + 0.5 * np.sin(2.0 * angle) * fit.kappa.value * speed**2)
 
 
 def write(files: CarFiles, result: SteeringResult) -> SteeringResult:

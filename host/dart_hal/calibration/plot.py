@@ -1,0 +1,106 @@
+"""One figure of a steering calibration: map, data of both approaches, residuals.
+
+Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and
+nowhere else in this room.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Steering
+from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.steering import make_steering
+
+from .result import SteeringResult
+
+NINETY = 1.645  # standard errors of a 90 % interval
+RISING, FALLING, FIRST = "#0072b2", "#d55e00", "#888888"
+MAP, PAPER_LINE = "#222222", "#009e73"
+MANY = 500  # points; above it they are drawn small and pale
+
+
+def plot_steering(result: SteeringResult, path: str | Path) -> Path:
+    """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
+
+    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as err:
+        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
+    path = Path(path)
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise UsageError(f"no plot format {path.suffix!r}", expected=".png, .svg or .pdf")
+    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
+    _draw_map(top, result)
+    _draw_residuals(bottom, result)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def _draw_map(axes: Any, result: SteeringResult) -> None:
+    _points(axes, result, np.zeros_like, labelled=True)
+    fine = np.linspace(result.command[0], result.command[-1], 201)
+    axes.plot(fine, np.degrees(make_steering(PAPER.steering, np)(fine)), "--", color=PAPER_LINE,
+              lw=1.2, label="map of the paper's code")
+    axes.plot(result.command, np.degrees(result.angle), color=MAP, lw=1.6,
+              label="this car, middle of the backlash")
+    band = NINETY * result.angle_std
+    axes.fill_between(result.command, np.degrees(result.angle - band),
+                      np.degrees(result.angle + band), color=MAP, alpha=0.18, lw=0,
+                      label="90 % interval")
+    axes.set_ylabel("road-wheel angle [deg], + = left")
+    axes.set_title(_title(result), loc="left", fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, loc="upper left")
+
+
+def _draw_residuals(axes: Any, result: SteeringResult) -> None:
+    _points(axes, result, lambda s: np.interp(s, result.command, result.angle))
+    band = np.degrees(NINETY * result.angle_std)
+    axes.fill_between(result.command, -band, band, color=MAP, alpha=0.18, lw=0)
+    form = make_steering(Steering(**result.paper_form), np)(result.command)
+    axes.plot(result.command, np.degrees(form - result.angle), ":", color=MAP, lw=1.2,
+              label="five-parameter form")
+    axes.axhline(0.0, color=MAP, lw=0.8)
+    axes.set_xlabel("steering command, +1 = full left")
+    axes.set_ylabel("data - map [deg]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, loc="lower right")
+
+
+def _points(axes: Any, result: SteeringResult, baseline: Any,
+            labelled: bool = False) -> None:
+    if result.samples is None:
+        return
+    command, angle, direction = result.samples
+    value = np.degrees(angle - baseline(command))
+    small = len(command) > MANY
+    for side, marker, color, label in ((1.0, "^", RISING, "reached from the right"),
+                                       (-1.0, "v", FALLING, "reached from the left"),
+                                       (0.0, "o", FIRST, "first command of a run")):
+        rows = direction == side
+        if rows.any():
+            axes.plot(_spread(command[rows], side, small), value[rows], marker, color=color,
+                      ms=2.0 if small else 5.0, alpha=0.3 if small else 0.9, lw=0,
+                      label=label if labelled else None)
+
+
+def _spread(command: FloatArray, side: float, small: bool) -> FloatArray:
+    """Two approaches of one level side by side."""
+    return command + side * (0.004 if small else 0.0)
+
+
+def _title(result: SteeringResult) -> str:
+    backlash = ("backlash unknown" if result.backlash is None else
+                f"backlash {np.degrees(result.backlash.value):.2f} "
+                f"± {np.degrees(result.backlash.std):.2f} deg")
+    return f"Steering of {result.car}: {result.n} samples, {backlash}"

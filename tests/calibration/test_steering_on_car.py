@@ -1,0 +1,79 @@
+"""The procedure through the whole Car, against the hidden truth of simulated cars."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.calibration.steering import calibrate_steering
+from dart_hal.car import Car
+from dart_hal.sim.truth import reveal
+
+
+def measured(seed: int, tmp_path, **options):
+    with Car.open(f"sim://?seed={seed}&nano=mock", cars=tmp_path) as car:
+        result = calibrate_steering(car, dry_run=True, **options)
+        mode = car.mode
+    truth = reveal(seed)
+    angle = np.interp(result.command, truth["steering"]["command"],
+                      truth["steering"]["angle_rad"])
+    return result, angle, truth["sensors"]["steering.backlash"], mode
+
+
+def test_nominal_car_has_the_papers_map(tmp_path):
+    result, angle, _, mode = measured(0, tmp_path)
+    assert np.degrees(np.abs(result.angle - angle)).max() < 0.12
+    assert result.backlash.value < 0.001
+    assert mode == "DISARMED"
+
+
+@pytest.mark.parametrize("seeds", [
+    pytest.param(range(1, 4), id="3 cars"),
+    pytest.param(range(1, 21), id="20 cars", marks=pytest.mark.slow),
+    pytest.param(range(21, 41), id="20 other cars", marks=pytest.mark.slow),
+])
+def test_hidden_cars(tmp_path, seeds):
+    inside, backlash = [], []
+    for seed in seeds:
+        result, angle, loop, _ = measured(seed, tmp_path)
+        error = result.angle - angle
+        assert np.degrees(np.sqrt(np.mean(error**2))) <= 0.4
+        inside += list(np.abs(error) < 1.645 * result.angle_std)
+        backlash.append(abs(result.backlash.value - loop) / result.backlash.std)
+    assert np.mean(inside) >= 0.8
+    assert np.mean(np.array(backlash) < 1.645) >= 0.75
+    if len(seeds) >= 20:
+        assert np.mean(inside) <= 0.98
+
+
+def test_papers_map_instead_of_a_measurement_would_be_off():
+    """Negative control: what the cars would steer without their calibration."""
+    nominal, *cars = (np.array(reveal(seed)["steering"]["angle_rad"]) for seed in range(21))
+    rms = [np.degrees(np.sqrt(np.mean((car - nominal) ** 2))) for car in cars]
+    assert np.mean(np.array(rms) > 0.4) > 0.8
+
+
+def test_second_run_uses_the_file_that_the_first_one_wrote(tmp_path):
+    url = "sim://?seed=3&nano=mock"
+    with Car.open(url, cars=tmp_path) as car:
+        first = calibrate_steering(car)
+    with Car.open(url, cars=tmp_path) as car:
+        table = car.files.calibration.steering.map
+        assert table.angle_rad == pytest.approx(first.angle, abs=1e-6)
+        second = calibrate_steering(car, dry_run=True)
+    assert second.angle == pytest.approx(first.angle, abs=2e-3)
+
+
+def test_interrupt_stops_the_car(tmp_path):
+    with Car.open("sim://?seed=1&nano=mock", cars=tmp_path) as car:
+        def interrupt(share: float, text: str) -> None:
+            if share > 0.3:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            calibrate_steering(car, progress=interrupt)
+        assert car.mode == "DISARMED"
+        rolling = [s.speed for s in car.states(duration=1.5)]
+        assert rolling[0] > 0.2
+        assert rolling[-1] < 0.05
+    assert not list(tmp_path.rglob("calibration.toml"))
