@@ -10,11 +10,9 @@
 
 enum { LOW, HIGH, RELEASED };
 
-static int driven(const emu_t *e, int port, int bit, int level)
+static int driven(uint32_t ddr, int bit, uint32_t level)
 {
-	const avr_ioport_t *p = e->port[port];
-
-	if (!(e->avr->data[p->r_ddr] >> bit & 1))
+	if (!(ddr >> bit & 1))
 		return RELEASED;
 	return level & 1 ? HIGH : LOW;
 }
@@ -37,27 +35,27 @@ static void changed(emu_t *e, int port, int bit, int state)
 }
 
 
-/* irq->irq is the number of the pin, or IOPORT_IRQ_DIRECTION_ALL. */
+/* irq->irq is the number of the pin, or IOPORT_IRQ_DIRECTION_ALL, which comes
+ * with the new DDR before that is in the register. */
 static void pin_notify(struct avr_irq_t *irq, uint32_t value, void *param)
 {
 	emu_t *e = param;
-	int bit = (int)irq->irq;
+	const uint8_t *data = e->avr->data;
+	int bit = (int)irq->irq, port = 0;
+	avr_ioport_t *p;
 
-	for (int port = 0; port < 3; port++) {
-		avr_ioport_t *p = e->port[port];
-
-		if (irq < p->io.irq || irq >= p->io.irq + IOPORT_IRQ_COUNT)
-			continue;
-		if (bit < 8) {
-			changed(e, port, bit, driven(e, port, bit, (int)value));
+	while (irq < e->port[port]->io.irq ||
+	       irq >= e->port[port]->io.irq + IOPORT_IRQ_COUNT)
+		if (++port == 3)
 			return;
-		}
-		for (bit = 0; bit < 8; bit++)
-			changed(e, port, bit,
-				driven(e, port, bit,
-				       e->avr->data[p->r_port] >> bit));
+	p = e->port[port];
+	if (bit < 8) {
+		changed(e, port, bit, driven(data[p->r_ddr], bit, value));
 		return;
 	}
+	for (bit = 0; bit < 8; bit++)
+		changed(e, port, bit,
+			driven(value, bit, data[p->r_port] >> bit));
 }
 
 /* The level of an undriven pin, against the pull-up as well. */
@@ -109,9 +107,14 @@ void pins_after_reset(emu_t *e)
 	pins_input(e, 2, 3, e->ring[1].level);
 	for (int port = 0; port < 3; port++) {
 		avr_ioport_t *p = e->port[port];
+		uint8_t level = p->external.pull_mask & p->external.pull_value;
 
-		e->avr->data[p->r_pin] =
-			p->external.pull_mask & p->external.pull_value;
+		e->avr->data[p->r_pin] = level;
+		/* simavr passes only changes on: what it remembers of before
+		 * the reset would hide the first write after it */
+		for (int bit = 0; bit < 8; bit++)
+			p->io.irq[bit].value = level >> bit & 1;
+		p->io.irq[IOPORT_IRQ_DIRECTION_ALL].value = 0;
 	}
 }
 

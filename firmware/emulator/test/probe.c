@@ -245,8 +245,8 @@ int main(void)
 	UBRR0 = 3;
 	UCSR0A = _BV(U2X0);
 	UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
-	DDRD = _BV(4) | _BV(7);
-	PORTD = _BV(2) | _BV(3) | _BV(4) | _BV(7);
+	PORTD = _BV(2) | _BV(3) | _BV(4) | _BV(7); /* as firmware does: levels, */
+	DDRD = _BV(4) | _BV(7);                    /* then directions */
 	EICRA = _BV(ISC00) | _BV(ISC10);
 	EIMSK = _BV(INT0) | _BV(INT1);
 	TWBR = 12;
