@@ -8,6 +8,7 @@ room opens nothing and loads neither ServoKit nor scipy.
 from dart_hal.actuation.arming import Facts, not_armed, refusals, warnings
 from dart_hal.actuation.bus import SmbusBus
 from dart_hal.actuation.chain import Actuator, Counters
+from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.plan import LIVE, RAW, Output
 from dart_hal.actuation.quantiser import Quantiser
@@ -16,7 +17,7 @@ from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
-    "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Output", "Pca9685", "Quantiser",
+    "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Guard", "Output", "Pca9685", "Quantiser",
     "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals", "steering_map",
     "warnings",
 ]

@@ -1,0 +1,139 @@
+"""A process of its own that writes neutral when the driver dies or hangs.
+
+The PCA9685 repeats its last pulse for ever, and no handler runs after kill -9.
+This process has its own session (a closed terminal does not reach it), its own
+descriptor of the bus, and a pipe from the driver:
+
+    driver -> guard   b beat    a trip seen    q the driver closes, at neutral
+    guard -> driver   r ready   b beat         t tripped    x bus error
+
+End of file, or 100 ms without a beat: the throttle channel gets neutral, 50
+times a second, until the driver has seen the trip or, when it is gone, for a
+second. Steering is left where it is. Run as ``python -m dart_hal.actuation.guard``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import sys
+import time
+from collections.abc import Callable
+
+from dart_hal.errors import BusError
+from dart_hal.links.base import Bus
+
+SILENCE = 0.100
+"""s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""
+REPEAT = 0.020
+"""s between two neutral writes, and between two beats to the driver."""
+LAST_WORDS = 50
+"""Neutral writes that must succeed after the driver is gone: one second."""
+GIVE_UP = 30.0
+"""s for which a bus that fails is tried after the driver is gone."""
+
+
+class Watch:
+    """The guard's decisions, free of I/O: time and what came are arguments.
+
+    Silence counts from the first beat on; end of file counts always.
+    """
+
+    def __init__(self) -> None:
+        self.tripped = self.gone = self.done = False
+        self._beat, self._gone_at, self._written = math.inf, math.inf, 0
+
+    def heard(self, data: bytes, now: float) -> None:
+        """Bytes from the driver; b"" = end of file."""
+        if not data:
+            self.tripped = self.gone = True
+            self._gone_at = now
+            return
+        self.done = self.done or b"q" in data
+        if b"b" in data:
+            self._beat = now
+        if b"a" in data:
+            self.tripped, self._beat = False, now
+
+    def due(self, now: float) -> bool:
+        """Whether neutral must be written now."""
+        self.tripped = self.tripped or now - self._beat > SILENCE
+        return self.tripped and not self.done
+
+    def wrote(self, ok: bool, now: float) -> None:
+        """The outcome of a neutral write; with the driver gone, the end comes in sight."""
+        self._written += ok and self.gone
+        if self.gone and (self._written >= LAST_WORDS or now - self._gone_at > GIVE_UP):
+            self.done = True
+
+
+def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, status: int,
+          clock: Callable[[], float] = time.monotonic) -> None:
+    """Guard until the driver closes or is gone; file descriptors ``beats``, ``status``."""
+    neutral = bytes([0x06 + 4 * channel, 0, 0, counts & 0xFF, counts >> 8])
+    state, told, written = Watch(), False, -1.0
+    _say(status, b"r")
+    while not state.done:
+        open_end = [] if state.gone else [beats]
+        ready, _, _ = select.select(open_end, [], [], REPEAT / 4)
+        now = clock()
+        if ready:
+            state.heard(os.read(beats, 4096), now)
+        if state.due(now):
+            if not told or now - written >= REPEAT:
+                told, written = True, now
+                state.wrote(_write(bus, address, neutral, status), clock())
+                _say(status, b"t")
+        else:
+            told = False
+            if now - written >= REPEAT:
+                written = now
+                _say(status, b"b")
+
+
+def _write(bus: Bus, address: int, data: bytes, status: int) -> bool:
+    try:
+        bus.writeto(address, data)
+    except OSError:
+        _say(status, b"x")
+        return False
+    return True
+
+
+def _say(status: int, word: bytes) -> None:
+    """Tell the driver; one that is gone or does not read must not stop the guard."""
+    try:
+        os.write(status, word)
+    except (BrokenPipeError, BlockingIOError):
+        return
+
+
+def main(arguments: list[str]) -> int:
+    """``guard BUS ADDRESS CHANNEL COUNTS``: watches standard input."""
+    from dart_hal.links.i2c import open_bus
+
+    spec, (address, channel, counts) = arguments[0], (int(a, 0) for a in arguments[1:])
+    os.set_blocking(1, False)
+    try:
+        bus = open_bus(spec)
+        bus.writeto_then_readfrom(address, b"\x00", bytearray(1))     # tested before arming
+    except BusError as error:
+        sys.stderr.write(str(error) + "\n")
+        return 1
+    _live_longer()
+    watch(bus, address, channel, counts, beats=0, status=1)
+    return 0
+
+
+def _live_longer() -> None:
+    """Where the right is given, the kernel takes this process last when memory ends."""
+    try:
+        with open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
+            file.write("-1000")
+    except OSError:
+        return
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

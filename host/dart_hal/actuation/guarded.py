@@ -1,0 +1,108 @@
+"""The driver's side of the guard process."""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from dart_hal.actuation.guard import SILENCE
+from dart_hal.errors import BusError
+
+START_TIME = 10.0
+"""s that the guard may take to say that it is ready."""
+
+
+class Guard:
+    """A running guard. ``gate`` goes to the actuator, ``beat`` into the frame step.
+
+    Start it when the actuator is open: it writes counts, which mean neutral at
+    the right prescale alone. It watches from the first beat on. Raises BusError
+    when the guard cannot reach the bus.
+    """
+
+    def __init__(self, bus: str, *, address: int, channel: int, neutral_counts: int,
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        command = [sys.executable, "-m", "dart_hal.actuation.guard", bus, str(address),
+                   str(channel), str(neutral_counts)]
+        self._clock, self._heard = clock, -math.inf
+        self.tripped = self._watched = False
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                         stderr=subprocess.PIPE, start_new_session=True)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._beats = self._process.stdin.fileno()
+        self._status = self._process.stdout.fileno()
+        os.set_blocking(self._beats, False)
+        os.set_blocking(self._status, False)
+        self._wait_ready()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def age(self) -> float | None:
+        """s since the guard last spoke; None = it is dead. ``Facts.guard_age``."""
+        self._listen()
+        return None if self._process.poll() is not None else self._clock() - self._heard
+
+    def beat(self) -> None:
+        """The driver lives; at 50 Hz or more, from the frame step."""
+        self._watched = True
+        self._tell(b"b")
+
+    def gate(self) -> str | None:
+        """Why no throttle may be written now: GUARD_TRIPPED, GUARD_SILENT, None = go on.
+
+        After SIGCONT the trip is in the pipe already, before any stale write.
+        Before the first beat nobody watches: GUARD_SILENT.
+        """
+        age = self.age
+        if self.tripped:
+            return "GUARD_TRIPPED"
+        silent = age is None or age > SILENCE or not self._watched
+        return "GUARD_SILENT" if silent else None
+
+    def acknowledge(self) -> None:
+        """The driver has seen the trip and holds neutral; the guard stops writing."""
+        self._listen()
+        self.tripped = False
+        self._tell(b"a")
+
+    def close(self) -> None:
+        """The driver has closed at neutral: the guard ends without a write."""
+        self._tell(b"q")
+        self._process.communicate(timeout=START_TIME)
+
+    def _wait_ready(self) -> None:
+        ready, _, _ = select.select([self._status], [], [], START_TIME)
+        said = os.read(self._status, 1) if ready else b""
+        if said != b"r":
+            self._process.kill()
+            _, error = self._process.communicate(timeout=START_TIME)
+            raise BusError("the guard process does not start",
+                           found=error.decode("utf-8", "replace").strip() or "no answer",
+                           likely="the bus allows one program only, or has gone",
+                           remedy="dart-hal doctor")
+        self._heard = self._clock()
+
+    def _listen(self) -> None:
+        try:
+            said = os.read(self._status, 65536)
+        except BlockingIOError:
+            return
+        if said:
+            self._heard = self._clock()
+            self.tripped = self.tripped or b"t" in said
+
+    def _tell(self, word: bytes) -> None:
+        try:
+            os.write(self._beats, word)
+        except (BrokenPipeError, BlockingIOError):      # seen by age, at the next gate
+            return
