@@ -68,28 +68,28 @@ def wheel() -> type[Wheel]:
     return Wheel
 
 
+def simulate_speed(speed: Callable[[float], float], travel: Callable[[float], float], *,
+                   metres: float, n: int, true_ring: Sequence[float] | None = None,
+                   table: Sequence[float] | None = None, duration: float = 5.0,
+                   upstream: bool = False) -> SpeedRun:
+    """Run the estimator over a profile (speed(t), travel(t))."""
+    ring = Wheel(metres, n, true_ring, travel, duration)
+    estimator = WheelSpeed(metres, n, table)
+    errors, stds = [], []
+    for k in range(1, int(duration / FRAME)):
+        now = k * FRAME
+        value, std = estimator.update(*ring.frame(now), 1.0, 1)
+        if upstream:  # counts of the last 0.1 s, the negative control
+            value = (ring.frame(now)[0] - ring.frame(now - 0.1)[0]) * metres / 0.1
+        if now > duration / 2:
+            errors.append(value - speed(now))
+            stds.append(std)
+    return SpeedRun(errors, stds, estimator)
+
+
 @pytest.fixture
 def speed_run() -> Callable[..., SpeedRun]:
-    """Run the estimator over a profile (speed(t), travel(t))."""
-
-    def run(speed: Callable[[float], float], travel: Callable[[float], float], *,
-            metres: float, n: int, true_ring: Sequence[float] | None = None,
-            table: Sequence[float] | None = None, duration: float = 5.0,
-            upstream: bool = False) -> SpeedRun:
-        ring = Wheel(metres, n, true_ring, travel, duration)
-        estimator = WheelSpeed(metres, n, table)
-        errors, stds = [], []
-        for k in range(1, int(duration / FRAME)):
-            now = k * FRAME
-            value, std = estimator.update(*ring.frame(now), 1.0, 1)
-            if upstream:  # counts of the last 0.1 s, the negative control
-                value = (ring.frame(now)[0] - ring.frame(now - 0.1)[0]) * metres / 0.1
-            if now > duration / 2:
-                errors.append(value - speed(now))
-                stds.append(std)
-        return SpeedRun(errors, stds, estimator)
-
-    return run
+    return simulate_speed
 
 
 @dataclass
@@ -109,55 +109,55 @@ def p99(values: Sequence[float]) -> float:
     return sorted(map(abs, values))[int(0.99 * len(values))]
 
 
-@pytest.fixture
-def clock_run() -> Callable[..., ClockRun]:
+def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitter: float = 1e-3,
+                   least: float = 0.2e-3, warm_up: float = 40e-6,
+                   reset_at: float = math.inf) -> ClockRun:
     """A Nano with a resonator up to 0.5 % off behind a USB link.
 
     USB adds 0..``jitter`` s, a share ``disturbed`` of the frames an exponential
     tail of 12 ms mean; frames queue behind a late one. ``warm_up``: 40 ppm
     with 20 s time constant. ``reset_at`` [s]: the device clock begins anew.
     """
+    rng = random.Random(seed)
+    error = rng.uniform(-0.005, 0.005)
+    clock = ClockFit(byte_time=BYTE)
+    out = ClockRun([], [], [], [], [], 0.0, clock)
+    boot, newest, next_ping, started = 5.0, 0.0, 5.1, 5.0
 
-    def run(disturbed: float, seed: int, *, duration: float = 40.0, jitter: float = 1e-3,
-            least: float = 0.2e-3, warm_up: float = 40e-6,
-            reset_at: float = math.inf) -> ClockRun:
-        rng = random.Random(seed)
-        error = rng.uniform(-0.005, 0.005)
-        clock = ClockFit(byte_time=BYTE)
-        out = ClockRun([], [], [], [], [], 0.0, clock)
-        boot, newest, next_ping, started = 5.0, 0.0, 5.1, 5.0
+    def device(t: float) -> float:
+        age = t - boot
+        return (1 + error) * age + warm_up * 20 * (1 - math.exp(-age / 20))
 
-        def device(t: float) -> float:
-            age = t - boot
-            return (1 + error) * age + warm_up * 20 * (1 - math.exp(-age / 20))
+    def late() -> float:
+        tail = rng.expovariate(1 / 0.012) if rng.random() < disturbed else 0.0
+        return least + rng.random() * jitter + tail
 
-        def late() -> float:
-            tail = rng.expovariate(1 / 0.012) if rng.random() < disturbed else 0.0
-            return least + rng.random() * jitter + tail
+    for k in range(1, int(duration * 100)):
+        true = started + k * FRAME
+        if boot < reset_at <= true:
+            boot = reset_at = true - 0.001
+            clock.restart()
+        newest = max(newest, true + 0.2e-3 + STATE_WIRE + late())
+        clock.add_frame(device(true), newest, STATE_WIRE)
+        if true >= next_ping:
+            next_ping += 0.1 if true < started + 3 else 0.5
+            received = true + 12 * BYTE + least + rng.random() * jitter
+            answered = received + 0.004
+            clock.add_ping(true, device(received), device(answered),
+                           answered + 22 * BYTE + late(), 34 * BYTE)
+        t, std = clock.to_host(device(true))
+        out.published.append(t)
+        age = true - max(started, boot)
+        if age > 20:
+            out.late.append(t - true)
+            out.arrival.append(newest - true)
+            out.stds.append(std)
+        elif age > 3:
+            out.early.append(t - true)
+    out.rate_error = clock.rate * (1 + error) - 1
+    return out
 
-        for k in range(1, int(duration * 100)):
-            true = started + k * FRAME
-            if boot < reset_at <= true:
-                boot = reset_at = true - 0.001
-                clock.restart()
-            newest = max(newest, true + 0.2e-3 + STATE_WIRE + late())
-            clock.add_frame(device(true), newest, STATE_WIRE)
-            if true >= next_ping:
-                next_ping += 0.1 if true < started + 3 else 0.5
-                received = true + 12 * BYTE + least + rng.random() * jitter
-                answered = received + 0.004
-                clock.add_ping(true, device(received), device(answered),
-                               answered + 22 * BYTE + late(), 34 * BYTE)
-            t, std = clock.to_host(device(true))
-            out.published.append(t)
-            age = true - max(started, boot)
-            if age > 20:
-                out.late.append(t - true)
-                out.arrival.append(newest - true)
-                out.stds.append(std)
-            elif age > 3:
-                out.early.append(t - true)
-        out.rate_error = clock.rate * (1 + error) - 1
-        return out
 
-    return run
+@pytest.fixture
+def clock_run() -> Callable[..., ClockRun]:
+    return simulate_clock

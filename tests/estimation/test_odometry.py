@@ -89,6 +89,16 @@ def test_restart_keeps_the_pose():
     assert math.hypot(odometry.x - before.x, odometry.y - before.y) == pytest.approx(1.0, rel=0.05)
 
 
+def test_a_known_slip_turns_the_path_outwards():
+    """Left circle, radius R: the axle points inwards of its path by the slip angle."""
+    plain, sliding = Odometry(), Odometry(slip_gain=0.03)
+    for odometry in (plain, sliding):
+        odometry.update(0.0, 0.0, 1.0, 1.0, -AGE)
+        drive(odometry, 1.0, 1.0, 0.1)
+    assert plain.y - sliding.y == pytest.approx(0.03 * 0.1, rel=0.02)
+    assert sliding.yaw == plain.yaw
+
+
 def test_pose_is_read_only():
     with pytest.raises(ValueError, match="read-only"):
         Odometry().pose.cov[0, 0] = 1.0
@@ -100,6 +110,7 @@ def simulate(seed, noise, seconds=20.0, standing=3.0):
     bias = noise.gyro_bias * rng.standard_normal()
     gyro_scale = 1 + noise.gyro_scale * rng.standard_normal()
     travel_scale = 1 + noise.travel_scale * rng.standard_normal()
+    slip_gain = noise.slip_gain * rng.standard_normal()
     odometry = Odometry(noise)
     x = y = yaw = measured = 0.0
 
@@ -115,6 +126,7 @@ def simulate(seed, noise, seconds=20.0, standing=3.0):
         now = k * FRAME
         ds, turn = 1.2 * FRAME, 0.5 * (omega(now - FRAME) + omega(now)) * FRAME
         slide = noise.slip * math.sqrt(ds) * rng.standard_normal()
+        slide -= slip_gain * 1.2 * omega(now) * ds
         x += ds * math.cos(yaw + turn / 2) - slide * math.sin(yaw)
         y += ds * math.sin(yaw + turn / 2) + slide * math.cos(yaw)
         yaw += turn
@@ -137,8 +149,8 @@ def nees(noise, seeds):
 @pytest.mark.parametrize("noise", [
     OdometryNoise(),
     OdometryNoise(gyro_noise=2e-3),
-    OdometryNoise(gyro_scale=0.008, travel_scale=0.02),
-], ids=["default", "noisy gyro", "wrong scales"])
+    OdometryNoise(gyro_scale=0.002, travel_scale=0.002, slip_gain=0.04),
+], ids=["default", "noisy gyro", "calibrated, slippery"])
 def test_covariance_is_honest(noise):
     """Mean of 60 chi-square values of 3 degrees: 3 +- 0.32, so 4 sigma."""
     assert 1.75 < nees(noise, range(60)) < 4.3
@@ -150,7 +162,8 @@ def test_covariance_without_the_constant_errors_would_lie():
     values = []
     for seed in range(10):
         error, _ = simulate(seed, truth)
-        blind = Odometry(OdometryNoise(gyro_bias=1e-9, gyro_scale=1e-9, travel_scale=1e-9))
+        blind = Odometry(OdometryNoise(gyro_bias=1e-9, gyro_scale=1e-9, travel_scale=1e-9,
+                                       slip_gain=1e-9))
         drive(blind, 1.2, 0.3, 20.0)
         values.append(error @ np.linalg.solve(blind.pose.cov, error))
     assert np.mean(values) > 30

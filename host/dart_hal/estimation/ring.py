@@ -73,12 +73,12 @@ class Aligner:
     def offer(self, edge: int, t: float, interval: int, seconds: float) -> int | None:
         """Newest edge and its time, the interval that it ended; shift or None.
 
-        The mean speed is taken over at most a revolution (a whole one is
-        exact whatever the shift).
+        The mean speed is taken over up to a revolution (a whole one is exact
+        whatever the shift), at least over a frame.
         """
         ring, recent = self._ring, self._recent
         recent.append((edge, t))
-        while abs(edge - recent[0][0]) > ring.n:
+        while len(recent) > 2 and abs(edge - recent[0][0]) > ring.n:
             recent.popleft()
         first, t_first = recent[0]
         if abs(edge - first) < 2:

@@ -6,8 +6,9 @@ many frames were lost between them:
     v = (P(k2) - P(k1)) / (t2 - t1)        P: ring position, t: edge stamps
 
 The pair reaches from the newest edge back to the newest one that is at least
-15 ms older, at most a revolution. Between edges the car cannot have moved on
-by more than one gap, so |v| <= 1.05 gap / (now - t2), then 0.
+15 ms older; with a ring table at most a revolution, as it then gains nothing
+but age. Between edges the car cannot have moved on by more than one gap, so
+|v| <= 1.05 gap / (now - t2), then 0.
 
 One channel has no direction: it is the sign of the command, taken over only
 when the wheel has stopped; until then the flag AMBIGUOUS is up. Should the
@@ -159,7 +160,8 @@ class WheelSpeed:
         self._ahead = 0.0
         edges.append((self._edge_at, t_edge, count))
         limit = t_edge - WINDOW
-        while len(edges) > 2 and (edges[1][1] <= limit or count - edges[0][2] > ring.n):
+        while len(edges) > 2 and (edges[1][1] <= limit
+                                  or (self.aligned and count - edges[0][2] > ring.n)):
             edges.popleft()
         at, t, k = edges[0]
         pair = (t_edge - t) * rate
