@@ -330,3 +330,10 @@ def test_the_clock_channel_pulses_and_the_cars_own_may_not() -> None:
     assert world.pulses(15)[-1][1] == pytest.approx(1500, abs=2.5)
     with pytest.raises(ValueError, match="drives the car"):
         actuator.pca.write_channel(1, 400)
+
+
+def test_a_neutral_throttle_reads_zero_and_stands_still() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.0, frames=10)
+    assert actuator.applied.throttle == 0.0
+    assert {round(length, 3) for _, length in world.pulses(1)} == {1498.16}

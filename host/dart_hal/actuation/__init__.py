@@ -17,7 +17,7 @@ from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
-    "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Guard", "Output", "Pca9685", "Quantiser",
-    "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals", "steering_map",
+    "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Guard", "Output", "Pca9685",
+    "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals", "steering_map",
     "warnings",
 ]

@@ -137,7 +137,7 @@ class Actuator:
         self._planner.arbiter.put(wanted)
         plan = self._planner.plan(now, source)
         self.counters.overridden += any(name.startswith("OVERRIDDEN") for name in plan.limited)
-        return self._applied(self._peek(plan), plan.limited)
+        return self._applied(self._peek(plan), plan.limited, plan.moving)
 
     def pulses(self, steering_us: float, throttle_us: float) -> Applied:
         """Pulses for calibration; they act while the output is raw.
@@ -151,7 +151,7 @@ class Actuator:
                                  expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
         self._planner.raw = (float(steering_us), float(throttle_us))
         plan = self._planner.plan(self._planner.last, "raw")
-        return self._applied(self._peek(plan), plan.limited)
+        return self._applied(self._peek(plan), plan.limited, plan.moving)
 
     def set_output(self, output: Output) -> None:
         """What the supervisor allows from the next frame on; see ``plan.Output``."""
@@ -238,7 +238,7 @@ class Actuator:
             self._lost(error, "PCA_WRITE_FAILED")
             return self.applied
         self._planner.angle, self._planner.throttle = plan.angle, plan.throttle
-        self.applied = self._applied(counts, plan.limited)
+        self.applied = self._applied(counts, plan.limited, plan.moving)
         return self.applied
 
     def _peek(self, plan: Plan) -> tuple[int, int]:
@@ -265,9 +265,11 @@ class Actuator:
             self.counters.writes += 1
             self.counters.retries = self.pca.retries
 
-    def _applied(self, counts: tuple[int, int], why: tuple[str, ...]) -> Applied:
+    def _applied(self, counts: tuple[int, int], why: tuple[str, ...],
+                 moving: bool = False) -> Applied:
+        """What counts mean. Neutral is 0.0, though its count is up to 2.4 us off."""
         steering_us, throttle_us = (n * self.pca.count_us for n in counts)
-        throttle = (throttle_us - self.neutral_us) / self.car.throttle.span_us
+        throttle = (throttle_us - self.neutral_us) / self.car.throttle.span_us if moving else 0.0
         standing = [] if self.map.calibrated else [Limit.UNCALIBRATED.value]
         standing += [] if self._sending else [Limit.NOT_SENT.value]
         return Applied(self.map.angle(steering_us), throttle, steering_us, throttle_us,
