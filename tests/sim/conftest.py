@@ -6,6 +6,10 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("virtual-time", deadline=None)
+settings.load_profile("virtual-time")       # a busy machine is no fault of the code
 
 _SPEC = importlib.util.spec_from_file_location("simulated_car",
                                                Path(__file__).with_name("simulated_car.py"))

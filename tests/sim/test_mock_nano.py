@@ -98,7 +98,7 @@ def test_reset_starts_anew_with_the_next_boot_count():
     assert second["boot_nonce"] != first["boot_nonce"]
     assert second["reset_cause"] == 0x18
     assert talk.of("STATE")[0]["enc_count"] <= 2
-    assert talk.of("STATE")[0]["t_ck"] == 20_000
+    assert talk.of("STATE")[0]["t_ck"] == 2_000
 
 
 def test_clock_error_shows_in_the_ticks():

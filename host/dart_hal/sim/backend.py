@@ -3,7 +3,8 @@
 Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
 ``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
 kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
-``ber`` bit error rate of the line upwards.
+``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
+hardware cut-off that the car is wired with).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
+from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.sim.eeprom import preset
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar, hidden_car
@@ -20,7 +22,7 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber")
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff")
 
 
 def open_sim(url: Url) -> Backend:
@@ -30,8 +32,10 @@ def open_sim(url: Url) -> Backend:
         raise UsageError("sim:// takes options only", found=url.text,
                          expected="sim://?seed=1&nano=mock")
     car = hidden_car(_seed(url), _choice(url, "ring", "even", "hidden"))
-    nano, notices = _nano(url, car)
-    world = World(car, nano, url.options.get("model", "dynamic"))
+    cutoff = _choice(url, "cutoff", *CUTOFFS) or "none"
+    params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
+    nano, notices = _nano(url, car, preset(car.board_id, params))
+    world = World(car, nano, url.options.get("model", "dynamic"), cutoff=cutoff)
     latency = jitter(url.options.get("jitter", "none"))
     link = SimLink(world, Line(LineFaults(bit_error=_number(url, "ber", 0.0)), latency,
                                (car.seed, 200)),
@@ -41,33 +45,29 @@ def open_sim(url: Url) -> Backend:
                    workshop=SimWorkshop(world))
 
 
-def _nano(url: Url, car: HiddenCar) -> tuple[Nano, tuple[str, ...]]:
+def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
     """The emulated firmware, or MockNano with the reason as a notice."""
     choice = _choice(url, "nano", "avr", "mock")
+    reason = ""
     if choice != "mock":
         try:
-            return _emulated(car), ()
+            return _emulated(car.clock_error, eeprom), ()
         except EmulatorMissing as error:
             if choice == "avr":
                 raise
             reason = error.what
-        notice = (f"MockNano instead of the firmware: {reason}. "
-                  "Results with it say nothing about the firmware; to get it: make firmware")
-        return _mock(car), (notice,)
-    return _mock(car), ()
+    mock = MockNano(clock_error=car.clock_error, eeprom=eeprom)
+    notice = (f"MockNano instead of the firmware: {reason}. Results with it say nothing "
+              "about the firmware; to get it: make firmware")
+    return mock, (notice,) if reason else ()
 
 
-def _mock(car: HiddenCar) -> MockNano:
-    return MockNano(clock_error=car.clock_error, eeprom=preset(car.board_id))
-
-
-def _emulated(car: HiddenCar) -> Nano:
+def _emulated(clock_error: float, eeprom: bytes) -> Nano:
     try:
         from dart_hal.links.emulator import EmulatedNano
     except ImportError as error:
         raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
-    nano: Nano = EmulatedNano(clock_error=car.clock_error, eeprom=preset(car.board_id))
-    return nano
+    return EmulatedNano(clock_error=clock_error, eeprom=eeprom)
 
 
 def _seed(url: Url) -> int:

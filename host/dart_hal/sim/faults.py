@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dart_hal.errors import UsageError
 
@@ -84,20 +85,27 @@ class Line:
 
     def _damage(self, data: bytes) -> bytes:
         f, n, rng = self.faults, len(data), self._rng
-        flips = rng.random((n, 8)) < f.bit_error
+        flips = np.packbits(rng.random((n, 8)) < f.bit_error, axis=1)[:, 0]
         lost, twice = rng.random(n) < f.drop, rng.random(n) < f.duplicate
-        bursts, noise = rng.random(n) < f.burst, rng.integers(0, 256, n)
-        out = bytearray()
-        for k, byte in enumerate(data):
-            if bursts[k]:
-                self._burst_left = f.burst_length
-            if self._burst_left:
-                self._burst_left -= 1
-                byte = int(noise[k])
-            byte ^= int(np.packbits(flips[k])[0])
-            out += bytes((byte,)) * (0 if lost[k] else 2 if twice[k] else 1)
+        noise = np.where(self._bursting(rng.random(n) < f.burst), rng.integers(0, 256, n), -1)
+        if not (flips.any() or lost.any() or twice.any() or noise.max() >= 0):
+            return data
+        raw = np.frombuffer(data, np.uint8)
+        raw = np.where(noise >= 0, noise, raw).astype(np.uint8) ^ flips
+        out = np.repeat(raw, np.where(lost, 0, np.where(twice, 2, 1))).tobytes()
         self.damaged += out != data
-        return bytes(out)
+        return out
+
+    def _bursting(self, starts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which bytes lie in a burst; one may run on into the next chunk."""
+        inside = np.zeros(len(starts), np.bool_)
+        inside[:self._burst_left] = True
+        left = max(0, self._burst_left - len(starts))
+        for k in np.flatnonzero(starts):
+            inside[k:k + self.faults.burst_length] = True
+            left = max(left, int(k) + self.faults.burst_length - len(starts))
+        self._burst_left = left
+        return inside
 
     def _arrival(self, t: float) -> float:
         latency = self.latency

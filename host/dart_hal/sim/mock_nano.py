@@ -16,6 +16,7 @@ from dart_hal.sim.eeprom import packed_params, stored
 from dart_hal.sim.mock_capture import MockCapture
 from dart_hal.sim.mock_encoder import MockEncoder
 from dart_hal.sim.mock_imu import START, MockImu
+from dart_hal.sim.mock_pins import MockPins
 from dart_hal.sim.mock_supervisor import Output, Supervisor
 from dart_hal.sim.mock_uart import MockUart
 from dart_hal.sim.ring import RING_A, RING_B, even_ring
@@ -37,11 +38,13 @@ _FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
 class MockNano:
     """A Nano that speaks the protocol; see the module for what it is not.
 
-    clock_error: the MCU counts 16e6 (1 + e) cycles per world second.
+    clock_error: the MCU counts 16e6 (1 + e) cycles per world second;
+    slot_phase [ck]: the first slot; timer_start [s]: from reset to ck = 0.
     """
 
     def __init__(self, clock_error: float = 0.0, eeprom: bytes | None = None,
-                 host_baud: int = 500_000) -> None:
+                 host_baud: int = 500_000, slot_phase: int = 2000,
+                 timer_start: float = 0.0) -> None:
         self.now = 0.0
         self.eeprom = eeprom
         self._out: list[tuple[bytes, float]] = []
@@ -54,6 +57,7 @@ class MockNano:
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
         self._byte = 10.0 / host_baud
+        self._phase, self._timer_start = slot_phase, timer_start
         self._boot("power")
 
     # -- the Nano protocol -------------------------------------------------
@@ -107,11 +111,13 @@ class MockNano:
         if name == "D8":
             self._capture.edge(level, self._ck(self.now))
 
-    def pins(self) -> dict[str, bool]:
-        """Output pins: select of the multiplexer (D5) and gate of /OE (D6)."""
-        live = self.supervisor.state is Output.LIVE
-        linked = live or self.supervisor.state is Output.LINKED
-        return {"D5": live and self.params[7] == 2, "D6": linked and self.params[7] == 1}
+    def pins(self) -> dict[str, int]:
+        """Levels of the option pins D5, D6, D9."""
+        return dict(self._pins.levels)
+
+    def pin_log(self) -> list[tuple[float, str, int]]:
+        """Edges (t, pin, level) of the option pins since the last call."""
+        return self._pins.take(self.now)
 
     def reset(self, cause: str = "external") -> None:
         self._boot(cause)
@@ -124,7 +130,7 @@ class MockNano:
     def _boot(self, cause: str) -> None:
         self.boot_count += 1
         self._cause = CAUSES[cause]
-        self._boot_at = self.now
+        self._boot_at = self.now + self._timer_start
         self.nonce = crc16(struct.pack("<IH", self.board_id, self.boot_count & 0xFFFF))
         self.supervisor = Supervisor(self.nonce, self.params[10] * 1e-3)
         for ring in self.rings:
@@ -138,7 +144,8 @@ class MockNano:
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
         self._decoder = Decoder(DOWN)
-        self._slot_at = self._time(SLOT_CK)
+        self._pins = MockPins(self.params[7], self.now)
+        self._slot_at = self._time(self._phase)
         self._hello_slots = {1, 11, 21}
         self._event(1, self._cause)
 
@@ -149,8 +156,8 @@ class MockNano:
         return self._boot_at + ck / self._rate
 
     def _slot(self) -> None:
+        ck = self._phase + self._slots * SLOT_CK
         self._slots += 1
-        ck = self._slots * SLOT_CK
         self._slot_at = self._time(ck + SLOT_CK)
         self.supervisor.check(self.now)
         self._report_changes()
@@ -230,6 +237,7 @@ class MockNano:
     def _report_changes(self) -> None:
         for old, new in self.supervisor.changes:
             self._event(2, old << 8 | new)
+            self._pins.follow(new, self.now)
         self.supervisor.changes.clear()
 
     def _send_edges(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Nano(Protocol):
@@ -31,6 +31,9 @@ class Nano(Protocol):
 
     def set_pin(self, name: str, level: bool) -> None:
         """Level of an input; "D8" is the input capture."""
+
+    def pin_log(self) -> Sequence[tuple[float, str, Any]]:
+        """Edges (t, pin, level) of the outputs since the last call; None = not driven."""
 
     def reset(self, cause: str = "external") -> None:
         """"external", "power", "brownout" or "watchdog"."""

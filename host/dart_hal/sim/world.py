@@ -18,6 +18,7 @@ import numpy as np
 
 from dart_hal.errors import UsageError
 from dart_hal.sim.bus import VirtualBus
+from dart_hal.sim.cutoff import make_wiring
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.imu import Imu
@@ -62,7 +63,7 @@ class World:
     """One simulated car with its Nano; ``t`` is the world time reached [s]."""
 
     def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",
-                 tick: float = TICK) -> None:
+                 tick: float = TICK, cutoff: str = "none") -> None:
         if model not in _MODELS:
             raise UsageError(f"no model {model!r}", expected=", ".join(_MODELS))
         self.t = 0.0
@@ -71,6 +72,7 @@ class World:
         self.bus = VirtualBus(lambda: self.t, [self.pca])
         self.servo, self.esc = Servo(car.servo), Esc(car.esc)
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
+        self._wiring = make_wiring(cutoff, self.pca)
         self.distance = 0.0
         self.watchers: list[Callable[[int, Pulse], None]] = []
         self._pin_edges: list[tuple[float, bool]] = []
@@ -114,7 +116,7 @@ class World:
     def _physics(self) -> None:
         """State of the pins now, motion until the next tick, what the sensors see."""
         now = self._next
-        if now >= self.pca.output.quiet_until:
+        if now >= self.pca.output.quiet_until or self._wiring.live:
             self._pulses(now)
         if self._tick % _EVERY == 0:
             self._record(now)
@@ -134,10 +136,12 @@ class World:
         self._pin_edges = self.pca.output.upcoming(CLOCK, self._next)
 
     def _pulses(self, now: float) -> None:
-        output = self.pca.output
+        output, wiring = self.pca.output, self._wiring
+        if wiring.live:
+            wiring.pins(self.nano.pin_log())
         output.advance(now)
         self._deliver(STEERING, output.take(STEERING), self.servo.pulse)
-        self._deliver(THROTTLE, output.take(THROTTLE), self.esc.pulse)
+        self._deliver(THROTTLE, wiring.esc_pulses(THROTTLE), self.esc.pulse)
         output.take(CLOCK)
 
     def _deliver(self, channel: int, pulses: list[Pulse], to: Callable[[Pulse], None]) -> None:
