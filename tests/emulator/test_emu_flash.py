@@ -12,6 +12,7 @@ from serial import SerialException
 from dart_hal.links.emulator import EmulatedNano
 from dart_hal.links.image import BOOTLOADER, load_image
 from dart_hal.links.pty import Pty
+from dart_hal.wire.decoder import Decoder
 
 pytestmark = pytest.mark.emulator
 
@@ -40,15 +41,21 @@ def test_avrdude_programs_a_blank_nano_and_the_program_starts(probe):
 
 @needs_tools
 @pytest.mark.slow
-def test_avrdude_programs_the_firmware_and_it_speaks(firmware):
-    hex_file = firmware.with_suffix(".hex")
+def test_avrdude_programs_the_firmware_and_it_says_hello(firmware):
+    """Write, verify, then a clean stream that begins with HELLO."""
     with EmulatedNano(b"", bootloader=True) as nano, Pty(nano) as pty:
-        done = flash(pty.path, hex_file)
+        done = flash(pty.path, firmware.with_suffix(".hex"))
         assert done.returncode == 0, done.stderr
+        decoder, names = Decoder(), []
         with serial.Serial(pty.path, 500_000, timeout=5) as ser:
-            assert ser.read_until(b"\x00")
-            assert len(ser.read_until(b"\x00")) > 5
-            assert len(ser.read(1000)) == 1000
+            while len(names) < 300:
+                data = ser.read(200)
+                assert data, f"silent after {len(names)} frames"
+                names += [frame.message.name for frame in decoder.feed(data)]
+    counters = decoder.counters
+    assert "HELLO" in names[:20]
+    assert names.count("STATE") > 200
+    assert (counters.crc, counters.cobs, counters.gaps) == (0, 0, 0)
 
 
 @needs_tools

@@ -128,7 +128,8 @@ class Pty:
             if is_open:
                 self._from_host()
             self._advance(time.monotonic() - start, is_open)
-            self._wait(PACE, listen=is_open)
+            if self._wait(PACE, listen=is_open):
+                is_open = False  # closed, even if it is open again by now
 
     def _slave_open(self) -> bool:
         poll = select.poll()
@@ -153,16 +154,13 @@ class Pty:
                 self._speed = speed
                 set_baud(_SPEEDS[speed])
 
-    def _wait(self, seconds: float, *, listen: bool) -> None:
-        """Sleep; a hung-up master would report at once, so it is left out then."""
+    def _wait(self, seconds: float, *, listen: bool) -> bool:
+        """Sleep, at most until the host sends; True, at once, when it hangs up."""
         poll = select.poll()
         poll.register(self._wake_read, select.POLLIN)
         if listen:
             poll.register(self._master, select.POLLIN)
-        events = poll.poll(1000 * seconds)
-        if any(event & select.POLLHUP for _, event in events):
-            poll.unregister(self._master)
-            poll.poll(1000 * seconds)
+        return any(event & select.POLLHUP for _, event in poll.poll(1000 * seconds))
 
     def _from_host(self) -> None:
         self._follow_speed()
