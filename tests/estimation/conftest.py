@@ -16,6 +16,7 @@ TICK = 0.5e-6
 BYTE = 10 / 500_000
 STATE_WIRE = 44 * BYTE
 FRAME = 0.01
+LATCH = 0.2e-3
 
 
 @dataclass
@@ -120,7 +121,7 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
     """
     rng = random.Random(seed)
     error = rng.uniform(-0.005, 0.005)
-    clock = ClockFit(byte_time=BYTE)
+    clock = ClockFit(byte_time=BYTE, latch_delay=LATCH)
     out = ClockRun([], [], [], [], [], 0.0, clock)
     boot, newest, next_ping, started = 5.0, 0.0, 5.1, 5.0
 
@@ -137,7 +138,7 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
         if boot < reset_at <= true:
             boot = reset_at = true - 0.001
             clock.restart()
-        newest = max(newest, true + 0.2e-3 + STATE_WIRE + late())
+        newest = max(newest, true + LATCH + STATE_WIRE + late())
         clock.add_frame(device(true), newest, STATE_WIRE)
         if true >= next_ping:
             next_ping += 0.1 if true < started + 3 else 0.5

@@ -141,8 +141,8 @@ class Engine:
         self._last_write = now
         applied = self.driver.frame(now)
         if self.receiver.hello is not None:
+            self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay
             self.driver.heartbeat(now)
-            self.transmitter.ping(now)
         if self.recorder is not None and applied != self._noted:
             self.recorder.applied(now, applied)
             self._noted = applied
