@@ -1,38 +1,153 @@
-#include <Arduino.h>
-#include "app/link.h"
-#include "board/atomic.h"
+// DART-HAL firmware of the Arduino Nano: encoder and IMU up, heartbeat down.
+//
+// Interrupts stamp edges, move bytes and cut slots of 10 ms; the loop does
+// the rest and sleeps in between. It never waits for anything.
+#include <Arduino.h>  // setup, loop: the core's main calls them
+
+#include "app/commands.h"
+#include "app/logbook.h"
+#include "app/safety.h"
+#include "app/sensors.h"
+#include "app/state.h"
+#include "app/state_frame.h"
+#include "app/telemetry.h"
+#include "board/boot.h"
 #include "board/clock.h"
 #include "board/edges.h"
+#include "board/interrupts.h"
+#include "board/outputs.h"
 #include "board/pins.h"
 #include "board/sleep.h"
+#include "board/stack.h"
+#include "board/supply.h"
 #include "board/uart.h"
-#include "board/interrupts.h"
-#include "core/encoder.h"
-#include "core/crc16.h"
+
 using namespace dart;
-namespace dart { namespace board { void on_phase() { edges_refresh(); } } }
-static Encoder enc; static uint8_t slot; 
-void setup() {
-  TIMSK0 = 0; TCCR0B = 0;
-  board::pins_start(); board::clock_start(); board::uart_start(board::Baud::k500000);
-  board::edges_start(board::Ring::kA, 200);
+using namespace dart::app;
+
+namespace {
+
+board::Baud baud;
+
+void start_core_off() {
+  // The core's init() has started Timer0 for millis(): nobody asks for it.
+  TIMSK0 = 0;
+  TCCR0B = 0;
 }
-static void hello() {
-  wire::Hello h = {}; h.proto = wire::kProto; h.schema = wire::kSchema; h.fw_version[1]=1; h.board_id=0xDA27DA27; h.boot_count=1; h.reset_cause=2;
-  uint8_t b[6]={0x27,0xDA,0x27,0xDA,1,0}; h.boot_nonce=crc16(0xFFFF,b,6);
-  h.edges_per_rev[0]=20; h.edges_per_rev[1]=10; h.clock_hz=wire::kTicksPerSecond; app::send(h);
-}
-void loop() {
-  board::PhaseEvent e = board::take_phases();
-  board::RxByte b; while (board::uart_read(b)) {}
-  if (e.slot) {
-    wire::State s = {};
-    { board::Atomic lock; Tick t = board::now_locked(); EdgeLatch l = board::edges_latch(board::Ring::kA); s.t_ck = t; enc.update(t, l); }
-    s.enc_count = enc.count(); s.enc_t_ck = enc.last(); s.enc_dt_ck = enc.interval();
-    s.imu_age = 65535; s.beat_age = 255; s.flags = wire::kImuStale | wire::kImuAbsent;
-    app::send(s);
-    if (slot < 30 && slot % 10 == 0) hello();
-    if (slot < 255) ++slot;
+
+void load_eeprom() {
+  param_defaults = !params.load();
+  offsets.load();
+  if (!identity.load()) {
+    identity.make(board::random_bits());
+    log_line(LogLine::kNewBoard);
   }
+  identity.count_boot();
+  settings = {params.get(wire::ParamId::kRingB) != 0,
+              params.get(wire::ParamId::kWdtReset) != 0,
+              static_cast<uint8_t>(params.get(wire::ParamId::kSafetyOut))};
+}
+
+void start_encoders() {
+  uint16_t const min_ticks = static_cast<uint16_t>(
+      params.get(wire::ParamId::kEdgeMinUs) * kTicksPerUs);
+  board::edges_start(board::Ring::kA, min_ticks);
+  if (settings.ring_b) {
+    board::edges_start(board::Ring::kB, min_ticks);
+  }
+}
+
+void start_line() {
+  bool const fast = params.get(wire::ParamId::kBaud) == 500000;
+  baud = fast ? board::Baud::k500000 : board::Baud::k115200;
+  board::uart_start(baud);
+}
+
+void toggle_baud() {
+  baud = baud == board::Baud::k500000 ? board::Baud::k115200
+                                      : board::Baud::k500000;
+  board::uart_start(baud);
+  log_line(LogLine::kBaudChanged);
+}
+
+void report_boot(Tick now) {
+  events.push(now, wire::EventCode::kBoot, boot.cause);
+  if (boot.last_run == board::LastRun::kWatchdog) {
+    events.push(now, wire::EventCode::kWatchdog, boot.watchdog_pc);
+    log_line(LogLine::kWatchdog);
+  }
+  if (param_defaults) {
+    log_line(LogLine::kParamDefaults);
+  }
+  if (imu.factory_offsets()) {
+    log_line(LogLine::kFactoryOffsets);
+  }
+}
+
+void write_eeprom() {
+  identity.store().step();
+  params.store().step();
+  offsets.step();
+}
+
+// The whole of a slot but the IMU.
+void run_slot(uint8_t late) {
+  Tick const begin = board::now();
+  send_state();
+  send_next(begin);
+  if (late != 0) {
+    note_overrun(begin, late);
+  }
+  watch_encoder(begin);
+  board::stack_scan();
+  board::watchdog_feed();
+  if (baud_is_wrong()) {
+    toggle_baud();
+  }
+  note_cycle(board::now() - begin + imu.busy_time());
+}
+
+}  // namespace
+
+void setup() {
+  start_core_off();
+  boot = board::boot_report();
+  board::pins_start();
+  board::clock_start();
+  load_eeprom();
+  start_line();
+  start_encoders();
+  board::supply_start();
+  apply_params();
+  Tick const now = board::now();
+  imu.start(now, static_cast<uint8_t>(params.get(wire::ParamId::kImuPlan)));
+  report_boot(now);
+  safety_start(now);
+  board::take_phases();  // slots of the set-up are not late, they never were
+  board::watchdog_start(settings.wdt_reset);
+}
+
+void loop() {
+  board::PhaseEvent const phase = board::take_phases();
+  if (phase.slot) {
+    run_slot(phase.late);
+  }
+  receive_frames();
+  Tick const now = latch_encoders();
+  collect_edges();
+  safety_step(now);
+  send_pong();
+  imu_step(now);
+  if (phase.imu) {
+    imu_slot(board::now());
+  }
+  write_eeprom();
   board::sleep_until_interrupt();
+}
+
+void board::on_phase(bool slot) {
+  edges_refresh();
+  if (slot) {
+    beats_slot();
+  }
 }

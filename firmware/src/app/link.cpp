@@ -14,20 +14,19 @@ namespace {
 // does whatever noise filled a longer silence.
 constexpr Tick kSilence = ticks_of_ms(50);
 
-uint8_t raw[wire::kMaxRaw];
-uint8_t on_wire[1 + kMaxWire];  // room for the extra delimiter in front
 uint8_t seq;
 Tick last_sent;
 bool sent_any;
 bool dropped;
 
-// Returns the size of the frame at on_wire + 1.
-uint8_t build(uint8_t type, uint16_t seed, uint8_t size) {
-  raw[0] = type;
-  raw[1] = seq++;
+// Returns the size of the frame written to `on_wire`.
+uint8_t build(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size,
+              uint8_t* on_wire) {
+  out.head[0] = type;
+  out.head[1] = seq++;
   board::mark(board::Mark::kBuild);
-  uint8_t const n =
-      build_frame(raw, static_cast<uint8_t>(size + 2), seed, on_wire + 1);
+  uint8_t const n = build_frame(
+      out.head, static_cast<uint8_t>(size + sizeof out.head), seed, on_wire);
   board::mark(board::Mark::kNone);
   return n;
 }
@@ -44,10 +43,9 @@ bool note(bool queued, Tick now) {
 
 }  // namespace
 
-uint8_t* payload() { return raw + 2; }
-
-bool send_payload(uint8_t type, uint16_t seed, uint8_t size) {
-  uint8_t const n = build(type, seed, size);
+bool send_payload(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size) {
+  uint8_t on_wire[1 + kMaxWire];  // room for the extra delimiter in front
+  uint8_t const n = build(out, type, seed, size, on_wire + 1);
   Tick const now = board::now();
   if (!sent_any || now - last_sent > kSilence) {
     on_wire[0] = 0;
@@ -56,9 +54,11 @@ bool send_payload(uint8_t type, uint16_t seed, uint8_t size) {
   return note(board::uart_write(on_wire + 1, n), now);
 }
 
-bool send_payload_at(uint8_t type, uint16_t seed, uint8_t size, Tick start) {
-  uint8_t const n = build(type, seed, size);
-  return note(board::uart_write_at(on_wire + 1, n, start), start);
+bool send_payload_at(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size,
+                     Tick start) {
+  uint8_t on_wire[kMaxWire];
+  uint8_t const n = build(out, type, seed, size, on_wire);
+  return note(board::uart_write_at(on_wire, n, start), start);
 }
 
 bool take_dropped() {

@@ -10,20 +10,33 @@
 namespace dart {
 namespace app {
 
-// Payload of the next frame; one frame is built at a time.
-uint8_t* payload();
+// A frame before COBS: the payload is filled in by the caller, the rest by
+// the functions below.
+struct Outgoing {
+  uint8_t head[2];  // type, seq
+  uint8_t payload[wire::kMaxRaw - wire::kRawOverhead];
+};
 
-// Frames and queues `size` bytes of payload(). A frame that finds no room is
+// Frames and queues `size` bytes of payload. A frame that finds no room is
 // dropped and flagged; its sequence number is used up, so the host counts it.
-bool send_payload(uint8_t type, uint16_t seed, uint8_t size);
+bool send_payload(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size);
 
 // As send_payload, but the first byte enters the idle line at tick `start`.
-bool send_payload_at(uint8_t type, uint16_t seed, uint8_t size, Tick start);
+bool send_payload_at(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size,
+                     Tick start);
 
 template <class M>
 bool send(M const& message) {
-  wire::pack(message, payload());
-  return send_payload(M::kId, M::kSeed, M::kSize);
+  Outgoing out;
+  wire::pack(message, out.payload);
+  return send_payload(out, M::kId, M::kSeed, M::kSize);
+}
+
+template <class M>
+bool send_at(M const& message, Tick start) {
+  Outgoing out;
+  wire::pack(message, out.payload);
+  return send_payload_at(out, M::kId, M::kSeed, M::kSize, start);
 }
 
 // True once after a frame was dropped.

@@ -31,14 +31,18 @@ void clock_start() {
   TIMSK1 = _BV(TOIE1) | _BV(OCIE1B);
 }
 
-Tick now_locked() {
-  uint16_t const low = TCNT1;
+// `low` was read just now, with interrupts off.
+static inline Tick with_high_word(uint16_t low) {
   uint16_t high = high_word;
   if ((TIFR1 & _BV(TOV1)) != 0 && low < 0x8000) {
     ++high;  // wrapped, and the interrupt has not run yet
   }
   return (static_cast<Tick>(high) << 16) | low;
 }
+
+Tick now_locked() { return with_high_word(TCNT1); }
+
+Tick captured() { return with_high_word(ICR1); }
 
 Tick now() {
   Atomic const lock;
@@ -60,9 +64,10 @@ bool phases_waiting() { return slots_waiting != 0 || imu_waiting; }
 
 uint8_t slots_begun() { return slots; }
 
-// Work of compare B, apart from its timer.
-inline void begin_phase() {
-  switch (next_phase) {
+// True at the beginning of a slot.
+static inline bool begin_phase() {
+  Phase const phase = next_phase;
+  switch (phase) {
     case Phase::kSlot:
       slots = static_cast<uint8_t>(slots + 1);
       slots_waiting = static_cast<uint8_t>(slots_waiting + 1);
@@ -79,6 +84,7 @@ inline void begin_phase() {
       next_phase = Phase::kSlot;
       break;
   }
+  return phase == Phase::kSlot;
 }
 
 }  // namespace board
@@ -90,6 +96,5 @@ ISR(TIMER1_OVF_vect) {
 }
 
 ISR(TIMER1_COMPB_vect) {
-  dart::board::begin_phase();
-  dart::board::on_phase();
+  dart::board::on_phase(dart::board::begin_phase());
 }

@@ -33,6 +33,9 @@ inline uint16_t now_low() { return TCNT1; }
 // now() for callers that have interrupts off.
 Tick now_locked();
 
+// Time of the newest input capture, in its interrupt.
+Tick captured();
+
 // True once for each phase that has begun since the last call; `late` is
 // the number of slots that began meanwhile and were missed.
 struct PhaseEvent {

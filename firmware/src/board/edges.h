@@ -4,7 +4,6 @@
 
 #include <stdint.h>
 
-#include "../core/edge_counter.h"
 #include "../core/encoder.h"
 
 namespace dart {
@@ -19,8 +18,9 @@ void edges_set_rule(uint16_t min_ticks);
 // With interrupts off.
 EdgeLatch edges_latch(Ring ring);
 
-// Stamp of edge `n` (modulo 65536), which must be one of the last 16.
-uint16_t edge_stamp(Ring ring, uint16_t n);
+// Stamp of edge `n` (modulo 65536) of ring A: one of its last kStampsA.
+constexpr uint8_t kStampsA = 8;
+uint16_t edge_stamp_a(uint16_t n);
 
 // Edges refused so far, both rings, wraps.
 uint16_t edges_rejected();

@@ -6,7 +6,8 @@
 namespace dart {
 namespace board {
 
-void on_phase();
+// `slot` is true every 10 ms.
+void on_phase(bool slot);
 
 }  // namespace board
 }  // namespace dart

@@ -12,7 +12,6 @@ enum class Mark : uint8_t {
   kNone = 0,
   kAtomic = 1,  // interrupts are off
   kBuild = 2,   // the frame builder
-  kCycle = 3,   // slot to the end of its work
 };
 
 #if defined(DART_TEST)

@@ -14,8 +14,9 @@ namespace {
 // The interrupt owns rx.head and tx.tail, the loop owns the other two; an
 // index is one byte, so reading the other side's needs no lock.
 
-// 5.1 ms at 500000 baud: the loop looks at least every millisecond.
-constexpr uint16_t kRxSize = 256;
+// 2.5 ms at 500000 baud: the loop looks at least every millisecond.
+constexpr uint8_t kRxSize = 128;
+constexpr uint8_t kRxMask = kRxSize - 1;
 uint8_t rx_ring[kRxSize];
 volatile uint8_t rx_head;
 volatile uint8_t rx_tail;
@@ -29,8 +30,8 @@ volatile uint8_t tx_tail;
 volatile uint8_t tx_count;
 volatile bool tx_used_once;
 
-// Times of the last delimiters: 256 bytes hold many, but the loop is at
-// most 2 ms behind, in which at most 8 frames of 12 bytes arrive.
+// Times of the last delimiters: a ring full holds 10 frames of 12 bytes, but
+// the loop is at most 1 ms behind, in which 5 arrive.
 constexpr uint8_t kStamps = 8;
 uint16_t rx_stamps[kStamps];
 volatile uint8_t rx_delimiters;
@@ -82,7 +83,7 @@ bool uart_read(RxByte& byte) {
     rx_delimiters_read = static_cast<uint8_t>(rx_delimiters_read + 1);
   }
   barrier();
-  rx_tail = static_cast<uint8_t>(rx_tail + 1);
+  rx_tail = static_cast<uint8_t>(rx_tail + 1) & kRxMask;
   return true;
 }
 
@@ -141,7 +142,7 @@ ISR(USART_RX_vect) {
     rx_framing = static_cast<uint8_t>(rx_framing + 1);
   }
   uint8_t const head = rx_head;
-  uint8_t const next = static_cast<uint8_t>(head + 1);
+  uint8_t const next = static_cast<uint8_t>(head + 1) & kRxMask;
   if ((status & _BV(DOR0)) != 0 || next == rx_tail) {
     rx_overrun = static_cast<uint8_t>(rx_overrun + 1);
   }

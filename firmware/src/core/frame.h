@@ -34,7 +34,8 @@ enum class RxEvent : uint8_t {
 // look-ahead, so a frame is there with its own delimiter.
 class FrameParser {
  public:
-  static constexpr uint8_t kMaxRx = 64;
+  // Half as much again as the longest frame to the Nano.
+  static constexpr uint8_t kMaxRx = 20;
 
   RxEvent feed(uint8_t byte);
 

@@ -1,0 +1,137 @@
+#include "commands.h"
+
+#include "../board/boot.h"
+#include "../board/clock.h"
+#include "../board/outputs.h"
+#include "../board/uart.h"
+#include "safety.h"
+#include "state.h"
+#include "telemetry.h"
+
+namespace dart {
+namespace app {
+
+namespace {
+
+using namespace wire;
+
+FrameParser parser;
+BaudGuard baud_guard;
+
+template <class M>
+M unpacked(Frame const& frame) {
+  M message;
+  unpack(frame.payload, message);
+  return message;
+}
+
+void on_hello_req(Frame const& frame, Tick) {
+  constexpr uint8_t kDiagAtOnce = 1;
+  ask_hello(frame.seq);
+  if ((unpacked<HelloReq>(frame).flags & kDiagAtOnce) != 0) {
+    ask_diag();
+  }
+}
+
+void on_heartbeat(Frame const& frame, Tick at) {
+  heartbeat(unpacked<Heartbeat>(frame), at);
+}
+
+void on_time_ping(Frame const& frame, Tick at) {
+  ask_pong(unpacked<TimePing>(frame), at);
+}
+
+void on_param_get(Frame const& frame, Tick) {
+  uint16_t const id = unpacked<ParamGet>(frame).id;
+  ask_param_value({id, Params::known(id) ? ParamStatus::kOk
+                                         : ParamStatus::kUnknownId,
+                   frame.seq});
+}
+
+void on_param_set(Frame const& frame, Tick at) {
+  ParamSet const set = unpacked<ParamSet>(frame);
+  ParamStatus const status = params.set(set.id, set.value);
+  if (status == ParamStatus::kOk) {
+    apply_params();
+    events.push(at, EventCode::kParamWritten, set.id);
+  }
+  ask_param_value({set.id, status, frame.seq});
+}
+
+void on_reboot(Frame const& frame, Tick) {
+  Reboot const reboot = unpacked<Reboot>(frame);
+  if (reboot.magic != kRebootMagic) {
+    return;
+  }
+  if (reboot.kind == static_cast<uint16_t>(RebootKind::kApplication)) {
+    board::restart();
+  }
+  if (reboot.kind == static_cast<uint16_t>(RebootKind::kBootloader)) {
+    board::restart_bootloader();
+  }
+}
+
+void on_edges_req(Frame const& frame, Tick) {
+  edge_log.request(unpacked<EdgesReq>(frame).frames);
+}
+
+void on_capture_req(Frame const& frame, Tick at) {
+  ask_capture(unpacked<CaptureReq>(frame).frames, at);
+}
+
+struct Command {
+  uint8_t type;
+  void (*handler)(Frame const& frame, Tick at);
+};
+
+// In the order of wire::kDown.
+constexpr Command kCommands[] DART_ROM = {
+    {HelloReq::kId, on_hello_req},     {Heartbeat::kId, on_heartbeat},
+    {TimePing::kId, on_time_ping},     {ParamGet::kId, on_param_get},
+    {ParamSet::kId, on_param_set},     {Reboot::kId, on_reboot},
+    {EdgesReq::kId, on_edges_req},     {CaptureReq::kId, on_capture_req},
+};
+
+constexpr bool all_handled() {
+  for (uint8_t i = 0; i < kDownCount; ++i) {
+    if (kCommands[i].type != kDown[i].id) {
+      return false;
+    }
+  }
+  return true;
+}
+static_assert(sizeof kCommands / sizeof kCommands[0] == kDownCount,
+              "every message from the host has a handler");
+static_assert(all_handled(), "in the same order");
+
+void dispatch(Frame const& frame, Tick at) {
+  for (uint8_t i = 0; i < kDownCount; ++i) {
+    Command const command = rom_read(kCommands[i]);
+    if (command.type == frame.type) {
+      command.handler(frame, at);
+      return;
+    }
+  }
+}
+
+}  // namespace
+
+void receive_frames() {
+  constexpr uint8_t kMost = 255;
+  board::RxByte byte;
+  for (uint8_t i = 0; i < kMost && board::uart_read(byte); ++i) {
+    baud_guard.byte();
+    Frame frame;
+    if (receive(parser, byte.value, rx_stats, frame)) {
+      baud_guard.valid_frame();
+      dispatch(frame, extended(board::now(), byte.stamp));
+    }
+  }
+}
+
+bool baud_is_wrong() {
+  return baud_guard.slot(board::uart_errors().framing);
+}
+
+}  // namespace app
+}  // namespace dart

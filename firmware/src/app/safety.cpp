@@ -1,0 +1,64 @@
+#include "safety.h"
+
+#include "../board/outputs.h"
+#include "state.h"
+
+namespace dart {
+namespace app {
+
+namespace {
+
+// The interrupt's own limit, in slots: it cuts in the slot after the n-th,
+// n x 10 ms to (n + 1) x 10 ms after the beat. With the default of 110 ms
+// that is 110 to 120 ms, never before the supervisor trips.
+uint8_t slots_of_limit() {
+  uint16_t const ms =
+      static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs));
+  return static_cast<uint8_t>((ms + 9) / 10);
+}
+
+void step_once(Tick now, bool& changed) {
+  Safety const before = supervisor.state();
+  changed = supervisor.step(now);
+  if (changed) {
+    Safety const after = supervisor.state();
+    board::outputs_set(supervisor.output());
+    board::led(after == Safety::kLinked || after == Safety::kLive);
+    events.push(now, wire::EventCode::kSupervisor,
+                static_cast<uint16_t>(static_cast<uint8_t>(before) << 8) |
+                    static_cast<uint8_t>(after));
+  }
+}
+
+}  // namespace
+
+void safety_start(Tick now) {
+  board::outputs_start(static_cast<board::Cutoff>(settings.safety_out));
+  supervisor.set_ready();
+  safety_step(now);
+}
+
+void heartbeat(wire::Heartbeat const& beat, Tick at) {
+  if (beat.mode > static_cast<uint8_t>(wire::BeatMode::kStop)) {
+    return;  // not a beat of this protocol
+  }
+  constexpr uint8_t kDirectionBits = 3;
+  direction.command(
+      static_cast<wire::Direction>(beat.flags & kDirectionBits));
+  safety_step(at);  // a beat that was missed first
+  supervisor.beat(at, static_cast<wire::BeatMode>(beat.mode),
+                  beat.arm_token == identity.nonce());
+  board::beats_refresh(slots_of_limit());
+  safety_step(at);
+}
+
+void safety_step(Tick now) {
+  bool changed = true;
+  // Longest chain: BOOT, IDLE, LINKED, LIVE.
+  for (uint8_t i = 0; i < kSafetyStates && changed; ++i) {
+    step_once(now, changed);
+  }
+}
+
+}  // namespace app
+}  // namespace dart

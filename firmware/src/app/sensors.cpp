@@ -1,0 +1,124 @@
+#include "sensors.h"
+
+#include "../board/atomic.h"
+#include "../board/clock.h"
+#include "../board/edges.h"
+#include "state.h"
+
+namespace dart {
+namespace app {
+
+namespace {
+
+// Refused edges of one slot that are worth an EVENT: 2000 per second.
+constexpr uint8_t kBurst = 20;
+// Slots of standing before the IMU may be interrupted for its offsets.
+constexpr uint16_t kQuietSlots = 200;
+
+uint32_t collected;  // ring A's edges seen by the EDGES log
+uint16_t rejected;
+uint16_t parity_errors;
+bool parity_was_broken;
+bool reject_flag;
+uint16_t standing_slots;
+ImuState imu_was = ImuState::kProbe;
+uint16_t imu_errors;
+
+void push_imu_state(Tick now, ImuState from, ImuState to) {
+  events.push(now, wire::EventCode::kImu,
+              static_cast<uint16_t>(static_cast<uint8_t>(from) << 8) |
+                  static_cast<uint8_t>(to));
+}
+
+}  // namespace
+
+Tick latch_encoders() {
+  EdgeLatch a;
+  EdgeLatch b;
+  Tick now;
+  {
+    board::Atomic const lock;
+    now = board::now_locked();
+    a = board::edges_latch(board::Ring::kA);
+    b = board::edges_latch(board::Ring::kB);
+  }
+  ring_a.update(now, a);
+  ring_b.update(now, b);
+  return now;
+}
+
+void collect_edges() {
+  uint32_t const count = ring_a.count();
+  uint32_t fresh = count - collected;
+  if (!edge_log.active() || fresh == 0) {
+    collected = count;
+    return;
+  }
+  Tick const now = board::now();
+  if (fresh > board::kStampsA - 2) {
+    edge_log.gap();  // the oldest may be overwritten while they are read
+    fresh = 1;
+  }
+  for (collected = count - fresh; collected != count;) {
+    uint16_t const stamp =
+        board::edge_stamp_a(static_cast<uint16_t>(collected));
+    ++collected;
+    edge_log.add(collected, extended(now, stamp));
+  }
+}
+
+void watch_encoder(Tick now) {
+  direction.update(ring_a.count());
+  if (!direction.standing()) {
+    standing_slots = 0;
+  } else if (standing_slots < kQuietSlots) {
+    ++standing_slots;
+  }
+  uint16_t const rejects = board::edges_rejected();
+  uint16_t const fresh = static_cast<uint16_t>(rejects - rejected);
+  rejected = rejects;
+  bool const broken = board::edges_parity_broken();
+  if (broken && !parity_was_broken) {
+    ++parity_errors;
+  }
+  reject_flag = reject_flag || fresh != 0 || (broken && !parity_was_broken);
+  parity_was_broken = broken;
+  if (fresh >= kBurst) {
+    events.push(now, wire::EventCode::kRejectBurst,
+                (static_cast<uint32_t>(parity_errors) << 16) | fresh);
+  }
+}
+
+void imu_slot(Tick now) {
+  bool const quiet = standing_slots == kQuietSlots &&
+                     supervisor.state() != Safety::kLive;
+  imu.slot(now, ring_a.count(), quiet);
+}
+
+void imu_step(Tick now) {
+  imu.step(now);
+  // Set-up, save and reset steps come and go; what counts is data or none.
+  ImuState const state = imu.state();
+  if (state != imu_was &&
+      (state == ImuState::kRun || imu_was == ImuState::kRun ||
+       state == ImuState::kBackoff)) {
+    push_imu_state(now, imu_was, state);
+    imu_was = state;
+  }
+  ImuCounters const& c = imu.counters();
+  uint16_t const errors = static_cast<uint16_t>(c.nack + c.timeout);
+  if (errors != imu_errors && events.empty()) {
+    events.push(now, wire::EventCode::kI2c,
+                static_cast<uint8_t>(imu.last_error()));
+  }
+  imu_errors = errors;
+}
+
+bool take_reject() {
+  bool const was = reject_flag;
+  reject_flag = false;
+  return was;
+}
+
+}  // namespace app
+}  // namespace dart

@@ -1,0 +1,489 @@
+#include "bno055.h"
+
+#include <string.h>
+
+#include "bno055_registers.h"
+#include "rom.h"
+
+namespace dart {
+
+using namespace bno055;
+
+namespace {
+
+// How long a state may last and what comes then; 0 = no limit.
+struct StateRow {
+  ImuState state;
+  uint16_t limit_ms;
+  ImuState then;
+};
+
+// The part needs 400 ms after power, drivers allow for 850; 650 ms after a
+// reset. Setup takes 25 + 20 ms and 12 legs.
+constexpr StateRow kStates[] DART_ROM = {
+    {ImuState::kProbe, 1100, ImuState::kPowerOff},
+    {ImuState::kSetup, 1000, ImuState::kReset},
+    {ImuState::kRun, 0, ImuState::kRun},
+    {ImuState::kSave, 500, ImuState::kReset},
+    {ImuState::kReset, 50, ImuState::kPowerOff},
+    {ImuState::kResetWait, 650, ImuState::kAfterReset},
+    {ImuState::kAfterReset, 250, ImuState::kPowerOff},
+    {ImuState::kPowerOff, 100, ImuState::kProbe},
+    {ImuState::kBackoff, 5000, ImuState::kPowerOff},
+};
+
+constexpr bool states_in_order() {
+  for (uint8_t i = 0; i < kImuStates; ++i) {
+    if (static_cast<uint8_t>(kStates[i].state) != i) {
+      return false;
+    }
+  }
+  return true;
+}
+static_assert(sizeof kStates / sizeof kStates[0] == kImuStates,
+              "every state has a row");
+static_assert(states_in_order(), "the state is the index");
+
+// Scripts: legs and waits that are done one after the other.
+enum class Op : uint8_t {
+  kWrite,        // value into reg, then wait
+  kExpect,       // reg must read value
+  kRestore,      // write the stored offsets, if there are any
+  kCompare,      // they must read back
+  kReadOffsets,  // for the store
+  kEnd,
+};
+
+struct ScriptStep {
+  Op op;
+  uint8_t reg;
+  uint8_t value;
+  uint8_t wait_ms;
+};
+
+// Units before the mode: they are lost at every reset of the part. To CONFIG
+// takes 19 ms, from it 7 ms.
+constexpr ScriptStep kSetupScript[] DART_ROM = {
+    {Op::kExpect, kChipId, kChipIdValue, 0},
+    {Op::kWrite, kPageId, 0, 0},
+    {Op::kWrite, kOprMode, kModeConfig, 25},
+    {Op::kWrite, kPwrMode, 0, 0},
+    {Op::kWrite, kSysTrigger, 0, 0},
+    {Op::kWrite, kUnitSel, kUnits, 0},
+    {Op::kRestore, kOffsets, 0, 0},
+    {Op::kCompare, kOffsets, 0, 0},
+    {Op::kWrite, kOprMode, kModeImuPlus, 20},
+    {Op::kExpect, kUnitSel, kUnits, 0},
+    {Op::kExpect, kOprMode, kModeImuPlus, 0},
+    {Op::kEnd, 0, 0, 0},
+};
+
+constexpr ScriptStep kSaveScript[] DART_ROM = {
+    {Op::kWrite, kOprMode, kModeConfig, 25},
+    {Op::kReadOffsets, kOffsets, 0, 0},
+    {Op::kWrite, kOprMode, kModeImuPlus, 20},
+    {Op::kExpect, kOprMode, kModeImuPlus, 0},
+    {Op::kEnd, 0, 0, 0},
+};
+
+ScriptStep step_of(ImuState state, uint8_t at) {
+  return rom_read(state == ImuState::kSave ? kSaveScript[at]
+                                           : kSetupScript[at]);
+}
+
+bool has_script(ImuState state) {
+  return state == ImuState::kSetup || state == ImuState::kSave;
+}
+
+// Registers looked at besides the samples, one every 25 slots: the mode
+// twice a second, the others once.
+constexpr uint8_t kStatusSlots = 25;
+constexpr uint8_t kStatusTurns[] DART_ROM = {kOprMode, kCalibStat, kOprMode,
+                                             kSysStatus};
+
+// imu_age ends here (65535 x 4 us).
+constexpr Tick kMaxAge = ticks_of_ms(262);
+
+int16_t word_at(uint8_t const* p) {
+  return static_cast<int16_t>(p[0] | static_cast<uint16_t>(p[1] << 8));
+}
+
+}  // namespace
+
+void Bno055::start(Tick now, uint8_t plan) {
+  plan_ = plan;
+  address_ = kAddress;
+  enter(now, ImuState::kProbe);
+}
+
+bool Bno055::stuck() const {
+  return equal_ >= kStuckSamples && edges_ - edges_equal_ >= 2;
+}
+
+// --- states ---------------------------------------------------------------
+
+void Bno055::enter(Tick now, ImuState next) {
+  if (next == ImuState::kPowerOff && state_ != ImuState::kBackoff) {
+    if (power_tries_ < kPowerTries) {
+      ++power_tries_;
+    }
+    if (absent()) {
+      next = ImuState::kBackoff;
+    }
+  }
+  if (next == ImuState::kReset && ++resets_ > 1) {
+    enter(now, ImuState::kPowerOff);  // the reset did not help
+    return;
+  }
+  if (next == ImuState::kPowerOff || next == ImuState::kReset) {
+    ++counters_.reinit;
+  }
+  if (next == ImuState::kPowerOff || state_ == ImuState::kPowerOff) {
+    bus_.power(next != ImuState::kPowerOff);
+    resets_ = 0;
+  }
+  if (next == ImuState::kSetup) {
+    calib_ = 0;
+  }
+  if (next == ImuState::kRun) {
+    resets_ = power_tries_ = 0;
+    equal_ = 0;
+  }
+  valid_ = false;
+  failures_ = 0;
+  script_at_ = 0;
+  waiting_ = false;
+  entered_ = now;
+  state_ = next;
+}
+
+void Bno055::step(Tick now) {
+  if (job_ != Job::kNone) {
+    BusStatus status = bus_.poll();
+    if (status == BusStatus::kBusy) {
+      if (now - leg_start_ < kLegLimit) {
+        return;
+      }
+      bus_.abort();
+      status = BusStatus::kTimeout;
+    }
+    finish(now, status);
+    return;
+  }
+  StateRow const row = rom_read(kStates[static_cast<uint8_t>(state_)]);
+  if (row.limit_ms != 0 && now - entered_ >= ticks_of_ms(row.limit_ms)) {
+    enter(now, row.then);
+    return;
+  }
+  if (has_script(state_) && failures_ == 0) {
+    run_script(now);
+  }
+}
+
+void Bno055::slot(Tick now, uint32_t edges, bool quiet) {
+  edges_ = edges;
+  quiet_ = quiet;
+  if (has_sample_ && now - sample_.start > kMaxAge) {
+    has_sample_ = false;
+  }
+  if (job_ != Job::kNone || state_ == ImuState::kPowerOff ||
+      state_ == ImuState::kBackoff || state_ == ImuState::kResetWait) {
+    return;
+  }
+  if (!lines_free(now)) {
+    return;
+  }
+  switch (state_) {
+    case ImuState::kProbe:
+    case ImuState::kAfterReset:
+      begin_read(now, Job::kProbe, kChipId, leg_, 1);
+      break;
+    case ImuState::kReset:
+      leg_[0] = kTriggerReset;
+      begin_write(now, Job::kReset, kSysTrigger, 1);
+      break;
+    case ImuState::kRun:
+      if (save_due()) {
+        saved_ = true;
+        enter(now, ImuState::kSave);
+        run_script(now);
+      } else {
+        begin_acc(now);
+      }
+      break;
+    default:
+      run_script(now);
+      break;
+  }
+}
+
+bool Bno055::save_due() const {
+  return quiet_ && !saved_ && fully_calibrated(calib_);
+}
+
+// --- legs -----------------------------------------------------------------
+
+void Bno055::begin_read(Tick now, Job job, uint8_t reg, uint8_t* to,
+                        uint8_t size) {
+  job_ = job;
+  leg_start_ = now;
+  bus_.start_read(address_, reg, to, size);
+}
+
+void Bno055::begin_write(Tick now, Job job, uint8_t reg, uint8_t size) {
+  job_ = job;
+  leg_start_ = now;
+  bus_.start_write(address_, reg, leg_, size);
+}
+
+// Looks before it talks: a held line costs no deadline.
+bool Bno055::lines_free(Tick now) {
+  if (!bus_.lines_low()) {
+    return true;
+  }
+  fail(now, BusStatus::kStuck);
+  return false;
+}
+
+void Bno055::count_error(BusStatus kind) {
+  bool const nack =
+      kind == BusStatus::kAddressNack || kind == BusStatus::kDataNack;
+  // A part that boots does not answer: that is no fault.
+  bool const booting =
+      state_ == ImuState::kProbe || state_ == ImuState::kAfterReset;
+  if (nack && booting) {
+    return;
+  }
+  last_error_ = kind;
+  if (nack) {
+    ++counters_.nack;
+  } else {
+    ++counters_.timeout;
+  }
+}
+
+void Bno055::fail(Tick now, BusStatus kind) {
+  count_error(kind);
+  valid_ = false;
+  script_at_ = 0;
+  waiting_ = false;
+  if (failures_ < 255) {
+    ++failures_;
+  }
+  if (failures_ == 2 || bus_.lines_low()) {
+    bus_.restart();
+    if (bus_.lines_low()) {
+      bus_.clear();
+    }
+    if (state_ != ImuState::kProbe && state_ != ImuState::kAfterReset) {
+      ++counters_.recover;
+    }
+  }
+  if (state_ == ImuState::kReset) {
+    enter(now, ImuState::kPowerOff);
+  } else if (failures_ >= kFailuresToReset &&
+             (state_ == ImuState::kRun || has_script(state_))) {
+    enter(now, ImuState::kReset);
+  }
+}
+
+void Bno055::finish(Tick now, BusStatus status) {
+  Job const job = job_;
+  job_ = Job::kNone;
+  if (status != BusStatus::kDone) {
+    if (job == Job::kProbe) {
+      address_ ^= kAddress ^ kAddressAlt;
+    }
+    fail(now, status);
+    return;
+  }
+  failures_ = 0;
+  switch (job) {
+    case Job::kProbe:
+      if (leg_[0] == kChipIdValue) {
+        enter(now, ImuState::kSetup);
+        run_script(now);
+      }
+      break;
+    case Job::kReset:
+      enter(now, ImuState::kResetWait);
+      break;
+    case Job::kScript:
+      script_done(now);
+      break;
+    case Job::kAcc:
+      begin_gyro(now);
+      break;
+    case Job::kGyro:
+      take_sample(now);
+      begin_status(now);
+      break;
+    case Job::kStatus:
+      take_status(now);
+      break;
+    case Job::kNone:
+      break;
+  }
+}
+
+// --- scripts --------------------------------------------------------------
+
+void Bno055::run_script(Tick now) {
+  if (waiting_ && !reached(now, resume_)) {
+    return;
+  }
+  waiting_ = false;
+  ScriptStep step = step_of(state_, script_at_);
+  while ((step.op == Op::kRestore || step.op == Op::kCompare) &&
+         factory_offsets()) {
+    step = step_of(state_, ++script_at_);
+  }
+  switch (step.op) {
+    case Op::kWrite:
+      leg_[0] = step.value;
+      begin_write(now, Job::kScript, step.reg, 1);
+      break;
+    case Op::kRestore:
+      memcpy(leg_, offsets_.data(), kOffsetsSize);
+      begin_write(now, Job::kScript, step.reg, kOffsetsSize);
+      break;
+    case Op::kExpect:
+      begin_read(now, Job::kScript, step.reg, leg_, 1);
+      break;
+    case Op::kCompare:
+    case Op::kReadOffsets:
+      begin_read(now, Job::kScript, step.reg, leg_, kOffsetsSize);
+      break;
+    case Op::kEnd:
+      enter(now, ImuState::kRun);
+      break;
+  }
+}
+
+// What was read is what the step wants; offsets go to the store.
+bool Bno055::check_step() {
+  ScriptStep const step = step_of(state_, script_at_);
+  switch (step.op) {
+    case Op::kExpect:
+      return leg_[0] == step.value;
+    case Op::kCompare:
+      return memcmp(leg_, offsets_.data(), kOffsetsSize) == 0;
+    case Op::kReadOffsets:
+      if (!offsets_.loaded() ||
+          memcmp(leg_, offsets_.data(), kOffsetsSize) != 0) {
+        keep_offsets();
+      }
+      return true;
+    default:
+      return true;
+  }
+}
+
+// While an older write is under way this boot's offsets are not kept.
+void Bno055::keep_offsets() {
+  if (!offsets_.saving()) {
+    memcpy(offsets_.data(), leg_, kOffsetsSize);
+    offsets_.save();
+  }
+}
+
+void Bno055::script_done(Tick now) {
+  if (!check_step()) {
+    if (step_of(state_, script_at_).op == Op::kCompare) {
+      refused_ = true;  // better without our offsets than without the part
+    }
+    enter(now, ImuState::kReset);
+    return;
+  }
+  uint8_t const wait_ms = step_of(state_, script_at_).wait_ms;
+  ++script_at_;
+  if (wait_ms != 0) {
+    waiting_ = true;
+    resume_ = now + ticks_of_ms(wait_ms);
+  } else {
+    run_script(now);
+  }
+}
+
+// --- samples --------------------------------------------------------------
+
+// Acceleration first, gyro last: the yaw rate is the fresher of the two. The
+// reads may straddle an update of the fusion: at most 10 ms of skew.
+void Bno055::begin_acc(Tick now) {
+  read_start_ = now;
+  begin_read(now, Job::kAcc, kLinAccX, leg_, plan_ == 0 ? 6 : 4);
+}
+
+// Behind the acceleration, which waits in leg_ for its other half.
+void Bno055::begin_gyro(Tick now) {
+  if (plan_ == 0) {
+    begin_read(now, Job::kGyro, kGyroX, leg_ + 6, 6);
+    return;
+  }
+  memset(leg_ + 4, 0, 6);  // z of the acceleration, x and y of the gyro
+  begin_read(now, Job::kGyro, kGyroZ, leg_ + 10, 2);
+}
+
+void Bno055::take_sample(Tick now) {
+  bool equal = true;
+  for (uint8_t i = 0; i < 6; ++i) {
+    int16_t const word = word_at(leg_ + 2 * i);
+    int16_t& axis = i < 3 ? sample_.lin_acc[i] : sample_.gyro[i - 3];
+    equal = equal && axis == word;
+    axis = word;
+  }
+  sample_.start = read_start_;
+  has_sample_ = valid_ = true;
+  busy_time_ = now - read_start_;
+  watch_stuck(equal);
+  if (equal_ >= kStuckToReset && stuck()) {
+    enter(now, ImuState::kReset);
+  }
+}
+
+void Bno055::watch_stuck(bool equal) {
+  if (!equal) {
+    equal_ = 0;
+  } else if (equal_ < 255) {
+    ++equal_;
+  }
+  if (equal_ <= 1) {
+    edges_equal_ = edges_;
+  }
+}
+
+void Bno055::begin_status(Tick now) {
+  if (state_ != ImuState::kRun || ++status_slot_ < kStatusSlots) {
+    return;
+  }
+  status_slot_ = 0;
+  status_turn_ =
+      static_cast<uint8_t>((status_turn_ + 1) % sizeof kStatusTurns);
+  begin_read(now, Job::kStatus, rom_byte(&kStatusTurns[status_turn_]), leg_,
+             1);
+}
+
+void Bno055::take_status(Tick now) {
+  busy_time_ = now - read_start_;
+  switch (rom_byte(&kStatusTurns[status_turn_])) {
+    case kCalibStat:
+      calib_ = leg_[0];
+      break;
+    case kSysStatus:
+      if (leg_[0] == kSystemError) {
+        enter(now, ImuState::kReset);
+      }
+      break;
+    default:
+      // A brown-out has put the part back into CONFIG: it is fresh from a
+      // reset, so the set-up alone brings it back.
+      if (leg_[0] != kModeImuPlus) {
+        ++counters_.reinit;
+        enter(now, ImuState::kSetup);
+        run_script(now);
+      }
+      break;
+  }
+}
+
+}  // namespace dart

@@ -1,0 +1,177 @@
+#include "supervisor.h"
+
+namespace dart {
+
+namespace {
+
+// The first row that fits wins. A stop or a lost beat blocks every way up.
+constexpr SafetyTransition kTable[] DART_ROM = {
+    {Safety::kBoot, Safety::kIdle, kReady, 0},
+    {Safety::kIdle, Safety::kLinked, kSteady, kStop | kLost},
+    {Safety::kLinked, Safety::kIdle, kStop | kLost, 0},
+    {Safety::kLinked, Safety::kLive, kArm, kStop | kLost},
+    {Safety::kLive, Safety::kTripped, kStop | kLost, 0},
+    {Safety::kLive, Safety::kLinked, kDisarm, 0},
+    {Safety::kTripped, Safety::kLocked, kThirdTrip, 0},
+    {Safety::kTripped, Safety::kLinked, kCalm, kStop | kLost},
+};
+constexpr uint8_t kRows = sizeof kTable / sizeof kTable[0];
+
+struct OutputRow {
+  Safety state;
+  SafetyOutput output;
+};
+
+// LINKED enables /OE because the ESC must see neutral before it arms.
+constexpr OutputRow kOutputs[] DART_ROM = {
+    {Safety::kBoot, {false, false, false}},
+    {Safety::kIdle, {false, false, true}},
+    {Safety::kLinked, {true, false, true}},
+    {Safety::kLive, {true, true, true}},
+    {Safety::kTripped, {false, false, true}},
+    {Safety::kLocked, {false, false, true}},
+};
+
+constexpr bool outputs_in_order() {
+  for (uint8_t i = 0; i < kSafetyStates; ++i) {
+    if (static_cast<uint8_t>(kOutputs[i].state) != i) {
+      return false;
+    }
+  }
+  return true;
+}
+static_assert(sizeof kOutputs / sizeof kOutputs[0] == kSafetyStates,
+              "every state has an output");
+static_assert(outputs_in_order(), "the state is the index");
+
+constexpr uint8_t ways_out(Safety state) {
+  uint8_t n = 0;
+  for (uint8_t i = 0; i < kRows; ++i) {
+    n = static_cast<uint8_t>(n + (kTable[i].from == state ? 1 : 0));
+  }
+  return n;
+}
+static_assert(ways_out(Safety::kBoot) == 1 && ways_out(Safety::kIdle) == 1 &&
+                  ways_out(Safety::kLinked) == 2 &&
+                  ways_out(Safety::kLive) == 2 &&
+                  ways_out(Safety::kTripped) == 2 &&
+                  ways_out(Safety::kLocked) == 0,
+              "LOCKED is left by reset only, every other state by the table");
+
+constexpr bool live_only_from_linked() {
+  for (uint8_t i = 0; i < kRows; ++i) {
+    if (kTable[i].to == Safety::kLive && kTable[i].from != Safety::kLinked) {
+      return false;
+    }
+  }
+  return true;
+}
+static_assert(live_only_from_linked(), "nothing arms without a steady link");
+
+uint8_t command_of(wire::BeatMode mode, bool right_token) {
+  if (mode == wire::BeatMode::kStop) {
+    return kStop;
+  }
+  bool const arm =
+      mode == wire::BeatMode::kArmed || mode == wire::BeatMode::kRaw;
+  return arm && right_token ? kArm : kDisarm;
+}
+
+}  // namespace
+
+void Supervisor::beat(Tick now, wire::BeatMode mode, bool right_token) {
+  if (state_ == Safety::kLive && lost(now)) {
+    enter(now, Safety::kTripped);  // a late beat must not hide the gap
+  }
+  bool const fresh_run = !heard_ || now - beat_ > kMaxGap;
+  command_ = command_of(mode, right_token);
+  if (fresh_run || !right_token || command_ == kStop) {
+    steady_since_ = now;
+  }
+  if (fresh_run || !right_token || command_ != kDisarm) {
+    calm_since_ = now;
+  }
+  beat_ = now;
+  heard_ = true;
+}
+
+uint8_t Supervisor::conditions(Tick now) const {
+  uint8_t set = ready_ ? kReady : 0;
+  if (lost(now)) {
+    set |= kLost;
+  } else {
+    set = static_cast<uint8_t>(set | command_);
+  }
+  if (heard_ && now - beat_ <= kMaxGap) {
+    if (beat_ - steady_since_ >= kSteadyTime) {
+      set |= kSteady;
+    }
+    if (beat_ - calm_since_ >= kSteadyTime) {
+      set |= kCalm;
+    }
+  }
+  if (trip_count_ == kTripsToLock) {
+    set |= kThirdTrip;
+  }
+  return set;
+}
+
+// Times that are about to wrap become facts.
+void Supervisor::forget(Tick now) {
+  if (heard_ && now - beat_ > ticks_of_ms(1000000)) {
+    heard_ = false;
+  }
+  if (heard_ && now - beat_ <= kMaxGap) {
+    // Runs may last for hours: keep their starts near.
+    if (beat_ - steady_since_ > 2 * kSteadyTime) {
+      steady_since_ = beat_ - 2 * kSteadyTime;
+    }
+    if (beat_ - calm_since_ > 2 * kSteadyTime) {
+      calm_since_ = beat_ - 2 * kSteadyTime;
+    }
+  }
+  if (trip_count_ != 0 && now - trips_[0] > kTripWindow) {
+    for (uint8_t i = 1; i < trip_count_; ++i) {
+      trips_[i - 1] = trips_[i];
+    }
+    --trip_count_;
+  }
+}
+
+void Supervisor::enter(Tick now, Safety next) {
+  state_ = next;
+  if (next == Safety::kTripped && trip_count_ < kTripsToLock) {
+    trips_[trip_count_++] = now;
+    calm_since_ = now;
+  }
+}
+
+bool Supervisor::step(Tick now) {
+  forget(now);
+  uint8_t const set = conditions(now);
+  for (uint8_t i = 0; i < kRows; ++i) {
+    SafetyTransition const row = rom_read(kTable[i]);
+    if (row.from == state_ && (row.when & set) != 0 &&
+        (row.unless & set) == 0) {
+      enter(now, row.to);
+      return true;
+    }
+  }
+  return false;
+}
+
+SafetyOutput Supervisor::output() const {
+  return rom_read(kOutputs[static_cast<uint8_t>(state_)]).output;
+}
+
+uint8_t Supervisor::beat_age_ms(Tick now) const {
+  Tick const age = now - beat_;
+  if (!heard_ || age >= ticks_of_ms(kAgeMax)) {
+    return kAgeMax;
+  }
+  // Age / 2000 without a 32-bit division: age < 2^19, and 2000 = 125 x 16.
+  uint16_t const sixteenths = static_cast<uint16_t>(age >> 4);
+  return static_cast<uint8_t>(sixteenths / 125u);
+}
+
+}  // namespace dart
