@@ -55,7 +55,7 @@ def test_disarmed_nothing_moves_whatever_is_commanded() -> None:
 
 def test_command_returns_what_the_next_frame_applies() -> None:
     world, actuator = opened()
-    for steering, throttle in ((0.1, 0.2), (-0.3, -0.5), (9.0, 9.0), (0.0, 0.0)):
+    for steering, throttle in ((0.1, 0.2), (-0.3, -0.5), (9.0, 9.0), (0.0, 0.0)) * 5:
         promised = actuator.command(steering, throttle, 0.2, "user", world.t)
         assert actuator.frame(world.t) == promised
         world.t += 0.02

@@ -120,4 +120,4 @@ def test_peek_says_what_step_does(pulse: float) -> None:
 
 def test_rounding_without_feedback_would_miss_the_mean() -> None:
     """The negative control of the law above: 1500 us is 1.84 us off for ever."""
-    assert abs(Quantiser(COUNT).nearest(1500.0) * COUNT - 1500.0) > 1.8
+    assert abs(Quantiser(COUNT).rest(1500.0) * COUNT - 1500.0) > 1.8

@@ -18,6 +18,6 @@ from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
     "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Guard", "Output", "Pca9685",
-    "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals", "steering_map",
-    "warnings",
+    "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals",
+    "steering_map", "warnings",
 ]

@@ -185,7 +185,7 @@ class Actuator:
 
     def clock_pulse(self, pulse_us: float | None) -> None:
         """Pulse on the spare clock channel (``calibrate clock``), None = off. Raises BusError."""
-        counts = None if pulse_us is None else Quantiser(self.pca.count_us).nearest(pulse_us)
+        counts = None if pulse_us is None else Quantiser(self.pca.count_us).rest(pulse_us)
         if self._sending:
             self.pca.write_channel(self.car.pwm.clock_channel, counts)
 
@@ -244,12 +244,13 @@ class Actuator:
     def _peek(self, plan: Plan) -> tuple[int, int]:
         """Counts that the next frame would write."""
         steering, throttle = self._quantisers
-        return steering.peek(plan.steering_us), throttle.peek(plan.throttle_us)
+        esc = throttle.peek if plan.moving else throttle.rest
+        return steering.peek(plan.steering_us), esc(plan.throttle_us)
 
     def _step(self, plan: Plan) -> tuple[int, int]:
         """Counts of this frame with error feedback; a neutral throttle stands still."""
         steering, throttle = self._quantisers
-        esc = throttle.step if plan.moving else throttle.nearest
+        esc = throttle.step if plan.moving else throttle.settle
         return steering.step(plan.steering_us), esc(plan.throttle_us)
 
     def _at_rest(self, angle: float) -> tuple[int, int]:
@@ -257,7 +258,7 @@ class Actuator:
         plan = self._planner.neutral(angle, _NOT_ARMED)
         steering, throttle = self._quantisers
         throttle.error = 0.0
-        return steering.nearest(plan.steering_us), int(plan.throttle_us / self.pca.count_us)
+        return steering.settle(plan.steering_us), int(plan.throttle_us / self.pca.count_us)
 
     def _send(self, counts: tuple[int, int]) -> None:
         if self._sending:

@@ -54,7 +54,11 @@ class Quantiser:
         self.error = min(max(owed, -half), half)      # only the ends of the range can exceed it
         return counts
 
-    def nearest(self, pulse_us: float) -> int:
-        """Counts of a pulse that must not move (neutral); what was owed is forgotten."""
+    def rest(self, pulse_us: float) -> int:
+        """Counts of a pulse that stands still: the nearest; nothing changes."""
+        return min(max(math.floor(pulse_us / self.count + 0.5), 1), STEPS - 1)
+
+    def settle(self, pulse_us: float) -> int:
+        """Counts of a pulse that stands still from now on; what was owed is forgotten."""
         self.error = 0.0
-        return self.peek(pulse_us)
+        return self.rest(pulse_us)

@@ -7,7 +7,7 @@ UNCALIBRATED: two maps of the same platform lie up to 3 deg apart.
 from __future__ import annotations
 
 from dart_hal.actuation.pchip import Pchip
-from dart_hal.config import CarConfig, Quantity, SteeringTable
+from dart_hal.config import CarConfig, SteeringTable
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
@@ -65,8 +65,3 @@ def steering_map(car: CarConfig, table: SteeringTable | None) -> SteeringMap:
 def throttle_pulse(throttle: float, neutral_us: float, span_us: float) -> float:
     """Pulse [us] for a throttle in -1..1: linear, the ESC's dead band included."""
     return neutral_us + span_us * throttle
-
-
-def clock_std(oscillator: Quantity | None) -> float:
-    """Relative std of every pulse: the clock's, or 4 % while it was never measured."""
-    return oscillator.std / oscillator.value if oscillator else 0.04
