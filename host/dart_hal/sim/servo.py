@@ -6,6 +6,8 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.vehicle import PAPER, Steering, make_steering
 
@@ -18,7 +20,9 @@ class ServoParams:
     """Linkage: ``curve`` at command = (pulse - center_us) / span_us, then backlash.
 
     ``rate`` of the horn [rad/s]; ``delay`` [s] from pulse to motion;
-    ``backlash`` [rad] is the full width of the loop at the road wheels.
+    ``backlash`` [rad] is the full width of the loop at the road wheels;
+    ``repeatability`` [us] is one sigma of where the servo comes to rest: its
+    potentiometer and friction decide anew after every move.
     """
 
     center_us: float = 1500.0
@@ -27,6 +31,11 @@ class ServoParams:
     rate: float = 6.0
     delay: float = 0.0
     backlash: float = 0.0
+    repeatability: float = 0.0
+
+
+MOVE = 0.02
+"""Commands this far apart (7.5 us) are another move: friction lets go."""
 
 
 class Servo:
@@ -36,8 +45,12 @@ class Servo:
     peg in a slot of width ``backlash``: the middle of the loop is the curve.
     """
 
-    def __init__(self, params: ServoParams) -> None:
+    def __init__(self, params: ServoParams, rng: np.random.Generator | None = None) -> None:
         self.params = params
+        self._rng = rng or np.random.default_rng(0)
+        self._spread = params.repeatability / params.span_us
+        self._rest = 0.0
+        self._moved_to = 0.0
         self.command = 0.0
         self._curve = make_steering(params.curve)
         self.linkage: float = self._curve(0.0)
@@ -52,7 +65,10 @@ class Servo:
         width = (t - rise) * 1e6
         if 400.0 <= width <= 2600.0:            # a servo ignores anything else
             command = (width - self.params.center_us) / self.params.span_us
-            self._pending.append((t + self.params.delay, command))
+            if abs(command - self._moved_to) > MOVE:
+                self._moved_to = command
+                self._rest = self._spread * float(self._rng.normal())
+            self._pending.append((t + self.params.delay, command + self._rest))
 
     def move(self, t: float, dt: float) -> float:
         """Advance by dt up to world time t; returns the road-wheel angle [rad]."""

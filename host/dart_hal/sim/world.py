@@ -70,7 +70,8 @@ class World:
         self.car, self.nano = car, nano
         self.pca = Pca9685(oscillator=car.oscillator_hz)
         self.bus = VirtualBus(lambda: self.t, [self.pca])
-        self.servo, self.esc = Servo(car.servo), Esc(car.esc)
+        self.servo = Servo(car.servo, np.random.default_rng([car.seed, 101]))
+        self.esc = Esc(car.esc)
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
         self.distance = 0.0
