@@ -45,6 +45,14 @@ def test_bounds(seed):
     assert -0.44 < curve(-1.0) < -0.27
 
 
+def test_no_car_looks_like_a_stuck_imu(raw_car):
+    """Firmware takes 20 equal samples in motion for a dead sensor."""
+    car = raw_car("sim://?nano=mock").armed().drive(0.3, 0.3, 8.0)
+    samples = [(s["lin_acc"], s["gyro"]) for s in car.states()[-300:]]
+    runs = [len(set(samples[k:k + 5])) for k in range(len(samples) - 5)]
+    assert min(runs) >= 2
+
+
 def test_cars_differ_and_repeat():
     cars = [hidden_car(s) for s in SEEDS]
     assert cars == [hidden_car(s) for s in SEEDS]

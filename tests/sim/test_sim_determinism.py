@@ -12,7 +12,7 @@ from dart_hal.wire.messages import HEARTBEAT, TIME_PING
 URL = "sim://?nano=mock&seed=7"
 
 
-def scenario(raw_car, url, slice_s):
+def scenario(raw_car, url, slice_s, seconds=6.0):
     """Drives by what it sees: commands and beats are answers to frames."""
     car = raw_car(url, slice_s)
     seen = [0]
@@ -30,7 +30,7 @@ def scenario(raw_car, url, slice_s):
             throttle = 0 if n < 220 else 100 + 60 * (n % 200 > 100)
             car.pulses(1500 + 200 * (n % 300 > 150) - 20 * gyro, 1500 + throttle)
 
-    car.run(6.0, react)
+    car.run(seconds, react)
     chunks = repr(car.stamps).encode()
     return (hashlib.sha256(bytes(car.raw)).hexdigest(), hashlib.sha256(chunks).hexdigest(),
             car.truth)
@@ -39,6 +39,13 @@ def scenario(raw_car, url, slice_s):
 @pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4"])
 def test_read_slices_do_not_matter(raw_car, extra):
     first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
+    assert all(o == first for o in others)
+
+
+@pytest.mark.emulator
+def test_read_slices_do_not_matter_to_the_firmware(raw_car):
+    url = "sim://?nano=avr&seed=7"
+    first, *others = (scenario(raw_car, url, s, 3.5) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
 
 

@@ -1,6 +1,7 @@
 """Hidden cars: a seed decides what the car really is.
 
-Seed 0 (also: no seed) is the nominal paper car without any imperfection.
+Seed 0 (also: no seed) is the nominal paper car without any imperfection but
+the noise of its accelerometer: equal samples are what a stuck sensor sends.
 Every other seed draws a car around it within the bounds stated here. Only
 ``dart-hal sim --reveal``, ``demo`` and tests may read it: whoever calibrates
 or drives has to measure.
@@ -21,6 +22,10 @@ from dart_hal.sim.servo import ServoParams
 from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle, check_monotone
 
 NOMINAL_HZ = 25e6
+
+GYRO_NOISE = math.radians(0.014)
+ACCEL_NOISE = 150e-6 * 9.81
+"""rad/s/sqrt(Hz) and m/s2/sqrt(Hz), BNO055 data sheet BST-BNO055-DS000."""
 
 
 def _with_rear_limit(tyres: PaperTyres, body_load: float) -> PaperTyres:
@@ -44,7 +49,7 @@ class HiddenCar:
     ring_a: Ring = field(default_factory=lambda: even_ring(RING_A))
     ring_b: Ring = field(default_factory=lambda: even_ring(RING_B))
     gear_revolution: float = GEAR_REVOLUTION
-    imu: ImuParams = field(default_factory=ImuParams)
+    imu: ImuParams = field(default_factory=lambda: ImuParams(accel_noise=ACCEL_NOISE))
     oscillator_hz: float = NOMINAL_HZ
     clock_error: float = 0.0
     brake_force: float = 8.0
@@ -143,5 +148,4 @@ def _imu(rng: np.random.Generator) -> ImuParams:
         mount_yaw=float(mount[0]), mount_pitch=float(mount[1]), mount_roll=float(mount[2]),
         gyro_bias=(float(bias[0]), float(bias[1]), float(bias[2])),
         gyro_scale=1.0 + float(rng.uniform(-0.01, 0.01)),
-        # BST-BNO055-DS000: 0.014 deg/s/sqrt(Hz), 150 ug/sqrt(Hz)
-        gyro_noise=0.014 * degree, accel_noise=150e-6 * 9.81)
+        gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE)

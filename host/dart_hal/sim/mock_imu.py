@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 GYRO_HZ, ACCEL_HZ = 32.0, 62.5
 PERIOD = 0.010
-START = 0.75
-"""s from power to the first sample: boot 0.65, mode change and first read."""
+START = 0.46
+"""s from power to the first sample: boot 0.40, mode change and first read."""
 
 
 class MockImu:

@@ -150,7 +150,7 @@ class MockNano:
         self._event(1, self._cause)
 
     def _ck(self, t: float) -> int:
-        return int((t - self._boot_at) * self._rate) & 0xFFFFFFFF
+        return max(0, int((t - self._boot_at) * self._rate)) & 0xFFFFFFFF
 
     def _time(self, ck: int) -> float:
         return self._boot_at + ck / self._rate
