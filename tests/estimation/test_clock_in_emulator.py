@@ -28,7 +28,7 @@ def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("clock") / "run.mcap"
     try:
         with Car.open(f"sim://?seed={SEED}&nano=avr", record=path) as car:
-            states = [s for s in car.states(duration=8.0)]
+            states = list(car.states(duration=8.0))
     except DartHalError as why:
         pytest.skip(f"no emulator: {why.what}")
     scale = 1.0 + hidden_car(SEED).clock_error

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from dart_hal.estimation import WheelSpeed
+from dart_hal.estimation import Ring, WheelSpeed
 
 EVEN = {"metres": 0.00206459, "n": 20}
 MAGNETS = {"metres": 0.00412918, "n": 10}
@@ -215,3 +215,33 @@ def test_restart_goes_on_from_the_same_place(wheel):
         estimator.update(*ring.frame(k * 0.01), 1.0, 1)
     assert estimator.speed == pytest.approx(1.0, rel=0.01)
     assert estimator.distance - before == pytest.approx(0.49, abs=0.04)
+
+
+def test_a_missing_mark_is_absorbed_by_the_table(speed_run):
+    """20 edges, both edges of one mark gone: 18, one interval of three."""
+    ring = [0.9] * 17 + [2.7]
+    metres = 0.00206459 * 20 / 18
+    profile = constant(1.0)
+    with_table = speed_run(*profile, metres=metres, n=18, true_ring=ring, table=ring[5:] + ring[:5])
+    without = speed_run(*profile, metres=metres, n=18, true_ring=ring)
+    assert with_table.estimator.aligned
+    assert with_table.rms < 1e-3
+    assert without.rms > 0.05
+
+
+def test_table_holds_through_a_reversal(wheel, uneven):
+    """2 m forwards, 1 s of rest, back at 1 m/s: the tooth is counted both ways."""
+    ring = Ring(MAGNETS["metres"], 10, uneven)
+    profile = wheel(**MAGNETS, fractions=uneven, travel=lambda t: min(t, 2.0), duration=3.0)
+    behind = ring.edge_at(2.0)
+    profile.edges += [3.0 + 2.0 - ring.position(behind - k) for k in range(400)]
+    estimator = WheelSpeed(MAGNETS["metres"], 10, uneven)
+    errors = []
+    for k in range(1, 450):
+        now = 0.01 * k
+        speed, _ = estimator.update(*profile.frame(now), 1.0, 1 if now < 2.5 else -1)
+        if now > 3.2:
+            errors.append(abs(speed + 1.0))
+    assert estimator.aligned
+    assert max(errors) < 1e-3
+    assert estimator.distance == pytest.approx(2.0 - 1.49, abs=0.03)

@@ -53,7 +53,8 @@ class ClockFit:
     first byte in the UART, a constant of the firmware.
     """
 
-    def __init__(self, *, byte_time: float = 10 / 500_000, latch_delay: float = LATCH_DELAY) -> None:
+    def __init__(self, *, byte_time: float = 10 / 500_000,
+                 latch_delay: float = LATCH_DELAY) -> None:
         self.byte_time = byte_time
         self.latch_delay = latch_delay
         self.rate = 1.0
