@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.errors import LinkLost, UsageError
 from dart_hal.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
@@ -89,8 +89,22 @@ def test_hang_stops_the_main_program_but_not_interrupts(nano):
 def test_a_crashed_program_is_silent_until_a_reset(emulator):
     wild = bytes.fromhex("0fef0000")  # then off into blank flash
     with EmulatedNano(wild) as nano:
-        nano.run(0.5)
+        assert nano.run(0.5) is False
+        assert nano.crashed
         assert nano.read() == []
+        assert nano.now == 0.5  # time goes on
+        nano.reset()
+        assert not nano.crashed
+
+
+def test_a_closed_nano_says_so(probe):
+    nano = EmulatedNano(probe)
+    nano.close()
+    nano.close()
+    with pytest.raises(LinkLost):
+        nano.run(1.0)
+    with pytest.raises(LinkLost):
+        nano.write(b"x")
 
 
 def test_pins_and_their_log(nano):

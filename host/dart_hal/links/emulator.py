@@ -11,9 +11,9 @@ import ctypes as c
 import os
 from collections.abc import Sequence
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from dart_hal.errors import EmulatorMissing, UsageError
+from dart_hal.errors import EmulatorMissing, LinkLost, UsageError
 from dart_hal.links import bridge
 from dart_hal.links.image import (
     BOOT_START,
@@ -72,6 +72,13 @@ def _choice(table: dict[str, int], name: str, what: str) -> int:
     return table[name]
 
 
+class _Closed:
+    """Stands for the bridge after `close`: a call must not reach freed memory."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise LinkLost("the emulated Nano was closed")
+
+
 class EmulatedNano:
     """A Nano in simavr; implements the protocol that the simulator drives.
 
@@ -85,7 +92,7 @@ class EmulatedNano:
     def __init__(self, image: str | os.PathLike[str] | bytes | None = None, *,
                  clock_error: float = 0.0, eeprom: bytes | None = None,
                  host_baud: float = 500_000, bootloader: bool = False) -> None:
-        self._lib = bridge.load()
+        self._lib: Any = bridge.load()
         self.image = image if isinstance(image, bytes) else load_image(image or find_image())
         if bootloader:
             self.image = with_bootloader(self.image)
@@ -118,10 +125,11 @@ class EmulatedNano:
         self.close()
 
     def close(self) -> None:
-        """Free the emulator; further calls are errors."""
+        """Free the emulator; further calls raise LinkLost."""
         emu, self._emu = getattr(self, "_emu", None), None
         if emu:
             self._lib.emu_free(emu)
+            self._lib = _Closed()
 
     # --- time ---------------------------------------------------------------
 
