@@ -4,7 +4,8 @@ Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
 ``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
 kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
 ``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
-hardware cut-off that the car is wired with).
+hardware cut-off that the car is wired with), ``fail`` a list of failures
+separated by commas (``dart_hal.sim.failures``).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.sim.eeprom import preset
+from dart_hal.sim.failures import parse, schedule
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimClock, SimLink
@@ -22,7 +24,7 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff")
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail")
 
 
 def open_sim(url: Url) -> Backend:
@@ -36,6 +38,7 @@ def open_sim(url: Url) -> Backend:
     params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
     nano, notices = _nano(url, car, preset(car.board_id, params))
     world = World(car, nano, url.options.get("model", "dynamic"), cutoff=cutoff)
+    schedule(world, [parse(text) for text in url.options.get("fail", "").split(",") if text])
     latency = jitter(url.options.get("jitter", "none"))
     link = SimLink(world, Line(LineFaults(bit_error=_number(url, "ber", 0.0)), latency,
                                (car.seed, 200)),

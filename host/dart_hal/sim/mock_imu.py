@@ -43,13 +43,16 @@ class MockImu:
         slot = int(t / PERIOD + 1e-9)
         if slot != self._k:
             self._k = slot
-            if self.fault == "ok":
-                self._samples.append((t, (*(_raw(v, 100.0) for v in f),
-                                          *(_raw(v, 900.0) for v in w))))
+            values = (*(_raw(v, 100.0) for v in f), *(_raw(v, 900.0) for v in w))
+            if self.fault == "stuck" and self._samples:
+                values = self._samples[-1][1]
+            elif self.fault == "garbage":
+                values = tuple((0x5A5A * (slot + k)) % 0x10000 - 0x8000 for k in range(6))
+            self._samples.append((t, values))
 
     def sample(self, t: float) -> tuple[int, ...] | None:
         """(lin_acc, gyro) raw, as registers read at t; None = no answer."""
-        if self.fault != "ok":
+        if self.fault == "off":
             return None
         found = None
         for when, values in self._samples:

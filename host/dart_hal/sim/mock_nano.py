@@ -31,6 +31,8 @@ TO_UART = 200e-6
 """s from the latch to the first byte of STATE (frame builder)."""
 IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
+STUCK = 20
+"""Equal samples in motion that make an IMU stuck."""
 CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
 _FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
 
@@ -104,6 +106,10 @@ class MockNano:
 
     def set_i2c(self, fault: str, p: float = 1.0, stretch_us: float = 180.0) -> None:
         """A fault of the IMU bus: any but "ok" stops the samples."""
+        self.imu.fault = "ok" if fault == "ok" else "off"
+
+    def set_imu_fault(self, fault: str = "ok") -> None:
+        """A fault of the IMU: ok, off, stuck or garbage."""
         self.imu.fault = fault
 
     def set_pin(self, name: str, level: bool) -> None:
@@ -138,6 +144,7 @@ class MockNano:
         self._slots = self._seq = self._events = 0
         self._sample: tuple[int, ...] | None = None
         self._sample_at = float("-inf")
+        self._equal = self._edges_then = 0
         self._out = []
         self._uart = MockUart(self._byte, self.now)
         self._capture = MockCapture()
@@ -194,8 +201,11 @@ class MockNano:
         started = self.now - self._boot_at >= START
         sample = self.imu.sample(t) if started else None
         if sample is not None:
+            self._equal = self._equal + 1 if sample == self._sample else 0
             self._sample, self._sample_at = sample, t
-            return _FLAG["IMU_VALID"]
+            stuck = self._equal >= STUCK and self.rings[0].count != self._edges_then
+            self._edges_then = self._edges_then if self._equal else self.rings[0].count
+            return _FLAG["IMU_STUCK"] if stuck else _FLAG["IMU_VALID"]
         age = self.now - max(self._sample_at, self._boot_at)
         stale = _FLAG["IMU_STALE"] if self._sample is not None and age > 0.020 else 0
         return stale | (_FLAG["IMU_ABSENT"] if age > 6.0 else 0)

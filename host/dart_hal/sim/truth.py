@@ -32,8 +32,8 @@ def truth(backend: Backend, t: float | None = None) -> Truth:
     return world_of(backend).truth(t)
 
 
-def reveal(seed: int | None) -> dict[str, Any]:
-    """The object that ``sim --reveal`` prints (JSON types only).
+def reveal(seed: int | None, ring: str | None = None) -> dict[str, Any]:
+    """The object that ``sim --reveal`` prints (JSON types only); ``ring`` as in the URL.
 
     The steering angle is the middle of the backlash loop at pulse =
     center_us + span_us * command. Throttle figures are distances from
@@ -41,7 +41,7 @@ def reveal(seed: int | None) -> dict[str, Any]:
     the motor's, whichever is wider). ``steering.backlash`` is the full width
     of the loop.
     """
-    car = hidden_car(seed)
+    car = hidden_car(seed, ring)
     curve = make_steering(car.servo.curve)
     commands = [-1.0 + 2.0 * k / (POINTS - 1) for k in range(POINTS)]
     return {"seed": car.seed, "vehicle": _vehicle(car),

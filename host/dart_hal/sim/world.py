@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from bisect import bisect_right
+from bisect import bisect_right, insort
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -76,6 +76,7 @@ class World:
         self._wiring = make_wiring(cutoff, self.pca)
         self.distance = 0.0
         self.watchers: list[Callable[[int, Pulse], None]] = []
+        self._agenda: list[tuple[float, int, Callable[[World], None]]] = []
         self._pin_edges: list[tuple[float, bool]] = []
         self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
                         np.random.default_rng([car.seed, 100]))
@@ -102,6 +103,10 @@ class World:
                 return True
         return False
 
+    def at(self, t: float, action: Callable[[World], None]) -> None:
+        """Call ``action(world)`` at the first tick from world time t on."""
+        insort(self._agenda, (t, len(self._agenda), action), key=lambda entry: entry[:2])
+
     def truth(self, t: float | None = None) -> Truth:
         """The state at time t (linear between records 5 ms apart), default now."""
         self._record(self._next)
@@ -117,6 +122,8 @@ class World:
     def _physics(self) -> None:
         """State of the pins now, motion until the next tick, what the sensors see."""
         now = self._next
+        while self._agenda and self._agenda[0][0] <= now:
+            self._agenda.pop(0)[2](self)
         if now >= self.pca.output.quiet_until or self._wiring.live:
             self._pulses(now)
         if self._tick % _EVERY == 0:
