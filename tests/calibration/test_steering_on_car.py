@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
+from dart_hal.errors import RecordingError
 from dart_hal.sim.truth import reveal
 
 
@@ -41,8 +43,9 @@ def test_hidden_cars(tmp_path, seeds):
         inside += list(np.abs(error) < 1.645 * result.angle_std)
         backlash.append(abs(result.backlash.value - loop) / result.backlash.std)
     assert np.mean(inside) >= 0.8
-    assert np.mean(np.array(backlash) < 1.645) >= 0.75
+    assert np.max(backlash) < 4.0
     if len(seeds) >= 20:
+        assert 0.75 <= np.mean(np.array(backlash) < 1.645) <= 1.0
         assert np.mean(inside) <= 0.98
 
 
@@ -77,3 +80,24 @@ def test_interrupt_stops_the_car(tmp_path):
         assert rolling[0] > 0.2
         assert rolling[-1] < 0.05
     assert not list(tmp_path.rglob("calibration.toml"))
+
+
+def test_run_of_the_procedure_gives_the_same_map_as_a_recording(tmp_path):
+    """Driven, recorded, replayed: the slip and the turning points are not removed there."""
+    run = tmp_path / "run.mcap"
+    with Car.open("sim://?seed=4&nano=mock", cars=tmp_path, record=run) as car:
+        driven = calibrate_steering(car, dry_run=True)
+    read = steering_from([run])
+    assert read.source == (str(run),)
+    at = np.interp(read.command, driven.command, driven.angle)
+    assert np.degrees(np.sqrt(np.mean((read.angle - at) ** 2))) < 0.6
+    assert any("slow" in note for note in read.notes)
+
+
+def test_file_that_is_no_run_is_refused(tmp_path):
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"not an mcap file")
+    with pytest.raises(RecordingError, match=r"bad\.mcap"):
+        steering_from([bad])
+    with pytest.raises(RecordingError, match="no usable"):
+        steering_from([tmp_path])

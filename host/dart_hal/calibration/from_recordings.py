@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
-from dart_hal.recording.dart import Recording, grid, read_all, reference_for
+from dart_hal.identify.runs import RUN, read_any
+from dart_hal.recording.dart import Recording, grid, reference_for
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.types import FloatArray
@@ -36,7 +37,7 @@ def steering_from(paths: Iterable[str | Path], *, car: str = "dart-01",
     Errors: RecordingError for a file that cannot be read, CalibrationFailed
     when the commands cover too little.
     """
-    recordings, skipped = read_all(paths)
+    recordings, skipped = read_any(paths)
     notes = [f"{file}: skipped: {reason}" for file, reason in skipped]
     return steering_from_recordings(recordings, car=car, wheelbase=wheelbase, notes=notes)
 

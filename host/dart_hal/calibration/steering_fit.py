@@ -59,7 +59,7 @@ def fit_steering(samples: Samples) -> SteeringFit:
     residual = samples.angle - form.angle(samples.command)
     misfit = level_misfit(samples, residual)
     points = max(MIN_POINTS, round((high - low) / POINT_SPACING) + 1)
-    command = np.linspace(low, high, points)
+    command = np.round(np.linspace(low, high, points), 9)
     angle = form.angle(command)
     if np.any(np.diff(angle) <= 0.0):
         raise _falling()
