@@ -52,7 +52,11 @@ class McapFile:
 
 def read_mcap(path: Path) -> McapFile:
     """Read a file; raises RecordingError that names it when it is no MCAP."""
-    data = _bytes_of(path)
+    return parse_mcap(path, _bytes_of(path))
+
+
+def parse_mcap(path: Path, data: bytes) -> McapFile:
+    """The same of bytes that begin with the magic; ``path`` is for messages."""
     found = McapFile(path, len(data), len(MAGIC))
     try:
         for opcode, start, end in _records(data):
