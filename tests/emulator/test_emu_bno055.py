@@ -75,10 +75,11 @@ def test_config_mode_freezes_the_data(part):
 
 def test_mode_changes_take_their_time(part):
     write(part, 0x3B, 0x02)
-    write(part, 0x3D, IMUPLUS)
-    assert read(part, 0x3D, 1) == b"\x00"[:1] or part.imu_register(0x3D) == IMUPLUS
-    part.drain(part.now + 0.02)
-    assert part.imu_register(0x3D) == IMUPLUS
+    write(part, 0x3D, IMUPLUS)  # leaves 5 ms of 7 behind it
+    part.write(b"t\x3d\x01")
+    assert part.drain(part.now + 0.001)[-1] == CONFIG
+    part.drain(part.now + 0.005)
+    assert read(part, 0x3D, 1) == bytes([IMUPLUS])
     write(part, 0x3D, CONFIG)
     write(part, 0x3B, 0x00)  # too early: not in CONFIG yet
     part.drain(part.now + 0.03)
