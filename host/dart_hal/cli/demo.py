@@ -13,7 +13,7 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.cli.demo_page import Drive, write_page
+from dart_hal.cli.demo_page import Drive, write_page, write_summary
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.session import with_progress
@@ -47,12 +47,13 @@ def command(url: str, out: Path, as_json: bool) -> None:
     began = time.monotonic()
     result, hello, said = calibrate(url, out)
     drive = eight(url, out)
-    files = {"page": out / "index.html", "recording": out / "eight.mcap",
-             "calibration": Path(result.written or "")}
+    files = {"page": out / "index.html", "summary": out / "summary.png",
+             "recording": out / "eight.mcap", "calibration": Path(result.written or "")}
     known = reveal(int(parsed.options.get("seed", "0")))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
     write_page(files["page"], url, hello, result, known, drive, numbers, said)
+    write_summary(files["summary"], result, known, drive)
     last = drive.states[-1]
     if as_json:
         print_json({"url": url, "files": files, "duration_s": last.t, "frames": len(drive.states),

@@ -62,15 +62,10 @@ def write_page(path: Path, url: str, hello: dict[str, Any], result: SteeringResu
                                f"{100 * _sigma(last):.1f} cm",
         "beside the path": f"{100 * np.sqrt(np.mean(np.square(drive.offsets))):.1f} cm rms",
     }
-    pictures = [
-        ("What the calibration found, and what is true", lambda a: _map(a, result, known)),
-        ("The figure of eight", lambda a: _eight(a, drive)),
-        ("How far odometry is off", lambda a: _error(a, drive)),
-    ]
     body = "".join(f"<p class=notice>{html.escape(n)}</p>" for n in notices)
     body += "<table>" + "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>"
                                 for k, v in rows.items()) + "</table>"
-    for title, draw in pictures:
+    for title, draw in _drawings(result, known, drive).items():
         body += f"<h2>{title}</h2><img alt='{title}' src='{_picture(draw)}'>"
     path.write_text(PAGE.format(url=html.escape(url), body=body), encoding="utf-8")
 
@@ -87,15 +82,41 @@ def _sigma(state: State) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(state.pose.cov[:2, :2])[-1]))
 
 
+def write_summary(path: Path, result: SteeringResult, known: dict[str, Any],
+                  drive: Drive) -> None:
+    """The three pictures of the page side by side, as a PNG."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14.0, 3.9), dpi=100, layout="constrained")
+    panels = figure.subplots(1, 3, width_ratios=(1.0, 1.35, 1.0))
+    for axes, draw in zip(panels, _drawings(result, known, drive).values(), strict=True):
+        draw(axes)
+        _tidy(axes)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _drawings(result: SteeringResult, known: dict[str, Any],
+              drive: Drive) -> dict[str, Callable[[Any], None]]:
+    return {
+        "What the calibration found, and what is true": lambda a: _map(a, result, known),
+        "The figure of eight": lambda a: _eight(a, drive),
+        "How far odometry is off": lambda a: _error(a, drive),
+    }
+
+
+def _tidy(axes: Any) -> None:
+    axes.grid(alpha=0.25)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def _picture(draw: Callable[[Any], None]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.4), dpi=140, layout="constrained")
     axes = figure.add_subplot()
     draw(axes)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    _tidy(axes)
     buffer = BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
@@ -111,6 +132,13 @@ def _map(axes: Any, result: SteeringResult, known: dict[str, Any]) -> None:
     axes.plot(result.command, angle, "o-", color=BLUE, ms=4, lw=1, label="measured")
     axes.set(xlabel="steering command", ylabel="road-wheel angle [deg], left positive")
     axes.legend(frameon=False)
+    inset = axes.inset_axes((0.58, 0.13, 0.41, 0.32))
+    inset.fill_between(result.command, -NINETY * std, NINETY * std, color=BLUE, alpha=0.25, lw=0)
+    inset.plot(result.command, angle - np.interp(result.command, grid, true), "o-", color=BLUE,
+               ms=3, lw=1)
+    inset.axhline(0.0, color=ORANGE, lw=2, alpha=0.5)
+    inset.set_title("error [deg]", fontsize="small")
+    inset.tick_params(labelsize="small")
 
 
 def _eight(axes: Any, drive: Drive) -> None:
@@ -129,7 +157,7 @@ def _error(axes: Any, drive: Drive) -> None:
     axes.plot(t - t[0], [200 * _sigma(s) for s in drive.states], color=INK, ls="--", lw=1,
               label="two sigma, as stated in every State")
     axes.set(xlabel="time [s]", ylabel="[cm]", ylim=(0, None))
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 PAGE = """<!doctype html>

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import click
 
+from dart_hal.cli.error_page import render_errors
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 
+ERRORS = "docs/errors.md"
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
 
 
@@ -33,7 +35,11 @@ def checkout() -> Path:
 def command(form: str, write: bool, check: bool, as_json: bool) -> int:
     """Print the frame table that Nano and host share."""
     if check:
-        stale = emit.drift(checkout())
+        root = checkout()
+        page = root / ERRORS
+        stale = emit.drift(root)
+        if not page.is_file() or page.read_text(encoding="utf-8") != render_errors():
+            stale.append(ERRORS)
         for path in stale:
             console.print(f"differs from the specification: {path}  (dart-hal wire --write)")
         if as_json:
@@ -41,7 +47,8 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
         return 1 if stale else 0
     if write:
         emit.write_all(checkout())
-        console.print("header, docs/wire.md and the golden vectors are up to date")
+        (checkout() / ERRORS).write_text(render_errors(), encoding="utf-8")
+        console.print("header, docs and golden vectors are up to date")
         return 0
     if as_json:
         print_json({"proto": PROTO, "schema": f"{SCHEMA:08x}", "messages": [

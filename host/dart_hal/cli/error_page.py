@@ -1,0 +1,29 @@
+"""The page of the error catalogue, generated from the classes."""
+
+from __future__ import annotations
+
+import inspect
+
+from dart_hal.errors import CATALOGUE
+
+HEAD = """# Errors
+
+Every error says what happened, what was found, what is likely, and what to type. With `--json` a
+verb prints it as `{"error": {"code", "what", "found", "try"}}` and exits with 2. The classes live
+in `dart_hal.errors`; each also inherits the builtin that a caller would expect. This page is
+generated from them (`dart-hal wire --write`).
+
+| code | class | what it means | likely | try |
+|---|---|---|---|---|
+"""
+
+
+def render_errors() -> str:
+    """Markdown page of the catalogue, in the order of the codes."""
+    rows = []
+    for code, kind in sorted(CATALOGUE.items()):
+        first = (inspect.getdoc(kind) or "").splitlines()[0]
+        cells = (code, f"`{kind.__name__}`", first, kind.likely_default or "-",
+                 f"`{kind.remedy_default}`" if kind.remedy_default else "as the message says")
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return HEAD + "\n".join(rows) + "\n"
