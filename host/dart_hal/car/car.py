@@ -23,6 +23,7 @@ from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import DartHalError, EndOfRecording, LinkLost, NotArmed
 from dart_hal.links.base import Backend, open_backend
+from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.speed_law import SpeedLaw
@@ -80,6 +81,8 @@ class Car:
                 files = parse_car(backend.car_toml, backend.url.text, folders)
             else:
                 files = load_car(backend.car or car, folders)
+            if record and backend.bus is not None:
+                backend.bus = RecordedBus(backend.bus, backend.clock.now)
             opened = cls(backend, files, record)
         except BaseException:
             backend.close()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dart_hal.car.engine import Engine
 from dart_hal.config import CarFiles
+from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.run import RunWriter
 
 FILES = ("car.toml", "calibration.toml", "model.toml")
@@ -24,4 +25,6 @@ def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWri
     engine.hooks.recorder = writer
     engine.recorder = writer
     engine.listeners.append(writer.state)
+    if isinstance(backend.bus, RecordedBus):
+        backend.bus.recorder = writer
     return writer

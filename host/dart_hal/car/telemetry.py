@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import tan
 
-from dart_hal.config import CarFiles
+from dart_hal.config import CarFiles, Quantity
 from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.frames import FrameReader, Mounting, flag_names
-from dart_hal.estimation.odometry import Odometry
+from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.types import Applied, Health, State
 from dart_hal.wire.frame import Frame
@@ -15,6 +15,14 @@ from dart_hal.wire.messages import STATE
 
 BITS_PER_BYTE = 10
 """8N1: start, eight data bits, stop."""
+
+
+def _noise(metres_per_edge: Quantity, gyro_scale: Quantity | None) -> OdometryNoise:
+    """Error sources as the car's files state them; the defaults for what they leave out."""
+    stated = {"travel_scale": metres_per_edge.std / metres_per_edge.value}
+    if gyro_scale is not None:
+        stated["gyro_scale"] = gyro_scale.std / gyro_scale.value
+    return OdometryNoise(**stated)
 
 
 class Telemetry:
@@ -26,7 +34,8 @@ class Telemetry:
     def __init__(self, files: CarFiles, byte_time: float) -> None:
         yaw, pitch, roll = files.imu_mount
         imu = files.calibration.imu if files.calibration else None
-        scale = imu.gyro_scale.value if imu and imu.gyro_scale else 1.0
+        known = imu.gyro_scale if imu else None
+        scale = known.value if known else 1.0
         bias = imu.gyro_bias if imu and imu.gyro_bias else None
         encoder = files.config.encoder
         self._wheelbase = files.config.geometry.wheelbase
@@ -34,7 +43,8 @@ class Telemetry:
         self._frames = FrameReader(Mounting(roll, pitch, yaw, scale))
         self.clock = ClockFit(byte_time=byte_time)
         self.speed = WheelSpeed(files.metres_per_edge.value, encoder.edges_per_rev, files.ring)
-        self.odometry = Odometry(gyro_bias=bias.value if bias else 0.0,
+        self.odometry = Odometry(_noise(files.metres_per_edge, known),
+                                 gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
         self.last_dev = 0.0
         self.restarts = 0
