@@ -38,7 +38,7 @@ def test_bounds(seed):
     assert abs(car.servo.curve.s0 - PAPER.steering.s0) <= 0.06
     assert abs(car.vehicle.body.mass / PAPER.body.mass - 1) <= 0.03
     assert max(map(abs, car.imu.gyro_bias)) <= math.radians(1.0)
-    assert abs(car.gear_revolution / 0.0412918 - 1) <= 0.02
+    assert abs(car.gear_revolution / 0.0412918 - 1) <= 0.005
     assert sum(car.ring_a.fractions) == pytest.approx(20)
     curve = make_steering(car.servo.curve)
     assert 0.22 < curve(1.0) < 0.40

@@ -135,12 +135,12 @@ def test_imu_values_agree_within_a_sample(both):
 
 
 def test_frames_end_at_nearly_the_same_time(both):
-    """The mock's 0.2 ms from latch to line stands for the firmware's frame builder."""
+    """The mock's constant from latch to line stands for the firmware's frame builder."""
     ends = [[(f.as_dict()["t_ck"] // 20_000, t) for f, t in frames if f.message.name == "STATE"]
             for frames in both]
     mock = dict(ends[1])
     late = [t - mock[ck] for ck, t in ends[0] if ck in mock]
-    assert abs(median(late)) < 0.25e-3
+    assert abs(median(late)) < 0.05e-3
 
 
 def test_replies_agree(both):

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from dart_hal.sim.mock_nano import MockNano
+from dart_hal.sim.mock_nano import TO_UART, MockNano
 from dart_hal.sim.mock_supervisor import Output, Supervisor
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
@@ -74,7 +74,7 @@ def test_frames_take_their_time_on_the_line():
     for frame, end in zip(talk.frames, talk.ends, strict=True):
         if frame.message.name == "STATE":
             latch = frame.as_si()["t_ck"]
-            assert end - latch == pytest.approx(200e-6 + 44 * 20e-6, abs=25e-6)
+            assert end - latch == pytest.approx(TO_UART + 44 * 20e-6, abs=25e-6)
 
 
 def test_boot_says_hello_three_times_and_on_request():

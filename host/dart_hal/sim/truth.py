@@ -14,6 +14,7 @@ from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimLink
+from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.world import Truth, World
 from dart_hal.vehicle import PaperTyres, make_steering
 
@@ -92,5 +93,5 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         # a command waits for the next frame of the PWM: uniform over 20 ms
         "latency.command_to_pulse": 0.5 * 122 * 4096 / car.oscillator_hz,
         "latency.pulse_to_wheel": car.servo.delay,
-        "latency.sensor_to_host": 0.2e-3 + 44 * 20e-6,
+        "latency.sensor_to_host": TO_UART + 44 * 20e-6,
     }
