@@ -13,6 +13,8 @@ from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.ring import GEAR_REVOLUTION, RING_A, RING_B
 from dart_hal.vehicle import PAPER
 
+TYRE_STD = 0.003
+"""Relative error of the travel per edge: callipers on a tyre, 0.14 of 46.6 mm."""
 CLOCK_STD = 1e-4
 """Relative error of the clock measurement: a logic analyser's crystal."""
 
@@ -72,4 +74,4 @@ def car_toml(car: HiddenCar) -> str:
         name=car.name, wheelbase=body.wheelbase, l_f=body.l_f, l_r=body.l_r, mass=body.mass,
         inertia=body.yaw_inertia, center=car.servo.center_us, span=car.servo.span_us,
         hertz=hertz, hertz_std=hertz * CLOCK_STD, ring_a=RING_A, ring_b=RING_B,
-        per_edge=per_edge, per_edge_std=0.012 * per_edge)
+        per_edge=per_edge, per_edge_std=TYRE_STD * per_edge)
