@@ -7,9 +7,10 @@ of a few rounds, because other work on the machine only ever slows one down.
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable
 from typing import NamedTuple
+
+from figures import Figure, best_cpu
 
 from dart_hal.wire import batch, samples
 from dart_hal.wire.codec import UP
@@ -49,15 +50,23 @@ def run(seconds: float = 200.0) -> list[Row]:
     ]
 
 
+def figures(scale: float = 1.0) -> list[Figure]:
+    """The same rows for the table of all figures, next to the byte loop."""
+    rows = run(200.0 * max(scale, 0.1))
+    naive = rows[0].frames_per_s
+    return [Figure(f"decode: {row.name}", row.frames_per_s, "frames/s", row.target or None,
+                   note=row.what + (f"; {row.frames_per_s / naive:.0f} x the byte loop"
+                                    if row.target else ""))
+            for row in rows]
+
+
 def _best(decode: Callable[[], int], expected: int) -> float:
-    times = []
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
+    def checked() -> None:
         got = decode()
-        times.append(time.perf_counter() - start)
         if got != expected:
             raise AssertionError(f"{got} frames of {expected}")
-    return min(times)
+
+    return best_cpu(checked, ROUNDS)
 
 
 def _live(reads: list[bytes]) -> int:

@@ -1,0 +1,104 @@
+"""Each bench runs, with tiny sizes; what does not depend on time must hold even so."""
+
+from __future__ import annotations
+
+import bench_calibration
+import bench_clock
+import bench_decode
+import bench_emulation
+import bench_encoder
+import bench_firmware
+import pytest
+from figures import Figure
+
+from dart_hal.errors import EmulatorMissing
+from dart_hal.links import bridge
+from dart_hal.links.image import find_image
+from dart_hal.sim.ring import GEAR_REVOLUTION
+
+TINY = 0.02
+
+
+@pytest.fixture(scope="module", autouse=True)
+def emulator():
+    try:
+        bridge.load()
+        find_image()
+    except EmulatorMissing as why:
+        pytest.skip(why.what)
+
+
+def by_name(figures: list[Figure]) -> dict[str, Figure]:
+    names = {f.name: f for f in figures}
+    assert len(names) == len(figures), "two figures of one name"
+    return names
+
+
+@pytest.mark.emulator
+def test_encoder():
+    rows = by_name(bench_encoder.figures(TINY))
+    assert len(rows) == 7
+    assert all(f.ok for f in rows.values()), [f for f in rows.values() if not f.ok]
+
+
+@pytest.mark.emulator
+def test_counts_tell_when_edges_are_missed():
+    """With the glitch rule on, 40 k edges/s must not come through."""
+    given, counted = bench_encoder.count([40e3], 0.05, (20, 0), {})
+    assert given[0] > 1900
+    assert counted[0] < 0.5 * given[0]
+
+
+@pytest.mark.emulator
+def test_speed_error_tells_a_wrong_ring(monkeypatch):
+    monkeypatch.setattr(bench_encoder, "GEAR_REVOLUTION", 1.002 * GEAR_REVOLUTION)
+    assert bench_encoder.speed_error(1.0, 0.5).ok is False
+
+
+def test_decode():
+    rows = by_name(bench_decode.figures(TINY))
+    assert min(f.value for f in rows.values()) == rows["decode: byte loop"].value
+
+
+@pytest.mark.emulator
+def test_emulation():
+    rows = by_name(bench_emulation.figures(TINY))
+    assert rows["different byte streams by read slice"].ok
+    assert rows["of it: firmware in simavr"].value > 0
+    assert sum(f.name.startswith("times real time") for f in rows.values()) == 4
+
+
+@pytest.mark.emulator
+def test_another_drive_gives_another_stream():
+    first, other = (bench_emulation.rx_hash(0.01, 0.1, f"sim://?seed={n}") for n in (7, 8))
+    assert first != other
+
+
+@pytest.mark.emulator
+def test_clock():
+    rows = by_name(bench_clock.figures(TINY))
+    assert len(rows) == 4
+    assert all(f.value < 2.0 for f in rows.values())
+
+
+@pytest.mark.emulator
+def test_clock_errors_are_seen():
+    """A zero that is 1 ms off shows as 1 ms of error."""
+    zero = bench_clock.tick_zero()
+    right, _ = bench_clock.errors_of("none", zero, 3.0, 0.5)
+    wrong, _ = bench_clock.errors_of("none", zero + 1e-3, 3.0, 0.5)
+    assert bench_clock.p99(right) < 0.1e-3
+    assert bench_clock.p99(wrong) == pytest.approx(1e-3, abs=0.1e-3)
+
+
+@pytest.mark.emulator
+def test_firmware():
+    rows = by_name(bench_firmware.figures(TINY))
+    assert rows["STATE on the wire"].value == 44
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+def test_calibration():
+    rows = by_name(bench_calibration.figures(TINY))
+    assert rows["calibrate steering: time of the car"].value > 5
