@@ -54,6 +54,21 @@ def test_no_car_looks_like_a_stuck_imu(raw_car):
     assert min(runs) >= 2
 
 
+def test_servo_comes_to_rest_where_its_friction_decides(raw_car):
+    """Same pulse, same direction, other angle: a spread of about the stated sigma."""
+    car = raw_car("sim://?nano=mock&seed=3")
+    rests = []
+    for _ in range(30):
+        car.pulses(1200, 1500)
+        car.run(0.4)
+        car.pulses(1600, 1500)
+        car.run(0.4)
+        rests.append(car.world.servo.command * 375)
+    mean = sum(rests) / 30
+    spread = (sum((r - mean)**2 for r in rests) / 29)**0.5
+    assert spread == pytest.approx(hidden_car(3).servo.repeatability, rel=0.5)
+
+
 def test_cars_differ_and_repeat():
     cars = [hidden_car(s) for s in SEEDS]
     assert cars == [hidden_car(s) for s in SEEDS]
