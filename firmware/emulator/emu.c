@@ -100,8 +100,6 @@ static void set_gate(emu_t *e)
 	uint64_t when = e->next_event < e->limit ? e->next_event : e->limit;
 	uint64_t now = e->avr->cycle;
 
-	if (e->uart.stop < when)
-		when = e->uart.stop;
 	if (when == e->gate)
 		return;
 	e->gate = when;
@@ -327,6 +325,7 @@ int emu_run(emu_t *e, uint64_t target)
 		uint64_t stop = e->uart.stop < target ? e->uart.stop : target;
 		bool slept;
 
+		/* a delimiter's stop bit is an EV_TX: no step passes it */
 		if (avr->cycle >= stop) {
 			e->now = stop > e->now ? stop : e->now;
 			if (stop == e->uart.stop) {

@@ -77,13 +77,13 @@ def test_ram_survives_an_external_reset_but_not_a_power_cycle(nano):
 def test_hang_stops_the_main_program_but_not_interrupts(nano):
     nano.set_ring(0, [i / 20 for i in range(20)])
     nano.hang()
-    nano.set_wheel(50)
-    assert nano.ask(b"xyz") == b""
+    nano.set_wheel(1000)  # thousands of interrupts must not carry it on
+    assert nano.ask(b"xyz", 0.5) == b""
     nano.hang(False)
     assert nano.drain(nano.now + 0.01) == b"xyz"
     nano.set_wheel(0)
     assert nano.counts()[0] == nano.edges(0)
-    assert nano.edges(0) > 40
+    assert nano.edges(0) > 9000
 
 
 def test_a_crashed_program_is_silent_until_a_reset(emulator):
@@ -131,7 +131,8 @@ def test_interrupts_are_measured_with_entry_and_return(nano):
     nano.drain(0.501)
     stat = nano.isr(1)
     assert stat.n == nano.edges(0)
-    assert 30 <= stat.min <= stat.max <= 80
+    assert stat.max - stat.min == 4  # some edges found it asleep
+    assert 52 <= stat.min <= 56  # counted by hand: 4 of entry, 46 from jmp to pop, 4 of reti
     assert stat.min * stat.n <= stat.total <= stat.max * stat.n
     assert nano.isr(2).n == 0
 
