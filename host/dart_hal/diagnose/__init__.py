@@ -1,0 +1,1 @@
+"""Room of the diagnosis: residuals, named causes, extended models."""

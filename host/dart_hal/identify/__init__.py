@@ -1,0 +1,1 @@
+"""Room of the fits: sub-models of ``vehicle`` identified from recordings."""
