@@ -11,7 +11,7 @@ namespace dart {
 
 class EventQueue {
  public:
-  static constexpr uint8_t kSize = 5;
+  static constexpr uint8_t kSize = 4;
   static constexpr uint8_t kCopies = 3;
 
   // An event that finds the queue full is lost; the host sees a gap in

@@ -1,0 +1,250 @@
+"""BNO055 machine: start, samples, recovery; whatever the part does it comes back."""
+
+from __future__ import annotations
+
+import ctypes as c
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from imu_model import (
+    AFTER_RESET,
+    BACKOFF,
+    LEG_LIMIT,
+    MODE,
+    MS,
+    OFFSETS,
+    POWER_OFF,
+    PROBE,
+    RESET_WAIT,
+    RUN,
+    SAVE,
+    SETUP,
+    SYS_STATUS,
+    TRIGGER,
+    UNIT,
+    Part,
+)
+
+STEP = MS // 2  # resolution of the model's wakes
+
+
+@pytest.fixture(autouse=True)
+def _no_offsets(core: c.CDLL) -> None:
+    core.eeprom_cells().contents[:] = b"\xff" * 1024
+    core.eeprom_set(-1, 0)
+
+
+def running(core: c.CDLL, **options: int) -> Part:
+    part = Part(core, **options)
+    part.until(RUN, 1000)
+    part.slots(2)
+    return part
+
+
+def test_start_up_takes_what_the_part_takes(core: c.CDLL) -> None:
+    part = Part(core)
+    assert part.until(SETUP, 500) >= 400
+    assert part.until(RUN, 200) <= 150
+    view = part.slots(2)
+    assert view.valid and view.nack == view.timeout == view.reinit == 0  # booting is no fault
+    assert part.log.index(("w", UNIT, 2)) < part.log.index(("w", MODE, 8))
+
+
+def test_the_other_address_is_found(core: c.CDLL) -> None:
+    assert running(core, address=0x29).view().valid
+
+
+def test_samples_are_those_of_the_part(core: c.CDLL) -> None:
+    part = running(core)
+    for _ in range(50):
+        view = part.slots(1)
+        assert view.valid and view.acc == tuple(part.level + 10 * i for i in range(3))
+        assert view.gyro == view.acc
+        assert part.now - view.start == 10 * MS - 7 * MS // 2
+
+
+def test_the_short_plan_reads_what_it_says(core: c.CDLL) -> None:
+    view = running(core, plan=1).slots(1)
+    assert view.acc[2] == view.gyro[0] == view.gyro[1] == 0
+    assert view.acc[1] == view.acc[0] + 10 and view.gyro[2] == view.acc[0] + 20
+
+
+def test_one_refused_read_clears_valid_and_keeps_the_sample(core: c.CDLL) -> None:
+    part = running(core)
+    before = part.view()
+    part.fault = "nack"
+    after = part.slots(1)
+    assert not after.valid and after.has_sample and after.acc == before.acc
+    assert after.start == before.start and after.nack == before.nack + 1
+    part.fault = "ok"
+    assert part.slots(1).valid and part.view().state == RUN
+
+
+def test_the_sample_expires_before_its_age_does(core: c.CDLL) -> None:
+    part = running(core)
+    part.fault, part.deaf_to_power = "hang", True
+    assert part.slots(25).has_sample
+    assert not part.slots(4).has_sample
+
+
+def test_sda_low_is_cleared_within_a_slot(core: c.CDLL) -> None:
+    part = running(core)
+    part.fault = "sda"
+    part.slots(1)
+    assert part.fault == "ok" and part.clears == 1
+    assert part.slots(1).valid and part.view().state == RUN
+
+
+def test_ten_failures_reset_the_part(core: c.CDLL) -> None:
+    part = running(core)
+    part.fault = "nack"
+    part.slots(9)
+    assert part.view().state == RUN
+    part.fault = "ok"
+    part.slots(1)
+    assert part.view().valid  # the tenth was good
+    part.fault = "nack"
+    part.slots(10)
+    part.fault = "ok"
+    assert part.until(RESET_WAIT, 30) >= 0
+    assert ("w", TRIGGER, 0x20) in part.log
+    assert part.until(RUN, 1000) <= 900
+
+
+def test_a_refused_reset_switches_the_supply(core: c.CDLL) -> None:
+    part = running(core)
+    part.fault = "scl"
+    assert part.until(POWER_OFF, 130) >= 100
+    assert not part.powered
+    assert part.until(RUN, 1300) <= 1200
+
+
+def test_a_reset_that_does_not_help_switches_the_supply(core: c.CDLL) -> None:
+    part = running(core)
+    part.reg[SYS_STATUS] = 1
+    real = part.sample
+
+    def broken() -> None:
+        real()
+        if not part.reg[MODE]:
+            part.ready_at = part.now + 10_000 * MS  # never wakes from its reset
+        part.reg[SYS_STATUS] = 1
+
+    part.sample = broken  # type: ignore[method-assign]
+    part.until(AFTER_RESET, 1900)
+    part.until(POWER_OFF, 300)
+    part.sample = real  # type: ignore[method-assign]
+    part.until(RUN, 1300)
+
+
+def test_a_brown_out_is_seen_and_set_up_again(core: c.CDLL) -> None:
+    part = running(core)
+    part.boot(0)  # registers lost, answers at once
+    assert part.until(SETUP, 600) <= 510
+    part.until(RUN, 150)
+    assert part.reg[MODE] == 8 and part.reg[UNIT] == 2
+
+
+def test_absent_is_said_within_6_s_and_never_final(core: c.CDLL) -> None:
+    part = Part(core)
+    part.deaf_to_power, part.fault = True, "nack"
+    assert not part.slots(100).absent
+    assert part.until(BACKOFF, 4000) <= 4000
+    assert part.view().absent and not part.view().valid
+    part.deaf_to_power, part.fault = False, "ok"
+    part.until(RUN, 5000 + 1500)
+    assert not part.slots(2).absent
+
+
+def test_stuck_needs_a_turning_wheel_and_200_ms(core: c.CDLL) -> None:
+    part = running(core)
+    part.frozen = True
+    assert not part.slots(100, moving=False).stuck
+    part.frozen = False
+    part.slots(1)
+    part.frozen = True
+    assert not part.slots(18).stuck  # 19 equal samples with the last moving one
+    view = part.slots(1)
+    assert view.stuck and not view.valid
+    part.frozen = False
+    assert part.slots(2).valid
+
+
+def test_stretching_past_the_deadline_is_a_timeout_not_a_hang(core: c.CDLL) -> None:
+    part = running(core)
+    part.stretch = 3000  # 1.5 ms per byte
+    view = part.slots(3)
+    assert view.timeout >= 2 and part.max_leg <= LEG_LIMIT + STEP
+
+
+def test_offsets_are_learnt_once_and_restored(core: c.CDLL) -> None:
+    part = running(core)
+    part.reg[OFFSETS:OFFSETS + 22] = bytes(range(1, 23))
+    part.quiet = True
+    part.slots(60, moving=False)  # CALIB_STAT has been read by now
+    part.until(RUN, 200)
+    while core.imu_store_step():
+        pass
+    assert ("w", MODE, 0) in part.log[3:]
+    modes = [v for k, r, v in part.log if (k, r) == ("w", MODE)]
+    part.slots(500, moving=False)
+    assert [v for k, r, v in part.log if (k, r) == ("w", MODE)] == modes  # once per boot
+    again = running(core)
+    assert not again.view().factory
+    assert bytes(again.reg[OFFSETS:OFFSETS + 22]) == bytes(range(1, 23))
+
+
+@pytest.mark.parametrize("why", ["moving", "uncalibrated"])
+def test_offsets_are_not_touched(core: c.CDLL, why: str) -> None:
+    part = Part(core)
+    part.calib = 0x2C if why == "uncalibrated" else 0xFF
+    part.until(RUN, 1000)
+    part.quiet = why == "uncalibrated"
+    for _ in range(200):
+        assert part.slots(1).state != SAVE
+
+
+def test_a_part_that_refuses_our_offsets_runs_on_its_own(core: c.CDLL) -> None:
+    test_offsets_are_learnt_once_and_restored(core)
+    part = Part(core)
+    part.offsets_stick = False
+    part.until(RUN, 3000)
+    assert part.view().factory and part.slots(2).valid
+
+
+EVENTS = st.sampled_from(["nack", "hang", "sda", "scl", "reset", "brownout", "garbage", "slow"])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(EVENTS, st.integers(1, 40), st.integers(0, 120)), max_size=6),
+       st.integers(0, 2**32 - 1))
+def test_it_always_comes_back_and_never_blocks(
+        core: c.CDLL, faults: list[tuple[str, int, int]], start: int) -> None:
+    part = Part(core, start=start)
+    for kind, slots, after in faults:
+        if kind in ("nack", "hang", "sda", "scl"):
+            part.fault = kind
+        elif kind == "reset":
+            part.boot(650 * MS)
+        elif kind == "brownout":
+            part.boot(0)
+        elif kind == "garbage":
+            part.reg[0] = 0x55
+        else:
+            part.stretch = 4000
+        part.slots(slots)
+        part.fault, part.stretch = "ok", 360
+        part.reg[0] = 0xA0
+        part.slots(after)
+    part.until(RUN, 5000 + 3500)
+    view = part.slots(3)
+    assert view.valid and view.acc[0] == part.level
+    assert part.max_leg <= LEG_LIMIT + STEP
+
+
+def test_negative_control_a_dead_part_is_never_valid(core: c.CDLL) -> None:
+    part = Part(core)
+    part.fault, part.deaf_to_power = "hang", True
+    assert all(not part.slots(10).valid for _ in range(60))
+    assert part.view().state in (PROBE, POWER_OFF, BACKOFF)

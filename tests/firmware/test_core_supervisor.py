@@ -1,0 +1,262 @@
+"""Supervisor of the Nano: one test per transition and per blocked transition."""
+
+from __future__ import annotations
+
+import ctypes as c
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+BOOT, IDLE, LINKED, LIVE, TRIPPED, LOCKED = range(6)
+DISARMED, ARMED, RAW, STOP = range(4)
+MS = 2000
+LIMIT = 110
+
+
+class View(NamedTuple):
+    state: int
+    enable: int
+    bypass: int  # the ESC gets the PCA9685's pulse
+    own: int
+    beat_ok: int
+    age: int
+    conditions: int
+
+
+class Sut:
+    """A supervisor and its clock [ms]; beats are 20 ms apart unless said."""
+
+    def __init__(self, core: c.CDLL, now: float = 0.0) -> None:
+        self.core, self.now = core, now
+        core.supervisor_new(c.c_uint32(LIMIT * MS))
+
+    @property
+    def ticks(self) -> c.c_uint32:
+        return c.c_uint32(int(self.now * MS) & 0xFFFFFFFF)
+
+    def view(self) -> View:
+        out = (c.c_uint8 * 7)()
+        self.core.supervisor_get(self.ticks, out)
+        return View(*out)
+
+    @property
+    def state(self) -> int:
+        return self.view().state
+
+    def step(self) -> int:
+        while self.core.supervisor_step(self.ticks):
+            pass
+        return self.state
+
+    def wait(self, ms: float) -> int:
+        for _ in range(int(ms)):
+            self.now += 1
+            self.step()
+        return self.state
+
+    def ready(self) -> Sut:
+        self.core.supervisor_ready()
+        self.step()
+        return self
+
+    def beat(self, mode: int = DISARMED, token: bool = True) -> int:
+        self.step()
+        self.core.supervisor_beat(self.ticks, mode, int(token))
+        return self.step()
+
+    def beats(self, ms: float, mode: int = DISARMED, token: bool = True, gap: int = 20) -> int:
+        for _ in range(int(ms / gap)):
+            self.wait(gap)
+            self.beat(mode, token)
+        return self.state
+
+    def linked(self) -> Sut:
+        self.ready().beats(600)
+        assert self.state == LINKED
+        return self
+
+    def live(self) -> Sut:
+        self.linked().beats(20, ARMED)
+        assert self.state == LIVE
+        return self
+
+
+@pytest.fixture
+def sut(core: c.CDLL) -> Sut:
+    return Sut(core)
+
+
+OUTPUTS = {BOOT: (0, 0, 0), IDLE: (0, 0, 1), LINKED: (1, 0, 1), LIVE: (1, 1, 1),
+           TRIPPED: (0, 0, 1), LOCKED: (0, 0, 1)}
+
+
+def outputs(view: View) -> tuple[int, int, int]:
+    return view.enable, view.bypass, view.own
+
+
+# --- each transition ---------------------------------------------------------
+
+def test_boot_to_idle_when_ready(sut: Sut) -> None:
+    assert sut.step() == BOOT and outputs(sut.view()) == OUTPUTS[BOOT]
+    assert sut.ready().state == IDLE and outputs(sut.view()) == OUTPUTS[IDLE]
+
+
+def test_idle_to_linked_after_500_ms_of_beats(sut: Sut) -> None:
+    sut.ready()
+    assert sut.beats(500) == IDLE  # the first of 25 beats starts the run: 480 ms
+    assert sut.beats(20) == LINKED and outputs(sut.view()) == OUTPUTS[LINKED]
+
+
+@pytest.mark.parametrize("mode", [ARMED, RAW])
+def test_linked_to_live_on_armed_or_raw(sut: Sut, mode: int) -> None:
+    assert sut.linked().beats(20, mode) == LIVE and outputs(sut.view()) == OUTPUTS[LIVE]
+
+
+def test_linked_to_idle_without_a_beat(sut: Sut) -> None:
+    assert sut.linked().wait(LIMIT) == LINKED
+    assert sut.wait(1) == IDLE
+
+
+def test_linked_to_idle_on_stop(sut: Sut) -> None:
+    assert sut.linked().beats(20, STOP) == IDLE
+
+
+def test_live_to_linked_on_disarmed(sut: Sut) -> None:
+    assert sut.live().beats(20, DISARMED) == LINKED
+
+
+def test_live_to_tripped_without_a_beat(sut: Sut) -> None:
+    assert sut.live().wait(LIMIT) == LIVE
+    assert sut.wait(1) == TRIPPED and outputs(sut.view()) == OUTPUTS[TRIPPED]
+
+
+def test_live_to_tripped_on_stop(sut: Sut) -> None:
+    assert sut.live().beats(20, STOP) == TRIPPED
+
+
+def test_tripped_to_linked_after_500_ms_disarmed(sut: Sut) -> None:
+    sut.live().wait(200)
+    assert sut.beats(500) == TRIPPED
+    assert sut.beats(40) == LINKED
+
+
+def test_third_trip_within_60_s_locks(sut: Sut) -> None:
+    sut.linked()
+    for trip in range(3):
+        assert sut.beats(20, ARMED) == LIVE, trip
+        sut.wait(200)
+        if trip < 2:
+            assert sut.beats(600) == LINKED
+    assert sut.state == LOCKED and outputs(sut.view()) == OUTPUTS[LOCKED]
+
+
+def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
+    sut.linked()
+    for _ in range(4):
+        assert sut.beats(20, ARMED) == LIVE
+        assert sut.wait(200) == TRIPPED
+        assert sut.beats(600) == LINKED
+        sut.beats(30_000, gap=20)
+
+
+# --- each blocked transition -------------------------------------------------
+
+def test_boot_is_not_left_before_ready(sut: Sut) -> None:
+    assert sut.beats(2000, ARMED) == BOOT
+
+
+@pytest.mark.parametrize("mode,token", [(STOP, True), (DISARMED, False), (ARMED, False)])
+def test_idle_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
+    sut.ready()
+    assert sut.beats(2000, mode, token) == IDLE
+    assert sut.view().beat_ok  # the link is alive all the same
+
+
+def test_idle_is_not_left_with_gaps_above_60_ms(sut: Sut) -> None:
+    assert sut.ready().beats(3000, gap=61) == IDLE
+    assert sut.beats(3000, gap=60) == LINKED  # the limit itself is good
+
+
+def test_linked_does_not_arm_with_a_wrong_token(sut: Sut) -> None:
+    assert sut.linked().beats(500, ARMED, token=False) == LINKED
+
+
+def test_a_wrong_token_takes_the_throttle_away(sut: Sut) -> None:
+    assert sut.live().beats(20, ARMED, token=False) == LINKED
+
+
+def test_tripped_is_not_left_by_armed_beats(sut: Sut) -> None:
+    sut.live().wait(200)
+    assert sut.beats(3000, ARMED) == TRIPPED
+    assert sut.beats(3000, RAW) == TRIPPED
+
+
+@pytest.mark.parametrize("mode,token", [(STOP, True), (DISARMED, False)])
+def test_tripped_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
+    sut.live().wait(200)
+    assert sut.beats(3000, mode, token) == TRIPPED
+
+
+def test_tripped_needs_500_ms_after_the_trip(sut: Sut) -> None:
+    sut.live().beats(20, STOP)
+    assert sut.beats(480) == TRIPPED
+
+
+def test_locked_is_left_by_nothing(sut: Sut) -> None:
+    test_third_trip_within_60_s_locks(sut)
+    for mode in (DISARMED, ARMED, RAW, STOP):
+        assert sut.beats(1000, mode) == LOCKED
+    assert sut.beats(70_000) == LOCKED
+
+
+def test_a_late_beat_does_not_hide_the_gap(sut: Sut) -> None:
+    sut.live()
+    sut.now += 115  # the loop was elsewhere, then a beat comes
+    sut.core.supervisor_beat(sut.ticks, ARMED, 1)
+    assert sut.step() == TRIPPED
+
+
+# --- laws --------------------------------------------------------------------
+
+@settings(max_examples=60)
+@given(st.lists(st.tuples(st.integers(1, 200), st.sampled_from([DISARMED, ARMED, RAW, STOP]),
+                          st.booleans()), max_size=120),
+       st.integers(0, 2_147_483))
+def test_live_only_with_fresh_armed_beats_of_this_boot(
+        core: c.CDLL, beats: list[tuple[int, int, bool]], start: int) -> None:
+    sut = Sut(core, start).ready()
+    for gap, mode, token in beats:
+        sut.wait(gap)
+        if sut.state == LIVE:
+            assert gap <= LIMIT
+        sut.beat(mode, token)
+        if sut.state == LIVE:
+            assert mode in (ARMED, RAW) and token
+        assert outputs(sut.view()) == OUTPUTS[sut.state]
+
+
+@pytest.mark.parametrize("start", [2_147_483.5, 2_147_483 - 700, 4_294_967])
+def test_the_wrap_of_the_clock_changes_nothing(core: c.CDLL, start: float) -> None:
+    sut = Sut(core, start).live()
+    assert sut.beats(3000, ARMED) == LIVE
+    assert sut.wait(LIMIT + 1) == TRIPPED
+
+
+def test_silence_for_longer_than_the_clock_wraps(core: c.CDLL) -> None:
+    sut = Sut(core).linked()
+    for _ in range(2200):
+        sut.now += 1000
+        sut.step()
+        assert sut.view()[4:6] == (0, 255)
+    assert sut.state == IDLE
+
+
+@given(st.integers(0, 400_000))
+def test_beat_age_in_ms_saturates(core: c.CDLL, us: int) -> None:
+    sut = Sut(core).ready()
+    assert sut.view().age == 255  # none yet
+    sut.beat()
+    sut.now = us / 1000
+    assert sut.view().age == min(us // 1000, 255)
