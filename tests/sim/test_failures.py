@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -60,6 +61,13 @@ def test_dead_encoder_keeps_its_count(raw_car):
     dark = {c for t, c in by_time if 4.02 < t < 4.5}
     assert len(dark) == 1
     assert by_time[-1][1] > max(dark)
+
+
+def test_a_silent_line(raw_car):
+    car = raw_car("sim://?nano=mock&fail=line:off@1+0.1").run(2.0)
+    gaps = [b - a for a, b in pairwise(car.stamps)]
+    assert max(gaps) == pytest.approx(0.11, abs=0.011)
+    assert 8 <= car.decoder.counters.gaps <= 12
 
 
 def test_reset_of_the_nano(raw_car):

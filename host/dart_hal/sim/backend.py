@@ -5,7 +5,8 @@ Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
 kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
 ``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
 hardware cut-off that the car is wired with), ``fail`` a list of failures
-separated by commas (``dart_hal.sim.failures``).
+separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
+of the kinematic model, 10 ms.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.sim.eeprom import preset
-from dart_hal.sim.failures import parse, schedule
+from dart_hal.sim.failures import parse, schedule, silences
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimClock, SimLink
@@ -24,7 +25,7 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail")
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail", "tick")
 
 
 def open_sim(url: Url) -> Backend:
@@ -37,12 +38,14 @@ def open_sim(url: Url) -> Backend:
     cutoff = _choice(url, "cutoff", *CUTOFFS) or "none"
     params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
     nano, notices = _nano(url, car, preset(car.board_id, params))
-    world = World(car, nano, url.options.get("model", "dynamic"), cutoff=cutoff)
-    schedule(world, [parse(text) for text in url.options.get("fail", "").split(",") if text])
+    world = World(car, nano, url.options.get("model", "dynamic"), _tick(url), cutoff)
+    failures = [parse(text) for text in url.options.get("fail", "").split(",") if text]
+    schedule(world, failures)
     latency = jitter(url.options.get("jitter", "none"))
-    link = SimLink(world, Line(LineFaults(bit_error=_number(url, "ber", 0.0)), latency,
-                               (car.seed, 200)),
-                   Line(None, latency, (car.seed, 300)))
+    silence = silences(failures)
+    up = LineFaults(bit_error=_number(url, "ber", 0.0), silence=silence)
+    link = SimLink(world, Line(up, latency, (car.seed, 200)),
+                   Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                    car=car.name, car_toml=car_toml(car), notices=notices,
                    workshop=SimWorkshop(world))
@@ -71,6 +74,14 @@ def _emulated(clock_error: float, eeprom: bytes) -> Nano:
     except ImportError as error:
         raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
     return EmulatedNano(clock_error=clock_error, eeprom=eeprom)
+
+
+def _tick(url: Url) -> float:
+    tick = _choice(url, "tick", "1", "10") or "1"
+    if tick == "10" and url.options.get("model") != "kinematic":
+        raise UsageError("tick=10 is too coarse for tyres at walking pace", found=url.text,
+                         expected="model=kinematic with it")
+    return int(tick) * 1e-3
 
 
 def _seed(url: Url) -> int:

@@ -94,6 +94,7 @@ ACTIONS: dict[tuple[str, str], tuple[Action, Action]] = {
     ("pca", "brownout"): (_pca_brown_out, _nothing),
     ("pca", "sda"): (_bus("sda"), _bus("")),
     ("pca", "scl"): (_bus("scl"), _bus("")),
+    ("line", "off"): (_nothing, _nothing),      # the link's part: see silences()
 }
 """What begins and ends each failure. i2c is the Nano's bus, pca the board's."""
 
@@ -119,6 +120,11 @@ def schedule(world: World, failures: list[Failure]) -> None:
         world.at(failure.start, _bound(begin, failure.value))
         if failure.duration != float("inf"):
             world.at(failure.start + failure.duration, _bound(end, failure.value))
+
+
+def silences(failures: list[Failure]) -> list[tuple[float, float]]:
+    """Intervals [s] in which the line carries nothing, either way."""
+    return [(f.start, f.start + f.duration) for f in failures if f.target == "line"]
 
 
 def _bound(act: Action, value: float) -> Callable[[World], None]:
