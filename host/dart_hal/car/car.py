@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -18,10 +18,10 @@ from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import start_recording
-from dart_hal.car.signals import stop_on_sigterm
+from dart_hal.car.signals import stop_on_signals
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
-from dart_hal.errors import DartHalError, EndOfRecording, LinkLost, NotArmed
+from dart_hal.errors import DartHalError, EndOfRecording, LinkLost
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, State
@@ -47,13 +47,13 @@ class Car:
         self.notices = backend.notices
         self.url = backend.url.text
         self._engine = Engine(backend, files)
-        self._recorder = start_recording(self._engine, files, record) if record else None
         self._law = SpeedLaw(vehicle_of(files.model))
         self._timer = LoopTimer()
         self._law_t: float | None = None
         self._state: State | None = None
         self._pump: Pump | None = None
         self._closed = False
+        self._recorder = start_recording(self._engine, files, record) if record else None
 
     # -- life ------------------------------------------------------------------
 
@@ -93,31 +93,32 @@ class Car:
     def _begin(self) -> None:
         engine = self._engine
         atexit.register(self.close)
+        stop_on_signals()
         try:
             engine.driver.open(engine.now)
             engine.identify()
             engine.start()
+            self._pump = InlinePump(engine) if engine.backend.virtual else ThreadPump(engine)
         except BaseException:
             self.close()
             raise
-        self._pump = InlinePump(engine) if engine.backend.virtual else ThreadPump(engine)
-        stop_on_sigterm()
 
     def close(self) -> None:
-        """Neutral, two PWM frames, then let go of bus and port; idempotent."""
+        """Neutral, two PWM frames, then let go of bus and port; idempotent.
+
+        A second Ctrl-C on the way cuts a step short, never the ones after it.
+        """
         if self._closed:
             return
         self._closed = True
-        atexit.unregister(self.close)
-        if self._pump is not None:
-            self._pump.stop()
-        try:
-            with self._engine.lock:
-                self._engine.close()
-        finally:
+        with ExitStack() as steps:  # from the last to the first
+            steps.callback(atexit.unregister, self.close)
+            steps.callback(self._engine.backend.close)
             if self._recorder is not None:
-                self._recorder.close()
-            self._engine.backend.close()
+                steps.callback(self._recorder.close)
+            if self._pump is not None:
+                steps.callback(self._pump.stop)
+            steps.callback(self._engine.close)
 
     def __enter__(self) -> Car:
         return self
@@ -228,15 +229,21 @@ class Car:
             engine.driver.arm(engine.now, tuple(waive))
             if waive and self._recorder is not None:
                 self._recorder.note("waived", {"reasons": ", ".join(waive)})
+        try:
+            self._await_armed()
+        except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
+            self.stop()
+            raise
+
+    def _await_armed(self) -> None:
+        driver = self._engine.driver
         for _ in self.states(duration=ARM_PATIENCE):
-            if engine.driver.mode is Mode.ARMED:
+            if driver.mode is Mode.ARMED:
                 return
-            if engine.driver.mode is not Mode.ARMING:
+            if driver.mode is not Mode.ARMING:
                 break
-        with engine.lock:
-            refused: NotArmed = engine.driver.refused()
-            engine.driver.stop(engine.now)
-        raise refused
+        with self._engine.lock:
+            raise driver.refused()
 
     def _until_good(self) -> Iterator[State]:
         """States until clock and IMU have settled after the opening; 2 s at most."""

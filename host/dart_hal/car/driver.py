@@ -7,11 +7,12 @@ from collections import deque
 from dart_hal.actuation import Actuator, Event, Facts, Supervisor, not_armed, refusals
 from dart_hal.actuation import State as Mode
 from dart_hal.actuation.arming import WAIVABLE
+from dart_hal.car.guarding import GuardPost
 from dart_hal.car.identity import Hello
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
 from dart_hal.config import CarFiles
-from dart_hal.errors import BadCommand, BusError, DartHalError, NotArmed
+from dart_hal.errors import BadCommand, BusError, NotArmed
 from dart_hal.links.base import Backend
 from dart_hal.types import Applied, State
 from dart_hal.vehicle.load import vehicle_of
@@ -29,6 +30,10 @@ LOSS_WINDOW = 500
 CLOCK_GOOD = 2e-3
 """s, one sigma of the host time of a sample that counts as synchronised."""
 OUTPUTS = {0: "none", 1: "oe", 2: "mux"}
+REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
+              "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
+              "GUARD_TRIPPED": "GUARD_SILENT"}
+"""A trip during ARMING, as the reason why it did not arm."""
 
 
 class Driver:
@@ -42,6 +47,7 @@ class Driver:
         throttle = files.config.throttle
         self.supervisor = Supervisor(throttle.arm_neutral,
                                      getattr(files.config.steering, "follow_disarmed", False))
+        self._guard: GuardPost | None = None
         self._moves = SpeedLaw(vehicle_of(files.model)).feed_forward(MOVES_FOR_SURE)
         self.waived: tuple[str, ...] = ()
         self._state: State | None = None
@@ -64,7 +70,7 @@ class Driver:
     # -- life ------------------------------------------------------------------
 
     def open(self, now: float) -> None:
-        """Bring the pins to neutral. Raises BusError."""
+        """Bring the pins to neutral; on a real bus call a guard. Raises BusError."""
         self.supervisor.event(Event.OPEN, now)
         try:
             self.actuator.open()
@@ -73,16 +79,28 @@ class Driver:
             raise
         self.supervisor.event(Event.OPENED, now)
         self.actuator.set_output(self.supervisor.output)
+        bus = self._backend.url.options.get("i2c")
+        if bus is not None and not self._backend.virtual and self._backend.bus is not None:
+            self._guard = GuardPost(bus, self.actuator)
+
+    def ready(self) -> None:
+        """The Nano has answered: the guard must watch before anything can be armed."""
+        if self._guard is not None:
+            self._guard.ready()
 
     def close(self, now: float) -> None:
         """Neutral for two frames; what cannot be written is left to the layers below."""
         self.supervisor.event(Event.CLOSE, now)
+        neutral = True
         try:
             self.actuator.close()
         except BusError:
+            neutral = False
             self.actuator.stop()
+        if self._guard is not None:
+            self._guard.close(at_neutral=neutral)
 
-    def lost(self, error: DartHalError, now: float) -> None:
+    def lost(self, now: float) -> None:
         """The link is gone: neutral at once."""
         self.supervisor.step(now, causes=("LINK_STALE",), bus_ok=self.actuator.fault is None)
         self.actuator.set_output(self.supervisor.output)
@@ -113,6 +131,8 @@ class Driver:
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
         fault = self.actuator.fault is not None
+        asked = self.actuator.asked(now)
+        virtual = self._backend.virtual or self._backend.bus is None
         return Facts(
             hello=hello is not None, schema_ok=self._receiver.schema_ok,
             protocol_ok=hello is None or hello.proto_supported,
@@ -128,6 +148,8 @@ class Driver:
             neutral_for=self.supervisor.neutral_for(now),
             arm_neutral=files.config.throttle.arm_neutral,
             clock_calibrated=self.actuator.clock_calibrated,
+            throttle=asked.throttle if asked else 0.0,
+            guard_age=0.0 if virtual else self._guard.age if self._guard else None,
             raw_open=self.mode is Mode.RAW, latched=self.mode is Mode.LOCKED,
             calibration="ok" if mine else "missing",
             cutoff_required=files.config.safety.cutoff_required,
@@ -155,11 +177,16 @@ class Driver:
         causes = list(self.actuator.trips())
         if now - self.seen_at > STALE and self.mode is not Mode.OPENING:
             causes.append("LINK_STALE")
+        if self._guard is not None and self._guard.tripped:
+            causes.append("GUARD_TRIPPED")
         refused = refusals(self.facts(now), self.waived) if self.mode is Mode.ARMING else ()
         self._step(now, causes, refused)
         applied = self.actuator.frame(now)
         if late := self.actuator.trips():
             self._step(now, list(late), ())
+        if self._guard is not None:
+            self._guard.beat(at_neutral=self.supervisor.output.throttle == "neutral"
+                             and self.actuator.fault is None)
         return applied
 
     def _step(self, now: float, causes: list[str], refused: tuple[str, ...]) -> None:
@@ -186,7 +213,8 @@ class Driver:
 
     def refused(self) -> NotArmed:
         """Why arming ended in DISARMED."""
-        return not_armed(self.supervisor.reasons or ("LINK_NOT_GOOD_500MS",))
+        names = [REFUSAL_OF.get(name, name) for name in self.supervisor.reasons]
+        return not_armed(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
 
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open is there."""

@@ -9,6 +9,7 @@ answers that STATE, or when nobody did within ``GRACE``.
 from __future__ import annotations
 
 import contextlib
+import secrets
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -32,6 +33,8 @@ GRACE = 0.004
 """s that the user's loop has to answer a STATE before the pulses are written."""
 REFRESH = 0.020
 """s, one PWM frame: pulses and heartbeat go on even when no STATE comes."""
+ROUNDING = 1e-6
+"""s: a read that ends where it began would not let virtual time pass."""
 
 
 class Engine:
@@ -42,7 +45,8 @@ class Engine:
         self.lock = threading.RLock()
         self.hooks = Hooks()
         byte_time = BITS_PER_BYTE / getattr(backend.link, "baud", BAUD)
-        host_id = crc16(backend.url.text.encode(), SEED_FOREVER)
+        host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual
+                   else secrets.randbits(16))
         self.telemetry = Telemetry(files, byte_time)
         self.transmitter = Transmitter(backend.link, self.hooks, host_id, byte_time)
         self.receiver = Receiver(self.telemetry, self.transmitter)
@@ -55,7 +59,7 @@ class Engine:
         self._frames = 0
         self._due = False
         self._due_since = 0.0
-        self._last_write = float("-inf")
+        self._refresh_at = float("-inf")
         self._noted: Applied | None = None
         self.recorder: Any = None
         self.listeners: list[Callable[[State], None]] = []
@@ -71,15 +75,29 @@ class Engine:
 
     def identify(self) -> Hello:
         """Wait for HELLO. Raises NoHello, LinkLost."""
-        def poll(timeout: float) -> Hello | None:
-            self.step(timeout)
-            return self.receiver.hello
+        return await_hello(self.backend, self)
 
-        def ask() -> None:
-            self.transmitter.send(HELLO_REQ, {"proto": PROTO, "schema": SCHEMA, "flags": 1},
-                                  self.now)
+    def poll(self, timeout: float) -> Hello | None:
+        """One step; HELLO if it is there. (``identify.Caller``)"""
+        self.step(timeout)
+        return self.receiver.hello
 
-        return await_hello(self.backend, poll, ask)
+    def ask(self) -> None:
+        """Send a HELLO_REQ that wants DIAG as well."""
+        self.transmitter.send(HELLO_REQ, {"proto": PROTO, "schema": SCHEMA, "flags": 1}, self.now)
+
+    def at_rate(self, baud: int) -> None:
+        """Go on at another line rate: what came before was noise."""
+        with self.lock:
+            self.backend.link.set_baud(baud)  # type: ignore[attr-defined]
+            self.transmitter.byte_time = BITS_PER_BYTE / baud
+            self.telemetry.set_byte_time(BITS_PER_BYTE / baud)
+            self.receiver.restart_decoder()
+
+    @property
+    def came(self) -> int:
+        """Bytes received at this rate."""
+        return self.receiver.fed
 
     def step(self, timeout: float) -> list[State]:
         """Write what is due, then read at most one chunk. Raises LinkLost."""
@@ -109,15 +127,18 @@ class Engine:
 
     def start(self) -> None:
         """HELLO is there: note it, and say hello to the Nano's supervisor."""
+        self.driver.ready()
         if self.recorder is not None and self.receiver.hello_values is not None:
             self.recorder.hello(self.receiver.hello_values)
+            self.recorder.note("line", {"baud": str(getattr(self.backend.link, "baud", BAUD))})
 
     def close(self) -> None:
         """Neutral on the pins, a last heartbeat that says stop."""
-        self.driver.close(self.now)
-        if self.receiver.hello is not None:
-            with contextlib.suppress(DartHalError):
-                self.driver.heartbeat(self.now)
+        with self.lock:
+            self.driver.close(self.now)
+            if self.receiver.hello is not None:
+                with contextlib.suppress(DartHalError):
+                    self.driver.heartbeat(self.now)
 
     @property
     def link_age(self) -> float:
@@ -125,20 +146,22 @@ class Engine:
         return self.now - self.driver.seen_at
 
     def _patience(self, timeout: float) -> float:
-        if not self._due or self.backend.virtual:
-            return timeout
-        return min(timeout, max(0.0, self._due_since + GRACE - self.now))
+        """How long a read may last: until pulses are due again, answered or not."""
+        due = self._refresh_at
+        if self._due and not self.backend.virtual:
+            due = min(due, self._due_since + GRACE)
+        return min(timeout, max(due - self.now, 0.0) + ROUNDING)
 
     def _write_if_due(self) -> None:
         now = self.now
         answered = self.backend.virtual or now >= self._due_since + GRACE
-        if (self._due and answered) or now - self._last_write > 1.5 * REFRESH:
+        if (self._due and answered) or now >= self._refresh_at:
             self._write(now)
 
     def _write(self, now: float) -> None:
         """One PWM frame: pulses, heartbeat, ping when its time has come."""
         self._due = False
-        self._last_write = now
+        self._refresh_at = now + 1.5 * REFRESH
         applied = self.driver.frame(now)
         if self.receiver.hello is not None:
             self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay

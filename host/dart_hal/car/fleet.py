@@ -40,10 +40,13 @@ class Fleet:
         yield from zip(*streams, strict=False)
 
     def stop(self) -> None:
-        for car in self.cars:
-            car.stop()
+        """Stop every car, also when one of them raises."""
+        with ExitStack() as stack:
+            for car in self.cars:
+                stack.callback(car.stop)
 
     def close(self) -> None:
+        """Close every car, also when one of them raises."""
         with ExitStack() as stack:
             for car in self.cars:
                 stack.callback(car.close)

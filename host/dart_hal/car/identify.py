@@ -7,11 +7,11 @@ restarts ATmegaBOOT's time-out, and HELLO comes unasked. Then HELLO_REQ each
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 from dart_hal.car.identity import Hello
 from dart_hal.errors import NoHello
-from dart_hal.links.base import Backend
+from dart_hal.links.base import Backend, Url
 from dart_hal.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
@@ -26,43 +26,86 @@ ASK_UNRESET = 0.3
 """s per rate when the port was open already."""
 
 
-def ask_hello(seq: int) -> bytes:
-    """A HELLO_REQ with this host's versions; asks for DIAG as well."""
-    return encode(HELLO_REQ, seq, {"proto": PROTO, "schema": SCHEMA, "flags": 1})
+class Caller(Protocol):
+    """Who asks; the engine of a Car, or a port alone. ``came``: bytes at this rate."""
+
+    @property
+    def came(self) -> int: ...
+
+    def poll(self, timeout: float) -> Hello | None:
+        """Read for up to ``timeout`` s; HELLO once it is there. Raises LinkLost."""
+
+    def ask(self) -> None: ...
+    def at_rate(self, baud: int) -> None: ...
 
 
-def await_hello(backend: Backend, poll: Callable[[float], Hello | None],
-                ask: Callable[[], None]) -> Hello:
-    """Drive ``poll(timeout)`` until HELLO is there; tries every rate of the link.
+def await_hello(backend: Backend, caller: Caller) -> Hello:
+    """Poll until HELLO is there; tries every rate of the link, the open one first.
 
-    Raises NoHello, naming the rates that were tried.
+    Raises NoHello, naming the rates that were tried and what came at each.
     """
-    rates: tuple[int, ...] = getattr(backend.link, "rates", ())
-    for number, rate in enumerate(rates or (0,)):
+    link = backend.link
+    first = getattr(link, "baud", 0)
+    others = [rate for rate in getattr(link, "rates", ()) if rate != first]
+    came = []
+    for number, rate in enumerate((first, *others)):
         if number:
-            backend.link.set_baud(rate)  # type: ignore[attr-defined]
+            caller.at_rate(rate)
         listen = LISTEN if number == 0 and backend.resets else 0.0
-        hello = _at_one_rate(backend, poll, ask, listen, ASK if listen else ASK_UNRESET)
+        hello = _at_one_rate(backend, caller, listen, ASK if listen else ASK_UNRESET)
         if hello is not None:
             return hello
+        came.append((f"at {rate} baud " if rate else "") + _bytes(caller.came))
     raise NoHello(f"no DART firmware answers on {backend.url.text}",
-                  found="no valid HELLO at " + (", ".join(f"{r} baud" for r in rates)
-                                                or "this backend"))
+                  found="no valid HELLO: " + ", ".join(came),
+                  expected="a HELLO within 2.5 s of opening, or 0.3 s of asking")
 
 
-def _at_one_rate(backend: Backend, poll: Callable[[float], Hello | None],
-                 ask: Callable[[], None], listen: float, asking: float) -> Hello | None:
+def _bytes(n: int) -> str:
+    return f"{n} bytes that are no frame of ours" if n else "not one byte"
+
+
+def _at_one_rate(backend: Backend, caller: Caller, listen: float, asking: float) -> Hello | None:
     clock = backend.clock
     start = clock.now()
     next_ask = start + listen
     while (now := clock.now()) < start + listen + asking:
         if now >= next_ask:
-            ask()
+            caller.ask()
             next_ask = now + ASK_EVERY
-        hello = poll(min(next_ask, start + listen + asking) - now + 1e-6)
+        hello = caller.poll(min(next_ask, start + listen + asking) - now + 1e-6)
         if hello is not None:
             return hello
     return None
+
+
+class _Port:
+    """A serial port with nothing else opened."""
+
+    def __init__(self, link: SerialLink) -> None:
+        self._link = link
+        self._decoder = Decoder(UP)
+        self._seq = 0
+        self.came = 0
+
+    def poll(self, timeout: float) -> Hello | None:
+        chunk = self._link.read(timeout)
+        if chunk is None:
+            return None
+        self.came += len(chunk.data)
+        for frame in self._decoder.feed(chunk.data):
+            if frame.message is HELLO:
+                return Hello.from_frame(frame.as_dict())
+        return None
+
+    def ask(self) -> None:
+        wanted = {"proto": PROTO, "schema": SCHEMA, "flags": 1}
+        self._link.write(encode(HELLO_REQ, self._seq, wanted))
+        self._seq = (self._seq + 1) & 0xFF
+
+    def at_rate(self, baud: int) -> None:
+        self._link.set_baud(baud)
+        self._decoder, self.came = Decoder(UP), 0
 
 
 def identify_port(device: str) -> Hello:
@@ -70,26 +113,9 @@ def identify_port(device: str) -> Hello:
 
     Raises PortMissing, PortBusy, PortDenied, LinkLost, NoHello.
     """
-    from dart_hal.links.base import Url
-
     link = SerialLink(device)
-    decoder = Decoder(UP)
-    seq = 0
-
-    def poll(timeout: float) -> Hello | None:
-        chunk = link.read(timeout)
-        for frame in decoder.feed(chunk.data) if chunk else ():
-            if frame.message is HELLO:
-                return Hello.from_frame(frame.as_dict())
-        return None
-
-    def ask() -> None:
-        nonlocal seq
-        link.write(ask_hello(seq))
-        seq += 1
-
     try:
         backend = Backend(Url.parse(f"serial://{device}"), link, RealClock(), None, False)
-        return await_hello(backend, poll, ask)
+        return await_hello(backend, _Port(link))
     finally:
         link.close()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import Protocol
 
-from dart_hal.car.engine import Engine
-from dart_hal.errors import DartHalError, LinkLost
+from dart_hal.car.engine import REFRESH, Engine
+from dart_hal.errors import LinkLost
 from dart_hal.types import State
 
 SLICE = 0.02
@@ -51,34 +52,48 @@ class InlinePump:
 
 
 class ThreadPump:
-    """Real link: a thread steps; a slow loop gets the newest State."""
+    """Real link: a thread steps; a slow loop gets the newest State.
+
+    Whatever ends the stepping, a lost link or a listener that raises, the
+    thread first brings the pins to neutral and goes on refreshing them; the
+    error is raised by ``next``.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._news = threading.Condition()
         self._latest: State | None = None
         self._count = self._delivered = 0
-        self._error: DartHalError | None = None
-        self._running = True
+        self._error: Exception | None = None
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="dart-hal link", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        while self._running:
-            try:
-                states = self._engine.step(SLICE)
-            except DartHalError as error:
-                with self._engine.lock:
-                    self._engine.driver.lost(error, self._engine.now)
-                with self._news:
-                    self._error = error
-                    self._news.notify_all()
-                return
-            if states:
-                with self._news:
-                    self._latest = states[-1]
-                    self._count += len(states)
-                    self._news.notify_all()
+        try:
+            while not self._ended.is_set():
+                self._publish(self._engine.step(SLICE))
+        except Exception as error:  # noqa: BLE001 - raised by next(), at neutral
+            self._hold(error)
+
+    def _publish(self, states: list[State]) -> None:
+        if states:
+            with self._news:
+                self._latest = states[-1]
+                self._count += len(states)
+                self._news.notify_all()
+
+    def _hold(self, error: Exception) -> None:
+        """Neutral, then tell, then neutral again each PWM frame until ``stop``."""
+        engine = self._engine
+        with contextlib.suppress(Exception), engine.lock:
+            engine.driver.lost(engine.now)
+        with self._news:
+            self._error = error
+            self._news.notify_all()
+        while not self._ended.wait(REFRESH):
+            with contextlib.suppress(Exception), engine.lock:
+                engine.driver.frame(engine.now)
 
     def next(self, timeout: float) -> tuple[State, int]:
         with self._news:
@@ -93,6 +108,6 @@ class ThreadPump:
             return self._latest, skipped
 
     def stop(self) -> None:
-        self._running = False
+        self._ended.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=1.0)

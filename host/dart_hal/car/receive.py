@@ -25,14 +25,14 @@ class Receiver:
 
     ``hello``, ``diag``: the newest; ``inbox``: the other messages in order of
     arrival; ``boots``: how often a HELLO of another boot was seen; ``sent_at``:
-    when the recorded pings of a replay had left.
+    when the recorded pings of a replay had left; ``fed``: bytes so far.
     """
 
     def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
         self._telemetry = telemetry
         self._transmitter = transmitter
         self._decoder = Decoder(UP, Gates())
-        self._fed = 0
+        self.fed = 0
         self._seq = -1
         self.hello: Hello | None = None
         self.hello_values: dict[str, Any] | None = None
@@ -51,9 +51,14 @@ class Receiver:
     def schema_ok(self) -> bool:
         return self.hello is not None and self.hello.same_schema
 
+    def restart_decoder(self) -> None:
+        """What came so far was noise of another line rate."""
+        self._decoder = Decoder(UP, Gates())
+        self.fed = 0
+
     def feed(self, data: bytes, t: float, applied: Applied) -> list[State]:
         """States that end in ``data``, whose last byte arrived at host time ``t``."""
-        self._fed += len(data)
+        self.fed += len(data)
         states = []
         for frame in self._decoder.feed(data):
             if frame.message is STATE:
@@ -65,7 +70,7 @@ class Receiver:
     def _state(self, frame: Frame, t: float, applied: Applied) -> State:
         self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
         millivolt = self.diag.get("vcc_mv", 0)
-        return self._telemetry.read(frame, self._seq, t, self._fed - frame.end, applied,
+        return self._telemetry.read(frame, self._seq, t, self.fed - frame.end, applied,
                                     self.counters.gaps, millivolt * 1e-3 if millivolt else None)
 
     def _other(self, frame: Frame, t: float) -> None:
@@ -77,7 +82,7 @@ class Receiver:
         elif frame.message is DIAG:
             self.diag = frame.as_dict()
         elif frame.message is TIME_PONG:
-            behind = (self._fed - frame.end) * self._telemetry.clock.byte_time
+            behind = (self.fed - frame.end) * self._telemetry.clock.byte_time
             pong = frame.as_dict()
             sent = self.sent_at(pong["ping_id"]) if self.sent_at else None
             self._transmitter.pong(pong, self._telemetry.clock, t - behind, sent)

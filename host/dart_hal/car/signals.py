@@ -1,4 +1,4 @@
-"""SIGTERM ends a program like Ctrl-C does: through its ``with`` blocks, to neutral."""
+"""SIGTERM and SIGHUP end a program like Ctrl-C does: through its ``with`` blocks, to neutral."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import threading
 from types import FrameType
 
 
-def stop_on_sigterm() -> None:
-    """Turn SIGTERM into SystemExit, unless the program has a handler of its own."""
+def stop_on_signals() -> None:
+    """Turn SIGTERM and SIGHUP (a closed terminal) into SystemExit.
+
+    A handler that the program has installed by itself is left alone.
+    """
     if threading.current_thread() is not threading.main_thread():
         return
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _leave)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _leave)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

@@ -49,6 +49,11 @@ class Telemetry:
         self.last_dev = 0.0
         self.restarts = 0
 
+    def set_byte_time(self, byte_time: float) -> None:
+        """The line runs at another rate: [s] per byte."""
+        self._wire_time = STATE.wire_size * byte_time
+        self.clock.byte_time = byte_time
+
     def restart(self) -> None:
         """The Nano booted again: re-base at the next frame."""
         self._frames.restart()

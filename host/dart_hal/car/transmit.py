@@ -26,7 +26,7 @@ class Transmitter:
         self._link = link
         self._hooks = hooks
         self._host_id = host_id
-        self._byte_time = byte_time
+        self.byte_time = byte_time
         self._seq = 0
         self._ping_id = 0
         self._pings: dict[int, float] = {}
@@ -73,7 +73,7 @@ class Transmitter:
         sent = own if sent is None else sent
         if sent is None:
             return
-        wire = (TIME_PING.wire_size + TIME_PONG.wire_size) * self._byte_time
+        wire = (TIME_PING.wire_size + TIME_PONG.wire_size) * self.byte_time
         elapsed = (values["tx_ck"] - values["rx_ck"]) % (1 << 32) * 0.5e-6
         clock.add_ping(sent, 0.0, elapsed, t_arrival, wire)
 

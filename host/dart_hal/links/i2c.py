@@ -48,14 +48,20 @@ class SocketBus:
 
     def __init__(self, path: str) -> None:
         self.where = f"unix:{path}"
+        self._path = path
         self._locked = False
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.settimeout(TIMEOUT)
+        self._socket: socket.socket | None = self._connect()
+
+    def _connect(self) -> socket.socket:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(TIMEOUT)
         try:
-            self._socket.connect(path)
+            connection.connect(self._path)
         except OSError as error:
-            raise BusError(f"no simulated I2C bus at {path}", found=str(error),
-                           remedy=f"dart-hal sim --pty --bus {path}") from error
+            connection.close()
+            raise BusError(f"no simulated I2C bus at {self._path}", found=str(error),
+                           remedy=f"dart-hal sim --pty --bus {self._path}") from error
+        return connection
 
     def try_lock(self) -> bool:
         if self._locked:
@@ -91,14 +97,23 @@ class SocketBus:
         in_buffer[place.start:place.stop] = data
 
     def close(self) -> None:
-        self._socket.close()
+        """Let go of the socket; a later transfer connects again."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
 
     def _transfer(self, address: int, data: bytes, n: int) -> bytes:
+        if self._socket is None:
+            self._socket = self._connect()
         try:
             self._socket.sendall(REQUEST.pack(address, len(data), n) + data)
             code = receive(self._socket, 1)[0]
-            if code == 0:
-                return receive(self._socket, n)
-        except OSError as error:
-            raise explain(error, address, self.where) from error
-        raise explain(OSError(code, os.strerror(code)), address, self.where)
+            answer = receive(self._socket, n) if code == 0 else b""
+        except BaseException as error:
+            self.close()  # a late answer must not be taken for that of the next transfer
+            if isinstance(error, OSError):
+                raise explain(error, address, self.where) from error
+            raise
+        if code:
+            raise explain(OSError(code, os.strerror(code)), address, self.where)
+        return answer

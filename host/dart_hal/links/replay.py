@@ -86,6 +86,12 @@ class ReplayLink:
         while self._items and isinstance(self._items[0], AppliedAt):
             self.applied_next = self._items.popleft().applied  # type: ignore[union-attr]
 
+    @property
+    def baud(self) -> int:
+        """Line rate of the run; it decides how long a frame was on the wire."""
+        noted = self.recording.metadata.get("line", {}).get("baud", "")
+        return int(noted) if noted.isdecimal() and int(noted) else 500_000
+
     def ping_sent(self, ping_id: int) -> float | None:
         """Host time [s] at which the newest recorded ping of that id had left."""
         sent = self._pings.get(ping_id)

@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
+import select
+import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,14 +23,20 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing
+from dart_hal.actuation.bus import SmbusBus
+from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.links.base import Backend, Chunk, Url
-from dart_hal.links.i2c import open_bus
+from dart_hal.links.i2c import SocketBus, open_bus
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""
 
 READ_SLICE = 4096
+WRITE_PATIENCE = 0.02
+"""s, one PWM frame: a port that stalls must not hold up the pulses."""
+GONE = (serial.SerialException, OSError, TypeError, ValueError, termios.error)
+"""What a vanished port raises. TypeError and ValueError: its descriptor is None
+or -1 after close(); the termios functions have an error of their own."""
 
 
 class RealClock:
@@ -43,67 +52,90 @@ class RealClock:
 class SerialLink:
     """Blocking byte link over pyserial; one reader and one writer may use it.
 
-    Raises PortMissing, PortBusy, PortDenied on opening; LinkLost afterwards.
+    Raises PortMissing, PortBusy, PortDenied, UsageError on opening; LinkLost
+    afterwards. What the port does not take within ``WRITE_PATIENCE`` is lost,
+    as on a bad line: the Nano's own time-out is the judge of that.
     """
 
     rates = RATES
+    dropped = 0
+    """Frames that the port did not take in time."""
 
     def __init__(self, device: str, baud: int = RATES[0]) -> None:
         self.device = device
         self._port = serial.Serial()
         self._port.port = device
-        self._port.baudrate = baud
         self._port.timeout = 0
-        self._port.write_timeout = 0.5
+        self._port.write_timeout = WRITE_PATIENCE
         self._port.exclusive = True
         with contextlib.suppress(OSError, serial.SerialException):
             self._port.dtr = False
         try:
+            self._port.baudrate = baud
             self._port.open()
         except serial.SerialException as error:
             raise _open_error(device, error) from error
+        except (ValueError, OverflowError) as error:
+            raise UsageError(f"{device} cannot run at {baud} baud", found=str(error),
+                             expected=" or ".join(map(str, RATES))) from error
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
-        _clear_hupcl(self._port.fd)
+        _settle(self._port.fd, simulated=device.startswith("/dev/pts/"))
 
     @property
     def baud(self) -> int:
         return int(self._port.baudrate)
 
     def set_baud(self, baud: int) -> None:
-        """Change the line rate without closing (no reset of the Nano)."""
-        self._port.baudrate = baud
-        self._port.reset_input_buffer()
+        """Change the line rate without closing (no reset of the Nano). Raises LinkLost."""
+        try:
+            self._port.baudrate = baud
+            self._port.reset_input_buffer()
+        except GONE as error:
+            raise LinkLost(f"{self.device} vanished", found=str(error)) from error
 
     def read(self, timeout: float) -> Chunk | None:
+        # Not Serial.read: setting its time-out reconfigures the port each time.
         try:
-            self._port.timeout = timeout
-            data = self._port.read(1)
-            if data and (more := self._port.in_waiting):
-                data += self._port.read(min(more, READ_SLICE))
-        except (serial.SerialException, OSError, TypeError) as error:
-            # TypeError: pyserial reads from a descriptor that close() set to None.
+            ready, _, _ = select.select([self._port.fd], [], [], timeout)
+            if not ready:
+                return None
+            data = os.read(self._port.fd, READ_SLICE)
+        except BlockingIOError:
+            return None
+        except GONE as error:
             raise LinkLost(f"{self.device} vanished", found=str(error)) from error
-        return Chunk(data, time.monotonic()) if data else None
+        if not data:
+            raise LinkLost(f"{self.device} vanished", found="end of file")
+        return Chunk(data, time.monotonic())
 
     def write(self, data: bytes) -> None:
         try:
             self._port.write(data)
-        except (serial.SerialException, OSError, TypeError) as error:
+        except serial.SerialTimeoutException:
+            self.dropped += 1
+        except GONE as error:
             raise LinkLost(f"{self.device} does not take bytes", found=str(error)) from error
 
     def close(self) -> None:
-        self._port.close()
+        with contextlib.suppress(OSError):
+            self._port.close()
 
 
-def _clear_hupcl(fd: int) -> None:
-    """Keep DTR when the port closes, so that the next open need not reset again."""
-    import termios
+def _settle(fd: int, *, simulated: bool) -> None:
+    """Keep DTR when the port closes, so that the next open need not reset again.
 
+    And keep others out: after TIOCEXCL their open fails before it raises DTR,
+    which would reset the Nano under a driving car. A pty has no DTR, and would
+    stay exclusive after its holder was killed.
+    """
     with contextlib.suppress(termios.error):
         attributes = termios.tcgetattr(fd)
         attributes[2] &= ~termios.HUPCL
         termios.tcsetattr(fd, termios.TCSANOW, attributes)
+    if not simulated:
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
 def holders(device: str) -> Iterator[tuple[int, str]]:
@@ -118,13 +150,14 @@ def holders(device: str) -> Iterator[tuple[int, str]]:
 def _open_error(device: str, error: serial.SerialException) -> Exception:
     """Turn pyserial's exception into the catalogue's, with the facts."""
     code = error.errno
-    if code == errno.EACCES:
+    if code in (errno.EACCES, errno.EPERM):
         return PortDenied(f"no permission to open {device}", found=str(error))
     if code in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "lock" in str(error):
         others = [f"pid {pid} ({name})" for pid, name in holders(device) if pid != os.getpid()]
         return PortBusy(f"{device} is in use", found=", ".join(others) or str(error))
     here = ", ".join(p.device for p in list_ports.comports()) or "no serial ports at all"
-    return PortMissing(f"cannot open {device}", found=f"{error}; present: {here}")
+    reason = os.strerror(code) if code else str(error)
+    return PortMissing(f"cannot open {device}", found=f"{reason}; present: {here}")
 
 
 def find_port(pattern: str) -> str:
@@ -143,14 +176,19 @@ def open_serial(url: Url) -> Backend:
     device = url.target if url.scheme == "serial" else find_port(url.target)
     if not device:
         raise PortMissing(f"{url.text} names no port", expected="serial:///dev/ttyUSB0?i2c=1")
-    link = SerialLink(device, int(url.options.get("baud", RATES[0])))
-    bus = None
+    rate = url.options.get("baud", str(RATES[0]))
+    if not rate.isascii() or not rate.isdigit() or int(rate) == 0:
+        raise UsageError(f"baud={rate!r} is not a line rate", found=url.text,
+                         expected=" or ".join(map(str, RATES)))
+    link = SerialLink(device, int(rate))
     try:
-        if "i2c" in url.options:
-            bus = open_bus(url.options["i2c"])
-    except OSError:
+        bus = open_bus(url.options["i2c"]) if "i2c" in url.options else None
+    except BaseException:
         link.close()
         raise
+    joined = "&" if url.options else "?"
     notices = () if bus else (
-        f"no I2C bus in the URL: commands are not sent (try {url.text}?i2c=1)",)
-    return Backend(url=url, link=link, clock=RealClock(), bus=bus, virtual=False, notices=notices)
+        f"no I2C bus in the URL: commands are not sent (try {url.text}{joined}i2c=1)",)
+    closers = (bus.close,) if isinstance(bus, SocketBus | SmbusBus) else ()
+    return Backend(url=url, link=link, clock=RealClock(), bus=bus, virtual=False, notices=notices,
+                   closers=closers)
