@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
+import subprocess
 
 import pytest
 
 from dart_hal.errors import EmulatorMissing
 from dart_hal.links import bridge, image
 from dart_hal.links.image import (
+    FIRMWARE_DIR,
     FLASH_SIZE,
     ImageError,
     find_image,
@@ -146,3 +149,23 @@ def test_bootloader_and_program_must_not_overlap(tmp_path):
     boot.write_text(record(0x100, b"boot") + END)
     with pytest.raises(ImageError, match="below the boot section"):
         with_bootloader(b"app", boot)
+
+
+def test_an_untested_simavr_is_refused_unless_asked_for(tmp_path):
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    (tmp_path / "sim_core_config.h").write_text('#define CONFIG_SIMAVR_VERSION "9.9"\n')
+
+    def check(*options):
+        return subprocess.run(["make", "-C", str(FIRMWARE_DIR / "emulator"), "check", *options],
+                              capture_output=True, text=True)
+
+    refused = check(f"INCLUDE={tmp_path}")
+    assert refused.returncode != 0
+    assert "simavr 9.9 is not tested" in refused.stderr
+    forced = check(f"INCLUDE={tmp_path}", "UNTESTED_SIMAVR=1")
+    assert forced.returncode == 0
+    assert "warning: simavr 9.9" in forced.stderr
+    absent = check(f"INCLUDE={tmp_path}/none")
+    assert absent.returncode != 0
+    assert "libsimavr-dev" in absent.stderr
