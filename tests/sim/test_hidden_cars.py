@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import statistics
 import math
+import statistics
 from dataclasses import replace
 
 import pytest
