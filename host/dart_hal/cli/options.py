@@ -22,10 +22,14 @@ def car_options(command: F) -> F:
     """``--url``, ``--car`` and ``--cars``: which car and where its files are."""
     command = click.option("--car", "car_name", default="dart-01", show_default=True,
                            help="name of the car whose files are used")(command)
-    command = click.option("--cars", type=click.Path(path_type=Path, file_okay=False),
-                           default=None, help="folder with the cars' files "
-                           "(default: $DART_CARS, ./cars, ~/.local/share/dart-hal/cars)")(command)
-    return url_option(command)
+    return url_option(cars_option(command))
+
+
+def cars_option(command: F) -> F:
+    """``--cars``: where the cars' files are."""
+    return click.option("--cars", type=click.Path(path_type=Path, file_okay=False),
+                        default=None, help="folder with the cars' files (default: $DART_CARS, "
+                        "./cars, ~/.local/share/dart-hal/cars)")(command)
 
 
 def json_option(command: F) -> F:

@@ -34,7 +34,7 @@ def plain(value: Any) -> Any:
 
 def print_json(value: Any) -> None:
     """Print exactly one JSON object on standard output."""
-    print(json.dumps(plain(value), indent=2, allow_nan=False))
+    print(json.dumps(plain(value), indent=2, allow_nan=False), flush=True)
 
 
 def notices(lines: tuple[str, ...]) -> None:

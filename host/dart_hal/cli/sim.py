@@ -8,10 +8,11 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import json_option, url_option
+from dart_hal.cli.options import cars_option, json_option, url_option
 from dart_hal.cli.output import console, notices, print_json
+from dart_hal.config import cars_home
 from dart_hal.errors import UsageError
-from dart_hal.links.base import Url, open_backend
+from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.links.pty import Pty
 from dart_hal.sim.serve import BusServer, PacedWorld
 from dart_hal.sim.truth import reveal
@@ -23,9 +24,15 @@ from dart_hal.sim.truth import reveal
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
+@cars_option
 @json_option
-def command(url: str | None, show: bool, pty: bool, bus: Path | None, as_json: bool) -> None:
-    """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`."""
+def command(url: str | None, show: bool, pty: bool, bus: Path | None, cars: Path | None,
+            as_json: bool) -> None:
+    """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
+
+    Serving leaves the car's file in the folder of the cars, so that other
+    programs open the port with `--car sim-N`.
+    """
     parsed = Url.parse(url or "sim://")
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
@@ -34,7 +41,7 @@ def command(url: str | None, show: bool, pty: bool, bus: Path | None, as_json: b
     if show:
         _reveal(parsed, as_json)
     else:
-        _serve(parsed, bus, as_json)
+        _serve(parsed, bus, cars, as_json)
 
 
 def _reveal(url: Url, as_json: bool) -> None:
@@ -52,9 +59,20 @@ def _reveal(url: Url, as_json: bool) -> None:
         console.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
 
 
-def _serve(url: Url, bus: Path | None, as_json: bool) -> None:
+def _leave_car_file(backend: Backend, cars: Path | None) -> str:
+    """Write the car.toml that other programs need; returns the car's name."""
+    assert backend.car is not None
+    assert backend.car_toml is not None
+    path = cars_home([cars] if cars else None) / backend.car / "car.toml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(backend.car_toml, encoding="utf-8")
+    return backend.car
+
+
+def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None:
     backend = open_backend(url.text)
     notices(backend.notices)
+    name = _leave_car_file(backend, cars)
     paced = PacedWorld(backend)
     done = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: done.set())
@@ -64,9 +82,10 @@ def _serve(url: Url, bus: Path | None, as_json: bool) -> None:
         with Pty(paced) as port:
             address = f"serial://{port.path}" + (f"?i2c=unix:{bus}" if bus else "")
             if as_json:
-                print_json({"url": address, "pty": port.path, "bus": bus})
+                print_json({"url": address, "pty": port.path, "bus": bus, "car": name})
             console.print(f"the car answers on {port.path}; from another terminal:\n"
-                          f"  dart-hal top --url '{address}'\nCtrl-C ends it")
+                          f"  dart-hal top --car {name} --url '{address}'\nCtrl-C ends it",
+                          soft_wrap=True)
             done.wait()
     finally:
         if served is not None:
