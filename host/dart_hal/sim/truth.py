@@ -13,6 +13,7 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend
 from dart_hal.sim.hidden import HiddenCar, hidden_car
+from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.link import SimLink
 from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.world import Truth, World
@@ -85,7 +86,7 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         "throttle.saturation_us": car.esc.saturation_us,
         "encoder.metres_per_edge": car.gear_revolution / car.ring_a.n,
         "encoder.ring": list(car.ring_a.fractions),
-        "imu.gyro_bias": car.imu.gyro_bias[2],
+        "imu.gyro_bias": _yaw_bias(car.imu),
         "imu.gyro_scale": car.imu.gyro_scale,
         "imu.mount_yaw": car.imu.mount_yaw,
         "imu.mount_pitch": car.imu.mount_pitch,
@@ -95,3 +96,9 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         "latency.pulse_to_wheel": car.servo.delay,
         "latency.sensor_to_host": TO_UART + 44 * 20e-6,
     }
+
+
+def _yaw_bias(imu: ImuParams) -> float:
+    """Offset of the yaw rate [rad/s] once mounting and scale have been applied."""
+    row = rotation(imu.mount_yaw, imu.mount_pitch, imu.mount_roll)[2]
+    return sum(r * b for r, b in zip(row, imu.gyro_bias, strict=True)) / imu.gyro_scale

@@ -1,0 +1,72 @@
+"""What the IMU feels: mounting, place, scale, bias, noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dart_hal.sim.hidden import hidden_car
+from dart_hal.sim.imu import Imu, ImuParams, rotation
+from dart_hal.sim.truth import reveal
+
+ANGLE = st.floats(-0.5, 0.5)
+L_R = 0.0945
+
+
+def make(dt=1e-3, seed=0, **options):
+    return Imu(ImuParams(**options), L_R, dt, np.random.default_rng(seed))
+
+
+@given(yaw=ANGLE, pitch=ANGLE, roll=ANGLE)
+def test_mounting_is_a_rotation_that_the_host_can_undo(yaw, pitch, roll):
+    rows = np.array(rotation(yaw, pitch, roll))
+    np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-12)
+    gyro, accel = make(mount_yaw=yaw, mount_pitch=pitch, mount_roll=roll).sense(1.0, -2.0, 0.7, 0.0)
+    assert rows @ gyro == pytest.approx([0, 0, 0.7], abs=1e-12)
+    assert rows @ accel == pytest.approx([1.0, -2.0, 0.0], abs=1e-12)
+
+
+def test_yaw_comes_first_seen_from_the_body():
+    """body = Rz(yaw) Ry(pitch) Rx(roll) sensor: the sensor's x axis in the body."""
+    forward = np.array(rotation(0.1, 0.2, 0.3)) @ [1.0, 0.0, 0.0]
+    assert forward == pytest.approx(
+        [math.cos(0.1) * math.cos(0.2), math.sin(0.1) * math.cos(0.2), -math.sin(0.2)])
+
+
+def test_a_sensor_ahead_feels_the_turn():
+    """0.1 m ahead at omega 2: centripetal -0.4; omega' 5: +0.5 to the left."""
+    _, accel = make(x=L_R + 0.1).sense(0.0, 0.0, 2.0, 5.0)
+    assert accel == pytest.approx((-0.4, 0.5, 0.0))
+    _, accel = make(x=L_R, y=0.1).sense(0.0, 0.0, 2.0, 5.0)
+    assert accel == pytest.approx((-0.5, -0.4, 0.0))
+
+
+def test_noise_has_the_density_of_the_data_sheet():
+    imu = make(gyro_noise=2e-4, accel_noise=1.5e-3)
+    drawn = np.array([np.concatenate(imu.sense(0, 0, 0, 0)) for _ in range(20_000)])
+    expected = np.array([2e-4] * 3 + [1.5e-3] * 3) * math.sqrt(500.0)
+    assert drawn.std(axis=0) == pytest.approx(expected, rel=0.03)
+    assert abs(drawn.mean(axis=0)) == pytest.approx(0.0, abs=4 * expected.max() / math.sqrt(2e4))
+
+
+def test_noise_repeats_with_the_seed():
+    runs = [[make(seed=s, gyro_noise=1e-3).sense(0, 0, 0, 0) for _ in range(3)] for s in (1, 1, 2)]
+    assert runs[0] == runs[1] != runs[2]
+
+
+@pytest.mark.parametrize("seed", [1, 5, 9])
+def test_revealed_bias_is_what_a_calibrated_host_is_left_with(seed):
+    car, shown = hidden_car(seed), reveal(seed)["sensors"]
+    p = car.imu
+    imu = Imu(ImuParams(**{f: getattr(p, f) for f in p.__dataclass_fields__
+                           if not f.endswith("noise")}), L_R, 1e-3, np.random.default_rng(0))
+    rows = np.array(rotation(shown["imu.mount_yaw"], shown["imu.mount_pitch"],
+                             shown["imu.mount_roll"]))
+    for omega in (0.0, 1.5):
+        gyro, _ = imu.sense(0.0, 0.0, omega, 0.0)
+        yaw_rate = (rows @ gyro)[2] / shown["imu.gyro_scale"] - shown["imu.gyro_bias"]
+        assert yaw_rate == pytest.approx(omega, abs=1e-12)
