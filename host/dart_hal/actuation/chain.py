@@ -184,7 +184,7 @@ class Actuator:
         return self._put(self._planner.neutral(0.0, _NOT_ARMED))
 
     def clock_pulse(self, pulse_us: float | None) -> None:
-        """Pulse on the spare clock channel (``calibrate clock``), None = off. Raises BusError."""
+        """Pulse on the spare clock channel, None = off. Raises BusError."""
         counts = None if pulse_us is None else Quantiser(self.pca.count_us).rest(pulse_us)
         if self._sending:
             self.pca.write_channel(self.car.pwm.clock_channel, counts)

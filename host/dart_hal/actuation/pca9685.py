@@ -89,7 +89,7 @@ class Pca9685:
             self._led(first, _pulse(pulses[first]))
 
     def write_channel(self, channel: int, counts: int | None) -> None:
-        """Pulse on a spare channel (``calibrate clock``); None = off.
+        """Pulse on a spare channel (to measure the clock); None = off.
 
         Raises ValueError for the channels of servo and ESC.
         """

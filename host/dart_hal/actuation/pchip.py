@@ -13,8 +13,10 @@ from itertools import pairwise
 
 from dart_hal.errors import NotMonotone
 
-HALVINGS = 60
-"""Bisection steps of the inverse: the interval shrinks below a double's resolution."""
+STEPS = 60
+"""At most so many steps of the inverse: bisection alone would reach a double's resolution."""
+RESOLUTION = 1e-16
+"""Of t in [0, 1]: a Newton step below it changes nothing."""
 
 
 class Pchip:
@@ -49,18 +51,31 @@ class Pchip:
         if aim <= heights[0] or aim >= heights[-1]:
             return self.x[0] if aim <= heights[0] else self.x[-1]
         i = bisect_right(heights, aim) - 1
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            below = self._sign * self._cubic(i, middle) < aim
-            low, high = (middle, high) if below else (low, middle)
-        return self.x[i] + 0.5 * (low + high) * self._steps[i]
+        return self.x[i] + self._solve(i, y) * self._steps[i]
+
+    def _solve(self, i: int, y: float) -> float:
+        """t in [0, 1] at which interval i has height y: Newton, kept inside by bisection."""
+        low, high, t = 0.0, 1.0, 0.5
+        for _ in range(STEPS):
+            over = self._cubic(i, t) - y
+            low, high = (t, high) if self._sign * over < 0.0 else (low, t)
+            slope = self._steps[i] * self._slope(i, t)
+            step = over / slope if slope else 1.0
+            ahead = t - step
+            if abs(step) <= RESOLUTION or not low < ahead < high:
+                if abs(step) <= RESOLUTION or high - low <= RESOLUTION:
+                    break
+                ahead = 0.5 * (low + high)
+            t = ahead
+        return t
 
     def slope(self, x: float) -> float:
         """dy/dx at x inside the points."""
         i = min(max(bisect_right(self.x, x) - 1, 0), len(self._steps) - 1)
-        t, h = (x - self.x[i]) / self._steps[i], self._steps[i]
-        chord = (self.y[i + 1] - self.y[i]) / h
+        return self._slope(i, (x - self.x[i]) / self._steps[i])
+
+    def _slope(self, i: int, t: float) -> float:
+        chord = (self.y[i + 1] - self.y[i]) / self._steps[i]
         return (6 * t * (1 - t) * chord + (1 - t) * (1 - 3 * t) * self._slopes[i]
                 + t * (3 * t - 2) * self._slopes[i + 1])
 

@@ -66,7 +66,7 @@ class Pwm(Table, frozen=True, kw_only=True):
 
     ``oscillator_hz``: measured by hand with a scope or logic analyser; the
     value in calibration.toml wins. ``clock_channel``: the spare channel wired
-    to the Nano's D8 for ``calibrate clock``.
+    to the Nano's D8, which can measure the clock.
     """
 
     address: int = 0x40
