@@ -60,12 +60,11 @@ class Pchip:
             over = self._cubic(i, t) - y
             low, high = (t, high) if self._sign * over < 0.0 else (low, t)
             slope = self._steps[i] * self._slope(i, t)
-            step = over / slope if slope else 1.0
-            ahead = t - step
-            if abs(step) <= RESOLUTION or not low < ahead < high:
-                if abs(step) <= RESOLUTION or high - low <= RESOLUTION:
-                    break
+            ahead = t - over / slope if slope else -1.0
+            if not low <= ahead <= high:
                 ahead = 0.5 * (low + high)
+            if abs(ahead - t) <= RESOLUTION:
+                break
             t = ahead
         return t
 
