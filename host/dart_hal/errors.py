@@ -56,7 +56,8 @@ class PortMissing(DartHalError, OSError):
 
     code = "D-LINK-02"
     likely_default = "cable not plugged in, or another name after replugging"
-    remedy_default = "dart-hal doctor --url serial://PORT ; ports are listed by `ls /dev/ttyUSB* /dev/ttyACM*`"
+    remedy_default = ("dart-hal doctor --url serial://PORT ; "
+                      "ports are listed by `ls /dev/ttyUSB* /dev/ttyACM*`")
 
 
 class PortBusy(DartHalError, OSError):
@@ -119,6 +120,7 @@ class PcaFault(BusError):
 
     code = "D-I2C-03"
     likely_default = "brown-out of the board, or a second program writes to it"
+    remedy_default = "check the board's 3.3 V and end other programs on the bus; dart-hal doctor"
 
 
 class BadCommand(DartHalError, ValueError):
@@ -132,6 +134,7 @@ class NotArmed(DartHalError, RuntimeError):
     """``arm()`` refused; ``reasons`` holds every name that applies."""
 
     code = "D-ARM-01"
+    remedy_default = "dart-hal doctor"
 
     def __init__(self, what: str, *, reasons: tuple[str, ...] = (), remedy: str = "",
                  found: str = "") -> None:
@@ -143,6 +146,7 @@ class ConfigError(DartHalError, ValueError):
     """A file of the car is not valid; the message names file and key."""
 
     code = "D-FILE-01"
+    remedy_default = "correct the key that is named, or compare with cars/dart-01"
 
 
 class OtherCar(ConfigError):
@@ -160,10 +164,19 @@ class NotMonotone(ConfigError):
     remedy_default = "dart-hal calibrate steering"
 
 
+class FileTrouble(DartHalError, OSError):
+    """A file or folder that cannot be written, read or made."""
+
+    code = "D-FILE-04"
+    likely_default = "no permission, no such folder, or the disk is full"
+    remedy_default = "check the path with ls -ld and the space with df, or name another one"
+
+
 class RecordingError(DartHalError, ValueError):
     """A recording that cannot be read or used; the message names the file."""
 
     code = "D-REC-01"
+    remedy_default = "dart-hal record makes one that can be read"
 
 
 class EndOfRecording(LinkLost):
@@ -178,6 +191,7 @@ class CalibrationFailed(DartHalError, RuntimeError):
     """The measurement did not yield a trustworthy result; nothing was written."""
 
     code = "D-CAL-01"
+    remedy_default = "read what was found, cure it, then run the same calibration again"
 
 
 class EmulatorMissing(DartHalError, RuntimeError):
@@ -199,6 +213,22 @@ class UsageError(DartHalError, ValueError):
     """An option or argument that makes no sense."""
 
     code = "D-USE-01"
+    remedy_default = "dart-hal --help"
+
+
+class ScriptFailed(DartHalError, RuntimeError):
+    """The user's own script raised; the car was stopped."""
+
+    code = "D-USE-02"
+    remedy_default = "correct the script at the line that is named"
+
+
+class InternalError(DartHalError, RuntimeError):
+    """A mistake of this program."""
+
+    code = "D-BUG-01"
+    likely_default = "a mistake in DART-HAL, not in what you typed"
+    remedy_default = "run it again with DART_HAL_DEBUG=1 and report what it prints"
 
 
 def _all(cls: type[DartHalError]) -> list[type[DartHalError]]:

@@ -99,6 +99,7 @@ class Car:
             engine.identify()
             engine.start()
             self._pump = InlinePump(engine) if engine.backend.virtual else ThreadPump(engine)
+            engine.driver.ready()
         except BaseException:
             self.close()
             raise

@@ -127,7 +127,6 @@ class Engine:
 
     def start(self) -> None:
         """HELLO is there: note it, and say hello to the Nano's supervisor."""
-        self.driver.ready()
         if self.recorder is not None and self.receiver.hello_values is not None:
             self.recorder.hello(self.receiver.hello_values)
             self.recorder.note("line", {"baud": str(getattr(self.backend.link, "baud", BAUD))})

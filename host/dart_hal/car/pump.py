@@ -103,7 +103,8 @@ class ThreadPump:
                 raise self._error
             if self._latest is None or self._count == self._delivered:
                 raise _silence(self._engine, timeout)
-            skipped = self._count - self._delivered - 1
+            # What came before the loop was there to see it is not a slow loop's loss.
+            skipped = self._count - self._delivered - 1 if self._delivered else 0
             self._delivered = self._count
             return self._latest, skipped
 

@@ -7,7 +7,14 @@ from pathlib import Path
 
 from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
-from dart_hal.errors import BusError, ConfigError, DartHalError
+from dart_hal.errors import (
+    BusError,
+    ConfigError,
+    DartHalError,
+    LinkLost,
+    UnknownScheme,
+    UsageError,
+)
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.types import State
 from dart_hal.wire.messages import SCHEMA
@@ -58,6 +65,8 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
     checks: list[Check] = []
     try:
         backend = open_backend(url)
+    except (UnknownScheme, UsageError):
+        raise  # the command is wrong, not the car
     except DartHalError as error:
         checks.append(_failed("bus" if isinstance(error, BusError) else "port", error))
         return checks + _skipped(checks)
@@ -114,6 +123,9 @@ def _stream(car: Car, seconds: float) -> list[Check]:
     hello = car.hello
     version = ".".join(map(str, hello.version))
     states = list(car.states(duration=seconds, timeout=1.0))
+    if not states:
+        raise LinkLost("the Nano said who it is, but no STATE frame came",
+                       found=f"{car.timing.damaged} damaged frames")
     last, timing = states[-1], car.timing
     rate = (last.seq - states[0].seq + 1) / max(last.t - states[0].t + 1 / RATE, 1e-3)
     rate = min(rate, len(states) / max(last.t - states[0].t + 1 / RATE, 1e-3))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import runpy
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from dart_hal.cli.session import in_real_time, opened, with_progress
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
-from dart_hal.errors import UsageError
+from dart_hal.errors import DartHalError, ScriptFailed, UsageError
 from dart_hal.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
@@ -46,14 +48,14 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
         raise UsageError("say how to drive", expected="one of --keyboard, --gamepad, SCRIPT.py",
                          remedy="dart-hal drive --keyboard")
     control = load(script) if script else None
-    with opened(url, car_name, cars, record) as car:
+    manual = None if script else Gamepad() if gamepad else Keyboard()
+    with closing(manual) if manual else nullcontext(), opened(url, car_name, cars, record) as car:
         summary = Summary(car)
         car.arm(waive=waive)
         if control is not None:
             run_script(car, control, duration or 10.0)
-        else:
-            run_manual(car, Gamepad() if gamepad else Keyboard(), max_throttle,
-                       duration or float("inf"))
+        elif manual is not None:
+            run_manual(car, manual, max_throttle, duration or float("inf"))
         car.stop()
         result = summary.as_json({"recording": record} if record else {})
     if as_json:
@@ -64,17 +66,41 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
 
 
 def load(path: Path) -> Control:
-    """The function ``control`` of a script. Raises UsageError."""
+    """The function ``control`` of a script. Raises UsageError, ScriptFailed."""
     if not path.is_file():
         raise UsageError(f"there is no script {path}", expected="a Python file")
-    space: dict[str, Any] = runpy.run_path(str(path))
+    with blamed(path):
+        space: dict[str, Any] = runpy.run_path(str(path))
     control = space.get("control")
     if not callable(control):
         raise UsageError(f"{path} defines no control(state)",
                          found=", ".join(n for n in space if not n.startswith("_")),
                          expected="def control(state): return steering_rad, throttle")
-    checked: Control = control
+
+    def checked(state: State) -> tuple[float, float] | None:
+        with blamed(path):
+            wanted = control(state)
+            return None if wanted is None else (float(wanted[0]), float(wanted[1]))
+
     return checked
+
+
+@contextmanager
+def blamed(path: Path) -> Iterator[None]:
+    """What goes wrong inside is the script's: raised as ScriptFailed with its line."""
+    try:
+        yield
+    except DartHalError:
+        raise
+    except Exception as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__)
+                 if f.filename == str(path)]
+        line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
+        at = line or (lines[-1] if lines else None)
+        where = f"{path}, line {at}" if at else f"{path}: what control(state) returned"
+        raise ScriptFailed(f"the script raised {type(error).__name__}: {error}", found=where,
+                           expected="def control(state): return steering_rad, throttle"
+                           ) from error
 
 
 def run_script(car: Car, control: Control, duration: float) -> None:
@@ -91,15 +117,12 @@ def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -
     lock = car.files.config.limits.max_steering
     name = type(source).__name__.lower()
     console.print(HELP if name == "keyboard" else "hold the right bumper to drive, B ends")
-    try:
-        for n, state in enumerate(in_real_time(car.states(duration=duration))):
-            steering, throttle, ended = source.read()
-            if ended:
-                return
-            car.drive(steering=lock * steering, throttle=max_throttle * throttle, source=name)
-            if n % 10 == 0:
-                console.print(f"{state.speed:5.2f} m/s  steering {state.applied.steering:+.2f} rad"
-                              f"  x {state.pose.x:6.2f} y {state.pose.y:6.2f} m", end="\r")
-    finally:
-        source.close()
-        console.print()
+    for n, state in enumerate(in_real_time(car.states(duration=duration))):
+        steering, throttle, ended = source.read()
+        if ended:
+            break
+        car.drive(steering=lock * steering, throttle=max_throttle * throttle, source=name)
+        if n % 10 == 0:
+            console.print(f"{state.speed:5.2f} m/s  steering {state.applied.steering:+.2f} rad"
+                          f"  x {state.pose.x:6.2f} y {state.pose.y:6.2f} m", end="\r")
+    console.print()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import traceback
 from importlib import import_module
 
 import click
 
 from dart_hal import __version__
 from dart_hal.cli.output import console, print_json
-from dart_hal.errors import DartHalError, UsageError
+from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
     "demo": "the whole system on an emulated car: calibrate, drive, compare with the truth",
@@ -58,20 +60,47 @@ def main(args: list[str] | None = None) -> None:
     except DartHalError as error:
         _fail(error, as_json)
     except click.ClickException as error:
-        if as_json:
-            _fail(UsageError(error.format_message(), found=" ".join(argv),
-                             remedy="dart-hal --help"), as_json)
-        error.show()
-        sys.exit(2)
+        _refuse(error, argv, as_json)
     except (KeyboardInterrupt, click.Abort):
         console.print("stopped")
         sys.exit(130)
+    except BrokenPipeError:  # the reader of the output has enough, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as error:
+        _fail(_file_trouble(error), as_json)
+    except Exception as error:  # noqa: BLE001 - the user gets a sentence, not our stack
+        if os.environ.get("DART_HAL_DEBUG"):
+            traceback.print_exc()
+        _fail(_internal(error), as_json)
+
+
+def _refuse(error: click.ClickException, argv: list[str], as_json: bool) -> None:
+    """A usage error of click."""
+    if as_json:
+        _fail(UsageError(error.format_message(), found=" ".join(argv),
+                         remedy="dart-hal --help"), as_json)
+    error.show()
+    sys.exit(2)
+
+
+def _file_trouble(error: OSError) -> FileTrouble:
+    name = error.filename if isinstance(error.filename, str) else ""
+    reason = error.strerror or str(error)
+    return FileTrouble(f"{name}: {reason}" if name else reason,
+                       found=f"{type(error).__name__} {error.errno or ''}".strip(), read=name)
+
+
+def _internal(error: Exception) -> InternalError:
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return InternalError(f"{type(error).__name__}: {error}",
+                         found=f"{os.path.basename(frame.filename)}, line {frame.lineno}")
 
 
 def _fail(error: DartHalError, as_json: bool) -> None:
     if as_json:
         print_json({"error": error.as_json()})
-    console.print(str(error), style="red", markup=False, highlight=False)
+    console.print(str(error), style="red", markup=False, highlight=False, soft_wrap=True)
     sys.exit(2)
 
 

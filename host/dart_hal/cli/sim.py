@@ -14,6 +14,7 @@ from dart_hal.config import cars_home
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.links.pty import Pty
+from dart_hal.sim.backend import OPTIONS
 from dart_hal.sim.serve import BusServer, PacedWorld
 from dart_hal.sim.truth import reveal
 
@@ -45,10 +46,12 @@ def command(url: str | None, show: bool, pty: bool, bus: Path | None, cars: Path
 
 
 def _reveal(url: Url, as_json: bool) -> None:
+    url.known(*OPTIONS)
     seed = url.options.get("seed", "0")
-    if not seed.isdigit():
-        raise UsageError(f"seed={seed!r} is not a number", found=url.text)
-    truth = reveal(int(seed))
+    if not seed.isascii() or not seed.isdigit():
+        raise UsageError(f"seed={seed!r} is not a number", found=url.text,
+                         expected="a whole number >= 0")
+    truth = reveal(int(seed), url.options.get("ring"))
     if as_json:
         print_json(truth)
         return

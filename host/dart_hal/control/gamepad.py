@@ -63,6 +63,10 @@ class Gamepad:
                 self.feed(data)
         except BlockingIOError:
             pass
+        except OSError as error:
+            raise PortMissing("the gamepad is gone", found=str(error),
+                              likely="pulled out, or its battery is empty",
+                              remedy="plug it in again") from error
         layout = self._layout
         held = self._buttons.get(layout.dead_man, False)
         throttle = -self._axes.get(layout.throttle, 0.0) if held else 0.0
@@ -70,8 +74,9 @@ class Gamepad:
         return -self._axes.get(layout.steering, 0.0), throttle, ended
 
     def feed(self, data: bytes) -> None:
-        """Take whole events; the kernel never splits one."""
-        for _, value, kind, number in EVENT.iter_unpack(data):
+        """Take whole events; the kernel never splits one, so a torn end is dropped."""
+        whole = len(data) - len(data) % EVENT.size
+        for _, value, kind, number in EVENT.iter_unpack(data[:whole]):
             if kind & ~INIT == AXIS:
                 x = max(-1.0, value / FULL)
                 self._axes[number] = x if abs(x) > DEAD_ZONE else 0.0

@@ -8,6 +8,7 @@ this file knows whether the car is real, emulated or recorded.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
@@ -91,9 +92,12 @@ class Url:
 
     @classmethod
     def parse(cls, text: str) -> Url:
-        parts = urlsplit(text)
+        try:
+            parts = urlsplit(text)
+        except ValueError as error:
+            raise UnknownScheme(f"{text!r} is not a backend URL", found=str(error)) from error
         if not parts.scheme or "://" not in text:
-            raise UnknownScheme(f"{text!r} is not a backend URL")
+            raise UnknownScheme(f"{text!r} is not a backend URL", found="no scheme://")
         return cls(text, parts.scheme, parts.netloc + parts.path,
                    dict(parse_qsl(parts.query, keep_blank_values=True)))
 
@@ -131,9 +135,11 @@ class Backend:
     workshop: Workshop | None = None
 
     def close(self) -> None:
-        self.link.close()
-        for closer in self.closers:
-            closer()
+        """Close link and bus, each also when another one raises."""
+        with ExitStack() as steps:
+            for closer in reversed(self.closers):
+                steps.callback(closer)
+            steps.callback(self.link.close)
 
 
 def schemes() -> dict[str, EntryPoint]:
