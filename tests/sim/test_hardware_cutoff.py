@@ -90,6 +90,14 @@ def test_own_neutral_before_the_host_is_linked(raw_car):
     assert car.truth.v_x == pytest.approx(0.0, abs=1e-6)
 
 
+def test_silence_before_the_host_is_linked(raw_car):
+    car = raw_car("sim://?nano=mock&cutoff=oe")
+    beating = Beating(car).die()
+    car.pulses(1500, 1900)
+    beating.run(3.0)
+    assert beating.widths() == set()
+
+
 def test_a_switch_inside_a_pulse_cuts_it():
     pca = Pca9685()
     mux = make_wiring("mux", pca)

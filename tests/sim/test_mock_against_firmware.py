@@ -140,7 +140,7 @@ def test_frames_end_at_nearly_the_same_time(both):
             for frames in both]
     mock = dict(ends[1])
     late = [t - mock[ck] for ck, t in ends[0] if ck in mock]
-    assert abs(median(late)) < 0.05e-3
+    assert abs(median(late)) < 0.2e-3        # a fifth of the frame itself
 
 
 def test_replies_agree(both):

@@ -78,6 +78,15 @@ def test_a_command_acts_from_the_frame_it_answers(raw_car):
     assert all(log.t_start == now for now, log in times)
 
 
+def test_the_world_is_where_the_host_is_when_a_late_frame_comes(raw_car):
+    """Else a bus write that answers it would act before the frame arrived."""
+    car = raw_car("sim://?nano=mock&jitter=busy")
+    link = car.backend.link
+    for _ in range(500):
+        if link.read(0.05) is not None:
+            assert car.world.t >= link.now
+
+
 def test_sleep_leaves_the_frames_to_be_read(raw_car):
     car = raw_car("sim://?nano=mock")
     car.backend.clock.sleep(1.0)
