@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
+from math import nan
 
 from bare_nano import BareNano
 from figures import Figure
 
 from dart_hal.links.image import FIRMWARE_DIR
 from dart_hal.wire.messages import STATE
+
+LINE = re.compile(r"^(\S.*?) {2,}(\d+) (\S+) +(<=|>=) (\d+)", re.MULTILINE)
 
 
 def figures(scale: float = 1.0) -> list[Figure]:
@@ -34,25 +38,22 @@ def state_sizes(seconds: float) -> list[int]:
 
 
 def budgets() -> list[Figure]:
-    """What ``make -C firmware size`` prints: lines of ``name value unit (budget <= n)``."""
+    """What ``make -C firmware size`` measures; nothing where there is no AVR compiler."""
     if shutil.which("avr-size") is None:
         return []
-    done = subprocess.run(["make", "-s", "--no-print-directory", "-C", str(FIRMWARE_DIR), "size"],
-                          capture_output=True, text=True, check=False)
-    if "No rule to make target" in done.stderr:
-        return []
-    return [row for line in done.stdout.splitlines() if (row := _budget(line)) is not None]
+    done = subprocess.run(["make", "-s", "--no-print-directory", "-C", str(FIRMWARE_DIR), "size",
+                           f"PYTHON={sys.executable}"], capture_output=True, text=True, check=False)
+    rows = parse(done.stdout)
+    if rows:
+        return rows
+    why = (done.stderr.strip().splitlines() or ["no output"])[-1]
+    return [Figure("firmware: budgets", nan, "", high=0, note=f"make -C firmware size: {why}")]
 
 
-LINE = re.compile(r"\s*(?P<name>[A-Za-z][\w ,.()/+-]*?)[:\s]\s*(?P<value>\d+) *(?P<unit>[A-Za-z]*)"
-                  r"\W+.*?(?P<bound><=|>=)? *(?P<budget>\d+)")
-
-
-def _budget(line: str) -> Figure | None:
-    found = LINE.match(line)
-    if found is None:
-        return None
-    budget = float(found["budget"])
-    least = found["bound"] == ">=" or "free" in found["name"]
-    return Figure(f"firmware: {found['name']}", float(found["value"]), found["unit"],
-                  low=budget if least else None, high=None if least else budget)
+def parse(text: str) -> list[Figure]:
+    """Figures of the lines ``name  value unit  <= limit``, or ``>=`` for a floor."""
+    rows = []
+    for name, value, unit, sign, limit in LINE.findall(text):
+        low, high = (float(limit), None) if sign == ">=" else (None, float(limit))
+        rows.append(Figure(f"firmware: {name}", float(value), unit, low, high))
+    return rows

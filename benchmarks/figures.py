@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 
 from dart_hal.errors import EmulatorMissing
@@ -62,7 +63,7 @@ class Figure:
 
 def quantity(value: float) -> str:
     """Three digits that count; whole numbers from 100 on."""
-    if value == round(value) or abs(value) >= 100:
+    if isfinite(value) and (value == round(value) or abs(value) >= 100):
         return f"{value:,.0f}"
     return f"{value:.3g}"
 

@@ -92,9 +92,17 @@ def test_clock_errors_are_seen():
 
 
 @pytest.mark.emulator
-def test_firmware():
-    rows = by_name(bench_firmware.figures(TINY))
-    assert rows["STATE on the wire"].value == 44
+def test_state_on_the_wire():
+    assert set(bench_firmware.state_sizes(0.2)) == {44}
+
+
+def test_budgets_are_read_as_the_firmware_prints_them():
+    rows = bench_firmware.parse(
+        "flash                                         17000 B      <= 16384  OVER\n"
+        "RAM never touched                               600 B      >= 500    ok\n"
+        "  INT0 105\n")
+    assert [(f.name, f.value, f.unit, f.ok) for f in rows] == [
+        ("firmware: flash", 17000, "B", False), ("firmware: RAM never touched", 600, "B", True)]
 
 
 @pytest.mark.slow
