@@ -98,6 +98,19 @@ def test_silence_before_the_host_is_linked(raw_car):
     assert beating.widths() == set()
 
 
+def test_an_undriven_gate_keeps_the_outputs_off():
+    """A Nano in reset, without power or unplugged drives nothing."""
+    pca = Pca9685()
+    make_wiring("oe", pca)
+    for data in (b"\x00\x31", b"\xfe\x79", b"\x00\x21", b"\xfa\x00\x00\x33\x01"):
+        pca.write(data, [0.001] * len(data), 0.001)
+    pca.output.advance(0.5)
+    assert not pca.output.take(1)
+    pca.set_oe(False, 0.5)
+    pca.output.advance(1.0)
+    assert pca.output.take(1)
+
+
 def test_a_switch_inside_a_pulse_cuts_it():
     pca = Pca9685()
     mux = make_wiring("mux", pca)

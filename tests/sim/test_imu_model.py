@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dart_hal.sim.esc import Mode
 from dart_hal.sim.hidden import hidden_car
 from dart_hal.sim.imu import Imu, ImuParams, rotation
+from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.truth import reveal
+from dart_hal.sim.world import World
 
 ANGLE = st.floats(-0.5, 0.5)
 L_R = 0.0945
@@ -43,6 +47,25 @@ def test_a_sensor_ahead_feels_the_turn():
     assert accel == pytest.approx((-0.4, 0.5, 0.0))
     _, accel = make(x=L_R, y=0.1).sense(0.0, 0.0, 2.0, 5.0)
     assert accel == pytest.approx((-0.5, -0.4, 0.0))
+
+
+def test_the_world_passes_on_the_yaw_acceleration():
+    """Two sensors 0.2 m apart differ by 0.2 omega': summed up, by 0.2 of the yaw rate."""
+    def lateral(x):
+        felt = []
+        car = replace(hidden_car(0), imu=ImuParams(x=x))
+        world = World(car, MockNano())
+        world.nano.set_imu = lambda gyro, accel: felt.append(accel[1])
+        world.servo.pulse((0.1 - 1.7e-3, 0.1))
+        world.esc.throttle, world.esc.mode = 0.3, Mode.FORWARD
+        world.esc.check = lambda t: None
+        while world.t < 1.5:
+            world.advance(1.5)
+        return np.array(felt), world.truth().yaw_rate
+
+    (near, rate), (far, _) = lateral(L_R), lateral(L_R + 0.2)
+    assert rate > 0.5
+    assert (far - near).sum() * 1e-3 == pytest.approx(0.2 * rate, rel=1e-6)
 
 
 def test_noise_has_the_density_of_the_data_sheet():
