@@ -85,7 +85,7 @@ class Message:
         """Payload bytes (LOG: its maximum)."""
         return self.struct.size
 
-    @property
+    @cached_property
     def variable(self) -> bool:
         """True for LOG alone, whose length comes from the frame."""
         return any(f.type == "text" for f in self.fields)
