@@ -30,6 +30,9 @@ LOSS_WINDOW = 500
 CLOCK_GOOD = 2e-3
 """s, one sigma of the host time of a sample that counts as synchronised."""
 OUTPUTS = {0: "none", 1: "oe", 2: "mux"}
+OUTPUT_ON_AFTER = 0.6
+"""s of good heartbeats until a Nano with /OE lets the pulses through (0.5 s, and
+what a late beat costs): before that the ESC has seen no neutral at all."""
 REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
               "GUARD_TRIPPED": "GUARD_SILENT"}
@@ -53,6 +56,7 @@ class Driver:
         self._state: State | None = None
         self.seen_at = float("-inf")
         self._good_since: float | None = None
+        self._beats_since: float | None = None
         self._lost: deque[int] = deque(maxlen=LOSS_WINDOW)
         self._driven_since: float | None = None
         self._edges = 0
@@ -114,6 +118,10 @@ class Driver:
             self._good_since = now
         if self._lost and state.health.lost != self._lost[-1]:
             self._good_since = now
+        if "BEAT_OK" not in state.health.flags:
+            self._beats_since = None
+        elif self._beats_since is None:
+            self._beats_since = now
         self._lost.append(state.health.lost)
         self._state, self.seen_at = state, now
         self._watch_encoder(state, now)
@@ -121,18 +129,19 @@ class Driver:
     def on_boot(self, hello: Hello) -> None:
         """Another boot than before: disarm, and refuse until arm() is called again."""
         self._rebooted = self.mode is not Mode.DISARMED or self._rebooted
-        self.supervisor.event(Event.REBOOT, self._backend.clock.now())
+        self.supervisor.event(Event.REBOOT, self._backend.clock.now(), ("MCU_REBOOTED",))
 
     def facts(self, now: float) -> Facts:
         """Everything that arming asks about."""
         hello, state, files = self._receiver.hello, self._state, self._files
         flags = state.health.flags if state else frozenset[str]()
-        moving = self.mode in (Mode.DISARMED, Mode.ARMING) and bool(state and state.speed != 0.0)
+        moving = self.mode not in (Mode.ARMED, Mode.RAW) and bool(state and state.speed != 0.0)
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
         fault = self.actuator.fault is not None
         asked = self.actuator.asked(now)
         virtual = self._backend.virtual or self._backend.bus is None
+        cutoff = OUTPUTS.get((hello.caps >> 2 & 3) if hello else 0, "none")
         return Facts(
             hello=hello is not None, schema_ok=self._receiver.schema_ok,
             protocol_ok=hello is None or hello.proto_supported,
@@ -145,7 +154,7 @@ class Driver:
             imu_stuck="IMU_STUCK" in flags, wheel_moves=moving,
             encoder_lost=self._encoder_lost,
             pca_present=not fault, write_failed=fault,
-            neutral_for=self.supervisor.neutral_for(now),
+            neutral_for=self._neutral_for(now, cutoff),
             arm_neutral=files.config.throttle.arm_neutral,
             clock_calibrated=self.actuator.clock_calibrated,
             throttle=asked.throttle if asked else 0.0,
@@ -153,8 +162,16 @@ class Driver:
             raw_open=self.mode is Mode.RAW, latched=self.mode is Mode.LOCKED,
             calibration="ok" if mine else "missing",
             cutoff_required=files.config.safety.cutoff_required,
-            cutoff=OUTPUTS.get((hello.caps >> 2 & 3) if hello else 0, "none"),
+            cutoff=cutoff,
             watchdog_fired="WATCHDOG_LAST_BOOT" in flags)
+
+    def _neutral_for(self, now: float, cutoff: str) -> float:
+        """s for which the ESC has seen neutral."""
+        written = self.supervisor.neutral_for(now)
+        if cutoff != "oe":
+            return written
+        since = self._beats_since
+        return min(written, max(now - since - OUTPUT_ON_AFTER, 0.0)) if since is not None else 0.0
 
     def _watch_encoder(self, state: State, now: float) -> None:
         """Throttle that must move the car and no edge: cap the throttle."""

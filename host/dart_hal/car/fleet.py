@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from math import inf
 from types import TracebackType
 
-from dart_hal.car.car import Car
+from dart_hal.car.car import PERIOD, Car
 from dart_hal.types import State
 
 
@@ -35,9 +35,28 @@ class Fleet:
             raise
 
     def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[tuple[State, ...]]:
-        """One State per car at each tick; ends with the first car that ends."""
-        streams = [car.states(duration=duration, timeout=timeout) for car in self.cars]
-        yield from zip(*streams, strict=False)
+        """One State per car at each tick of the first car; ends with the first car that ends.
+
+        The Nanos' clocks differ by up to half a percent: the States of a tick
+        are within half a frame of each other, counted from the first tick. A
+        car that is ahead shows its State again, one that is behind skips one.
+        """
+        streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
+        try:
+            now = [next(stream) for stream in streams]
+            start = [state.t for state in now]
+            while now:
+                yield tuple(now)
+                passed = now[0].t - start[0]
+                if passed >= duration - 1.5 * PERIOD:
+                    return
+                now[0] = next(streams[0])
+                tick = now[0].t - start[0] - PERIOD / 2
+                for n in range(1, len(now)):
+                    while now[n].t - start[n] < tick:
+                        now[n] = next(streams[n])
+        except StopIteration:
+            return
 
     def stop(self) -> None:
         """Stop every car, also when one of them raises."""

@@ -1,0 +1,29 @@
+"""What all tests share: on a build server a missing emulator is a failure, not a skip."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
+
+if IN_CI:
+    os.environ.setdefault("DART_HAL_REQUIRE_EMULATOR", "1")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if IN_CI and report.skipped and item.get_closest_marker("emulator"):
+        report.outcome = "failed"
+        report.longrepr = f"not skipped on a build server: {report.longrepr}"
+    return report
+
+
+@pytest.fixture(autouse=True)
+def no_car_of_the_user(monkeypatch, tmp_path_factory):
+    """Neither the environment nor the home folder of the developer decides a test."""
+    monkeypatch.delenv("DART_HAL_URL", raising=False)
+    monkeypatch.delenv("DART_CARS", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path_factory.getbasetemp() / "share"))

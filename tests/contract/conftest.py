@@ -1,0 +1,168 @@
+"""Cars of every kind for one suite: emulated, mocked, and served over a real pty."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.errors import EmulatorMissing, NotArmed
+from dart_hal.links.base import open_backend
+from dart_hal.links.i2c import open_bus
+from dart_hal.links.image import find_image
+
+WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+COUNT_US = 122 / 25.0
+"""us of one PWM count of the nominal car."""
+NEUTRAL_COUNTS = range(305, 309)
+"""1488 to 1503 us around the neutral of 1500 us."""
+PATIENCE = 30.0
+"""s that anything in real time may take on a machine that does something else."""
+
+URLS = {"mock": "sim://?nano=mock", "avr": "sim://?nano=avr"}
+KINDS = ["mock", pytest.param("avr", marks=pytest.mark.emulator), "pty"]
+VIRTUAL = KINDS[:2]
+
+
+def counts(bus) -> tuple[int, int]:
+    """Steering and throttle counts that stand in the PCA9685's registers."""
+    found = []
+    for register in (0x08, 0x0C):
+        pair = bytearray(2)
+        for k in range(2):                              # AI may be off: byte by byte
+            one = bytearray(1)
+            bus.writeto_then_readfrom(0x40, bytes([register + k]), one)
+            pair[k] = one[0]
+        found.append(pair[0] | (pair[1] & 0x1F) << 8)
+    return found[0], found[1]
+
+
+class Served:
+    """``dart-hal sim --pty --bus`` in a process of its own, in real time."""
+
+    def __init__(self, folder: Path, *, url: str = URLS["mock"], arm_neutral: float = 2.0) -> None:
+        self.cars = folder / "cars"
+        self._bus = None
+        socket = folder / "i2c"
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "dart_hal.cli.main", "sim", "--pty", "--bus", str(socket),
+             "--cars", str(self.cars), "--url", url, "--json"],
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
+        text = ""
+        while not text.endswith("}\n"):
+            line = self.process.stdout.readline()
+            assert line, "the server did not come up"
+            text += line
+        said = json.loads(text)
+        self.url, self.name, self.port = said["url"], said["car"], said["pty"]
+        file = self.cars / self.name / "car.toml"
+        file.write_text(re.sub(r"arm_neutral = .*", f"arm_neutral = {arm_neutral}",
+                               file.read_text()))
+
+    def open(self, **options) -> Car:
+        return Car.open(self.url, car=self.name, cars=self.cars, **options)
+
+    def counts(self) -> tuple[int, int]:
+        if self._bus is None:
+            self._bus = open_bus(self.url.partition("i2c=")[2])
+        return counts(self._bus)
+
+    def close(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+class Bench:
+    """One car under test: ``car``, what its pins carry, and its kind."""
+
+    def __init__(self, kind: str, car: Car, bus, virtual: bool) -> None:
+        self.kind, self.car, self.bus, self.virtual = kind, car, bus, virtual
+
+    def counts(self) -> tuple[int, int]:
+        return counts(self.bus)
+
+    def ready(self) -> Car:
+        """The car, armed; a busy machine may need another try."""
+        car = self.car
+        for attempt in range(8):
+            if car.mode == "LOCKED":
+                car.unlock("next test")
+            for _ in car.states(duration=0.7 if attempt else 0.1, timeout=PATIENCE):
+                pass
+            with contextlib.suppress(NotArmed):
+                car.arm(waive=WAIVE)
+                return car
+        raise AssertionError(f"the car does not arm: {car.mode} {car.causes}")
+
+    def until(self, good, seconds: float = 1.0) -> list:
+        """States until ``good(state)``; a real car on a busy machine gets longer."""
+        seen = []
+        for state in self.car.states(duration=seconds if self.virtual else PATIENCE,
+                                     timeout=PATIENCE):
+            seen.append(state)
+            if good(state):
+                return seen
+        raise AssertionError(f"not within {seconds} s; last: {seen[-1]}")
+
+
+def need_emulator() -> None:
+    try:
+        find_image()
+        open_backend(URLS["avr"]).close()
+    except EmulatorMissing as error:
+        pytest.skip(f"emulator: {error.what}")
+
+
+@pytest.fixture(scope="module")
+def bench(request, tmp_path_factory):
+    """A car of the kind that the test names, shared by the tests of a file."""
+    kind = request.param
+    folder = tmp_path_factory.mktemp(kind)
+    if kind == "pty":
+        served = Served(folder, arm_neutral=0.2)
+        try:
+            with served.open() as car:
+                yield Bench(kind, car, open_bus(served.url.partition("i2c=")[2]), False)
+        finally:
+            served.close()
+        return
+    if kind == "avr":
+        need_emulator()
+    backend = open_backend(URLS[kind])
+    with Car.over(backend, cars=folder) as car:
+        yield Bench(kind, car, backend.bus, True)
+
+
+@pytest.fixture
+def served(tmp_path):
+    """A served car whose ESC is taken as ready after 0.2 s: for tests of processes."""
+    made = Served(tmp_path, arm_neutral=0.2)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def arm():
+    """``arm(car)``: with the waivers of a car that was never calibrated, and patience."""
+    def armed(car: Car) -> Car:
+        return Bench("", car, None, False).ready()
+
+    return armed
+
+
+@pytest.fixture
+def source_of():
+    """Environment for a Python subprocess that needs none of ours."""
+    return {**os.environ, "PYTHONUNBUFFERED": "1"}
+
+

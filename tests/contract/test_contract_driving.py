@@ -1,0 +1,149 @@
+"""What every car does, real time or virtual, firmware or mock: one suite for all."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from dart_hal.errors import BadCommand
+
+ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator), "pty"]
+NEUTRAL = range(305, 309)
+"""Counts of 4.88 us around the neutral of 1500 us."""
+every_car = pytest.mark.parametrize("bench", ALL, indirect=True)
+
+
+@every_car
+def test_states_go_forward(bench):
+    states = list(bench.car.states(duration=0.5, timeout=30.0))
+    assert len(states) > 2
+    assert all(b.t > a.t and b.seq > a.seq for a, b in pairwise(states))
+    if bench.virtual:
+        assert len(states) == 50
+        assert states[-1].t - states[0].t == pytest.approx(0.49, abs=1e-3)
+
+
+@every_car
+def test_disarmed_it_carries_neutral_and_says_so(bench):
+    bench.car.stop()
+    for _ in bench.car.states(duration=0.1, timeout=30.0):
+        applied = bench.car.drive(steering=0.2, throttle=0.5)
+    assert applied.throttle == 0.0
+    assert "NOT_ARMED" in applied.limited
+    assert bench.counts()[1] in NEUTRAL
+
+
+@every_car
+def test_left_circle_gives_positive_yaw_and_y(bench):
+    car = bench.ready()
+    first = next(car.states())
+    for state in car.states(duration=2.5, timeout=30.0):
+        car.drive_speed(steering=0.25, speed=0.6)
+    assert state.speed > 0.3
+    assert state.yaw_rate > 0.3
+    turned = state.pose.yaw - first.pose.yaw
+    dx, dy = state.pose.x - first.pose.x, state.pose.y - first.pose.y
+    assert turned > 0.3
+    assert -math.sin(first.pose.yaw) * dx + math.cos(first.pose.yaw) * dy > 0.05
+    assert state.ticks > first.ticks
+    assert bench.counts()[0] > 307
+
+
+@every_car
+def test_a_right_turn_gives_negative_yaw(bench):
+    car = bench.ready()
+    first = next(car.states())
+    for state in car.states(duration=1.5, timeout=30.0):
+        car.drive_speed(steering=-0.25, speed=0.6)
+    assert state.pose.yaw - first.pose.yaw < -0.05
+
+
+@every_car
+def test_an_expired_command_is_neutral_and_a_trip(bench):
+    car = bench.ready()
+    until = {"t": math.inf}
+
+    def expired(state):
+        if state.applied.throttle > 0.1:
+            until["t"] = min(until["t"], state.t)
+        return math.isfinite(until["t"]) and state.applied.throttle == 0.0
+
+    car.drive(throttle=0.3, valid_for=0.1)
+    seen = bench.until(expired)
+    assert bench.counts()[1] in NEUTRAL
+    assert "COMMAND_EXPIRED" in car.causes or not bench.virtual
+    assert car.mode in ("TRIPPED", "LOCKED", "DISARMED")
+    if bench.virtual:
+        assert seen[-1].t - until["t"] <= 0.1 + 0.03
+        assert "EXPIRED" in seen[-1].applied.limited
+
+
+@every_car
+def test_a_command_that_is_renewed_does_not_expire(bench):
+    """The control of the test above."""
+    car = bench.ready()
+    for state in car.states(duration=0.6, timeout=30.0):
+        car.drive(throttle=0.2, valid_for=0.5)
+    assert car.mode == "ARMED"
+    assert state.applied.throttle > 0.1
+
+
+@every_car
+def test_a_repeated_command_is_sent_again(bench):
+    """Another hand, or a brown-out, changes the register: the same command heals it."""
+    car = bench.ready()
+    foreign = bytes((0x06, 0, 0, 200, 0, 0, 0, 200, 0))
+    for n, _ in enumerate(car.states(duration=0.5, timeout=30.0)):
+        car.drive(steering=0.1, throttle=0.2, valid_for=0.5)
+        if n == 10:
+            bench.bus.writeto(0x40, foreign)
+            assert bench.counts() == (200, 200) or not bench.virtual
+    steering, throttle = bench.counts()
+    assert steering > 307
+    assert 315 < throttle < 340
+
+
+@every_car
+def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
+    car = bench.ready()
+    for _ in car.states(duration=0.2, timeout=30.0):
+        car.drive(steering=0.2, throttle=0.2, valid_for=0.5)
+    before = bench.counts()
+    applied = car.stop()
+    after = bench.counts()
+    assert applied.throttle == 0.0
+    assert after[1] in NEUTRAL
+    assert abs(after[0] - before[0]) <= 1
+    assert before[1] > 312
+    assert car.mode == "DISARMED"
+
+
+@every_car
+@pytest.mark.parametrize("bad", [{"throttle": math.nan}, {"steering": math.inf}])
+def test_a_command_that_is_no_number_trips(bench, bad):
+    car = bench.ready()
+    for _ in car.states(duration=0.1, timeout=30.0):
+        car.drive(throttle=0.2, valid_for=0.5)
+    with pytest.raises(BadCommand, match="not a number"):
+        car.drive(**{"throttle": 0.2, **bad})
+    assert bench.counts()[1] in NEUTRAL
+    for _ in car.states(duration=0.1, timeout=30.0):
+        applied = car.drive(throttle=0.2)
+    assert applied.throttle == 0.0, "a good command after it does not undo the trip"
+    assert car.mode in ("TRIPPED", "LOCKED", "DISARMED")
+    assert "COMMAND_INVALID" in car.causes
+
+
+@every_car
+def test_what_is_out_of_range_is_clipped_and_said(bench):
+    car = bench.ready()
+    limits = car.files.config.limits
+    next(car.states(timeout=30.0))
+    applied = car.drive(steering=9.0, throttle=0.1)
+    car.stop()
+    assert "RANGE" in applied.limited
+    assert 0.2 < applied.steering <= limits.max_steering + 0.01
+    good = car.drive(steering=0.1, throttle=0.0)
+    assert "RANGE" not in good.limited
