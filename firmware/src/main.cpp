@@ -120,7 +120,8 @@ void setup() {
   board::supply_start();
   apply_params();
   Tick const now = board::now();
-  imu.start(now, static_cast<uint8_t>(params.get(wire::ParamId::kImuPlan)));
+  imu.start(twi, offsets, now,
+            static_cast<uint8_t>(params.get(wire::ParamId::kImuPlan)));
   report_boot(now);
   safety_start(now);
   board::take_phases();  // slots of the set-up are not late, they never were

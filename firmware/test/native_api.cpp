@@ -151,7 +151,7 @@ class TestBus : public Bus {
   void power(bool on) override { calls.power(on); }
 };
 TestBus bus;
-Bno055 imu(bus, offsets);
+Bno055 imu;
 
 template <class T, class... Args>
 void renew(T& object, Args&&... args) {
@@ -376,8 +376,8 @@ API void imu_new(BusCalls const* calls, uint32_t now, uint8_t plan) {
   renew(offsets, eeprom, kOffsetsPlace,
         static_cast<uint8_t*>(offset_bytes));
   offsets.load();
-  renew(imu, bus, offsets);
-  imu.start(now, plan);
+  renew(imu);
+  imu.start(bus, offsets, now, plan);
 }
 API void imu_step(uint32_t now) { imu.step(now); }
 API void imu_slot(uint32_t now, uint32_t edges, int32_t quiet) {

@@ -20,9 +20,7 @@ BaudGuard baud_guard;
 
 template <class M>
 M unpacked(Frame const& frame) {
-  M message;
-  unpack(frame.payload, message);
-  return message;
+  return from_wire<M>(frame.payload);
 }
 
 void on_hello_req(Frame const& frame, Tick) {

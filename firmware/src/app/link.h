@@ -28,14 +28,14 @@ bool send_payload_at(Outgoing& out, uint8_t type, uint16_t seed, uint8_t size,
 template <class M>
 bool send(M const& message) {
   Outgoing out;
-  wire::pack(message, out.payload);
+  wire::to_wire(message, out.payload);
   return send_payload(out, M::kId, M::kSeed, M::kSize);
 }
 
 template <class M>
 bool send_at(M const& message, Tick start) {
   Outgoing out;
-  wire::pack(message, out.payload);
+  wire::to_wire(message, out.payload);
   return send_payload_at(out, M::kId, M::kSeed, M::kSize, start);
 }
 

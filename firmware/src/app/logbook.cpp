@@ -8,20 +8,21 @@ namespace app {
 
 namespace {
 
-constexpr uint8_t kTextMax = wire::Log::kSize - 1;
+constexpr uint8_t kLongest = 33;
+static_assert(kLongest < wire::Log::kSize, "one byte is the level");
 
 enum Level : uint8_t { kInfo = 1, kWarning = 2 };
 
 struct Sentence {
   Level level;
-  char text[kTextMax + 1];
+  char text[kLongest + 1];
 };
 
 constexpr Sentence kSentences[] DART_ROM = {
     {kInfo, "new board: id made and stored"},
-    {kInfo, "no parameters in EEPROM: defaults in force"},
-    {kInfo, "no IMU offsets in EEPROM: factory values"},
-    {kWarning, "no valid frame at this line rate: toggled"},
+    {kInfo, "no parameters stored: defaults"},
+    {kInfo, "no IMU offsets stored: factory's"},
+    {kWarning, "no valid frame: line rate toggled"},
     {kWarning, "the watchdog ended the last run"},
 };
 static_assert(sizeof kSentences / sizeof kSentences[0] == kLogLines,
@@ -31,7 +32,7 @@ uint8_t waiting;  // bit per line
 
 uint8_t copy_text(Sentence const& sentence, uint8_t* out) {
   uint8_t n = 0;
-  for (; n < kTextMax; ++n) {
+  for (; n < kLongest; ++n) {
     uint8_t const c = rom_byte(&sentence.text[n]);
     if (c == 0) {
       break;

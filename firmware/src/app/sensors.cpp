@@ -13,14 +13,13 @@ namespace {
 // Refused edges of one slot that are worth an EVENT: 2000 per second.
 constexpr uint8_t kBurst = 20;
 // Slots of standing before the IMU may be interrupted for its offsets.
-constexpr uint16_t kQuietSlots = 200;
+constexpr uint8_t kQuietSlots = 200;
 
-uint32_t collected;  // ring A's edges seen by the EDGES log
+uint16_t collected;  // ring A's edges seen by the EDGES log
 uint16_t rejected;
-uint16_t parity_errors;
 bool parity_was_broken;
 bool reject_flag;
-uint16_t standing_slots;
+uint8_t standing_slots;
 ImuState imu_was = ImuState::kProbe;
 uint16_t imu_errors;
 
@@ -48,22 +47,21 @@ Tick latch_encoders() {
 }
 
 void collect_edges() {
-  uint32_t const count = ring_a.count();
-  uint32_t fresh = count - collected;
+  uint16_t const low = static_cast<uint16_t>(ring_a.count());
+  uint16_t fresh = static_cast<uint16_t>(low - collected);
+  collected = low;
   if (!edge_log.active() || fresh == 0) {
-    collected = count;
     return;
   }
-  Tick const now = board::now();
   if (fresh > board::kStampsA - 2) {
     edge_log.gap();  // the oldest may be overwritten while they are read
     fresh = 1;
   }
-  for (collected = count - fresh; collected != count;) {
-    uint16_t const stamp =
-        board::edge_stamp_a(static_cast<uint16_t>(collected));
-    ++collected;
-    edge_log.add(collected, extended(now, stamp));
+  Tick const now = board::now();
+  for (uint8_t left = static_cast<uint8_t>(fresh); left != 0; --left) {
+    Tick const time =
+        extended(now, board::edge_stamp_a(static_cast<uint16_t>(low - left)));
+    edge_log.add(ring_a.count() + 1 - left, time);
   }
 }
 
@@ -78,14 +76,12 @@ void watch_encoder(Tick now) {
   uint16_t const fresh = static_cast<uint16_t>(rejects - rejected);
   rejected = rejects;
   bool const broken = board::edges_parity_broken();
-  if (broken && !parity_was_broken) {
-    ++parity_errors;
+  if (fresh != 0 || (broken && !parity_was_broken)) {
+    reject_flag = true;
   }
-  reject_flag = reject_flag || fresh != 0 || (broken && !parity_was_broken);
   parity_was_broken = broken;
   if (fresh >= kBurst) {
-    events.push(now, wire::EventCode::kRejectBurst,
-                (static_cast<uint32_t>(parity_errors) << 16) | fresh);
+    events.push(now, wire::EventCode::kRejectBurst, fresh);
   }
 }
 

@@ -12,12 +12,12 @@ Params params(eeprom);
 Identity identity(eeprom);
 SlotStore offsets(eeprom, kOffsetsPlace, offset_bytes);
 board::Twi twi;
-Bno055 imu(twi, offsets);
+Bno055 imu;
 Encoder ring_a;
 Encoder ring_b;
 EdgeLog edge_log;
 DirectionGuard direction;
-Supervisor supervisor(ticks_of_ms(110));
+Supervisor supervisor(0);  // apply_params() sets the limit
 EventQueue events;
 RxStats rx_stats;
 board::BootReport boot;

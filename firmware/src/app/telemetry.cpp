@@ -32,7 +32,7 @@ uint8_t hello_seq;
 uint8_t diag_in = kDiagSlots;
 
 // Answers that wait; the oldest first.
-constexpr uint8_t kAnswers = 3;
+constexpr uint8_t kAnswers = 2;
 ParamAnswer answers[kAnswers];
 uint8_t answers_waiting;
 
@@ -51,21 +51,16 @@ uint16_t cycle_max_us;
 constexpr Tick kPongBuild = 320;
 static_assert(kPongBuild <= board::kMaxStartWait, "the wait is bounded");
 
+uint8_t cap(bool has, Cap bit) {
+  return static_cast<uint8_t>(has ? static_cast<uint8_t>(bit) : 0);
+}
+
 uint16_t caps() {
-  uint16_t set = static_cast<uint16_t>(Cap::kCapture);
-  if (settings.ring_b) {
-    set |= static_cast<uint16_t>(Cap::kRingB);
-  }
-  if (settings.safety_out == 1) {
-    set |= static_cast<uint16_t>(Cap::kOutputEnable);
-  }
-  if (settings.safety_out == 2) {
-    set |= static_cast<uint16_t>(Cap::kMultiplexer);
-  }
-  if (settings.wdt_reset) {
-    set |= static_cast<uint16_t>(Cap::kWatchdogReset);
-  }
-  return set;
+  return static_cast<uint16_t>(
+      cap(true, Cap::kCapture) | cap(settings.ring_b, Cap::kRingB) |
+      cap(settings.safety_out == 1, Cap::kOutputEnable) |
+      cap(settings.safety_out == 2, Cap::kMultiplexer) |
+      cap(settings.wdt_reset, Cap::kWatchdogReset));
 }
 
 void send_hello(uint8_t req_seq) {

@@ -25,7 +25,7 @@ struct ParamAnswer {
   wire::ParamStatus status;
   uint8_t req_seq;
 };
-// False when three answers wait already; the host asks again.
+// False when two answers wait already; the host asks again.
 bool ask_param_value(ParamAnswer const& answer);
 void ask_pong(wire::TimePing const& ping, Tick received);
 

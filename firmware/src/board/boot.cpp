@@ -155,8 +155,8 @@ uint32_t random_bits() {
     Tick const begin = now();
     while (harvesting && now() - begin < ticks_of_ms(40)) {
     }
-    // Rotate and mix, so that slow drift reaches every bit.
-    bits = (bits << 5) | (bits >> 27);
+    // Rotate and mix: the eight bits of each moment reach all 32.
+    bits = (bits << 1) | (bits >> 31);
     bits ^= harvested;
   }
   set_watchdog(0);

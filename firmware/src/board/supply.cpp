@@ -10,6 +10,8 @@ namespace {
 // The reference is 1.1 V +- 10 % from part to part: a trend, no voltmeter.
 constexpr uint32_t kReferenceMv = 1100;
 constexpr uint16_t kFullScale = 1024;
+// 11 V and more: not a supply of this board, so not a measurement.
+constexpr uint16_t kLeast = 100;
 
 }  // namespace
 
@@ -24,8 +26,7 @@ uint16_t supply_mv() {
   }
   uint16_t const counts = ADC;
   ADCSRA |= _BV(ADSC);
-  // Below 1.7 V this program does not run: more counts are no measurement.
-  if (counts == 0 || counts > kFullScale * 2 / 3) {
+  if (counts < kLeast) {
     return 0;
   }
   return static_cast<uint16_t>(kReferenceMv * kFullScale / counts);

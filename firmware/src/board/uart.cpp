@@ -112,9 +112,12 @@ bool uart_write_at(uint8_t const* data, uint8_t size, Tick start) {
     return false;
   }
   tx_push(data + 1, static_cast<uint8_t>(size - 1));
+  // From the last look to the write, half of the time between two looks
+  // included: measured in the emulator, held by a test.
+  constexpr Tick kLookToWrite = 14;
   // Every look takes more than 2 ticks, so this bounds the wait as well.
   for (uint16_t looks = 0; looks < kMaxStartWait / 2; ++looks) {
-    if (reached(now(), start)) {
+    if (reached(now(), start - kLookToWrite)) {
       break;
     }
   }

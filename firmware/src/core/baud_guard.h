@@ -13,10 +13,10 @@ class BaudGuard {
   static constexpr uint8_t kFramingErrors = 20;
   // A host that knocks sends 12 bytes each 100 ms: 360 in a window. Bytes
   // count beside the errors, because a wrong rate may keep its framing.
-  static constexpr uint16_t kBytes = 100;
+  static constexpr uint8_t kBytes = 100;
 
   void byte() {
-    if (bytes_ != 0xFFFF) {
+    if (bytes_ <= kBytes) {
       ++bytes_;
     }
   }
@@ -32,14 +32,15 @@ class BaudGuard {
     bool const wrong =
         !valid_ && (errors > kFramingErrors || bytes_ > kBytes);
     framing_before_ = framing_errors;
-    slots_ = bytes_ = 0;
+    slots_ = 0;
+    bytes_ = 0;
     valid_ = false;
     return wrong;
   }
 
  private:
   uint16_t slots_ = 0;
-  uint16_t bytes_ = 0;
+  uint8_t bytes_ = 0;  // no more than tell
   uint8_t framing_before_ = 0;
   bool valid_ = false;
 };

@@ -110,10 +110,13 @@ int16_t word_at(uint8_t const* p) {
 
 }  // namespace
 
-void Bno055::start(Tick now, uint8_t plan) {
+void Bno055::start(Bus& bus, SlotStore& offsets, Tick now, uint8_t plan) {
+  bus_ = &bus;
+  offsets_ = &offsets;
+  now_ = now;
   plan_ = plan;
   address_ = kAddress;
-  enter(now, ImuState::kProbe);
+  enter(ImuState::kProbe);
 }
 
 bool Bno055::stuck() const {
@@ -122,7 +125,7 @@ bool Bno055::stuck() const {
 
 // --- states ---------------------------------------------------------------
 
-void Bno055::enter(Tick now, ImuState next) {
+void Bno055::enter(ImuState next) {
   if (next == ImuState::kPowerOff && state_ != ImuState::kBackoff) {
     if (power_tries_ < kPowerTries) {
       ++power_tries_;
@@ -132,14 +135,14 @@ void Bno055::enter(Tick now, ImuState next) {
     }
   }
   if (next == ImuState::kReset && ++resets_ > 1) {
-    enter(now, ImuState::kPowerOff);  // the reset did not help
+    enter(ImuState::kPowerOff);  // the reset did not help
     return;
   }
   if (next == ImuState::kPowerOff || next == ImuState::kReset) {
     ++counters_.reinit;
   }
   if (next == ImuState::kPowerOff || state_ == ImuState::kPowerOff) {
-    bus_.power(next != ImuState::kPowerOff);
+    bus_->power(next != ImuState::kPowerOff);
     resets_ = 0;
   }
   if (next == ImuState::kSetup) {
@@ -153,34 +156,36 @@ void Bno055::enter(Tick now, ImuState next) {
   failures_ = 0;
   script_at_ = 0;
   waiting_ = false;
-  entered_ = now;
+  entered_ = now_;
   state_ = next;
 }
 
 void Bno055::step(Tick now) {
+  now_ = now;
   if (job_ != Job::kNone) {
-    BusStatus status = bus_.poll();
+    BusStatus status = bus_->poll();
     if (status == BusStatus::kBusy) {
       if (now - leg_start_ < kLegLimit) {
         return;
       }
-      bus_.abort();
+      bus_->abort();
       status = BusStatus::kTimeout;
     }
-    finish(now, status);
+    finish(status);
     return;
   }
   StateRow const row = rom_read(kStates[static_cast<uint8_t>(state_)]);
   if (row.limit_ms != 0 && now - entered_ >= ticks_of_ms(row.limit_ms)) {
-    enter(now, row.then);
+    enter(row.then);
     return;
   }
   if (has_script(state_) && failures_ == 0) {
-    run_script(now);
+    run_script();
   }
 }
 
 void Bno055::slot(Tick now, uint32_t edges, bool quiet) {
+  now_ = now;
   edges_ = edges;
   quiet_ = quiet;
   if (has_sample_ && now - sample_.start > kMaxAge) {
@@ -190,29 +195,29 @@ void Bno055::slot(Tick now, uint32_t edges, bool quiet) {
       state_ == ImuState::kBackoff || state_ == ImuState::kResetWait) {
     return;
   }
-  if (!lines_free(now)) {
+  if (!lines_free()) {
     return;
   }
   switch (state_) {
     case ImuState::kProbe:
     case ImuState::kAfterReset:
-      begin_read(now, Job::kProbe, kChipId, leg_, 1);
+      begin_read(Job::kProbe, kChipId, leg_, 1);
       break;
     case ImuState::kReset:
       leg_[0] = kTriggerReset;
-      begin_write(now, Job::kReset, kSysTrigger, 1);
+      begin_write(Job::kReset, kSysTrigger, 1);
       break;
     case ImuState::kRun:
       if (save_due()) {
         saved_ = true;
-        enter(now, ImuState::kSave);
-        run_script(now);
+        enter(ImuState::kSave);
+        run_script();
       } else {
-        begin_acc(now);
+        begin_acc();
       }
       break;
     default:
-      run_script(now);
+      run_script();
       break;
   }
 }
@@ -223,25 +228,25 @@ bool Bno055::save_due() const {
 
 // --- legs -----------------------------------------------------------------
 
-void Bno055::begin_read(Tick now, Job job, uint8_t reg, uint8_t* to,
+void Bno055::begin_read(Job job, uint8_t reg, uint8_t* to,
                         uint8_t size) {
   job_ = job;
-  leg_start_ = now;
-  bus_.start_read(address_, reg, to, size);
+  leg_start_ = now_;
+  bus_->start_read(address_, reg, to, size);
 }
 
-void Bno055::begin_write(Tick now, Job job, uint8_t reg, uint8_t size) {
+void Bno055::begin_write(Job job, uint8_t reg, uint8_t size) {
   job_ = job;
-  leg_start_ = now;
-  bus_.start_write(address_, reg, leg_, size);
+  leg_start_ = now_;
+  bus_->start_write(address_, reg, leg_, size);
 }
 
 // Looks before it talks: a held line costs no deadline.
-bool Bno055::lines_free(Tick now) {
-  if (!bus_.lines_low()) {
+bool Bno055::lines_free() {
+  if (!bus_->lines_low()) {
     return true;
   }
-  fail(now, BusStatus::kStuck);
+  fail(BusStatus::kStuck);
   return false;
 }
 
@@ -262,7 +267,7 @@ void Bno055::count_error(BusStatus kind) {
   }
 }
 
-void Bno055::fail(Tick now, BusStatus kind) {
+void Bno055::fail(BusStatus kind) {
   count_error(kind);
   valid_ = false;
   script_at_ = 0;
@@ -270,56 +275,56 @@ void Bno055::fail(Tick now, BusStatus kind) {
   if (failures_ < 255) {
     ++failures_;
   }
-  if (failures_ == 2 || bus_.lines_low()) {
-    bus_.restart();
-    if (bus_.lines_low()) {
-      bus_.clear();
+  if (failures_ == 2 || bus_->lines_low()) {
+    bus_->restart();
+    if (bus_->lines_low()) {
+      bus_->clear();
     }
     if (state_ != ImuState::kProbe && state_ != ImuState::kAfterReset) {
       ++counters_.recover;
     }
   }
   if (state_ == ImuState::kReset) {
-    enter(now, ImuState::kPowerOff);
+    enter(ImuState::kPowerOff);
   } else if (failures_ >= kFailuresToReset &&
              (state_ == ImuState::kRun || has_script(state_))) {
-    enter(now, ImuState::kReset);
+    enter(ImuState::kReset);
   }
 }
 
-void Bno055::finish(Tick now, BusStatus status) {
+void Bno055::finish(BusStatus status) {
   Job const job = job_;
   job_ = Job::kNone;
   if (status != BusStatus::kDone) {
     if (job == Job::kProbe) {
       address_ ^= kAddress ^ kAddressAlt;
     }
-    fail(now, status);
+    fail(status);
     return;
   }
   failures_ = 0;
   switch (job) {
     case Job::kProbe:
       if (leg_[0] == kChipIdValue) {
-        enter(now, ImuState::kSetup);
-        run_script(now);
+        enter(ImuState::kSetup);
+        run_script();
       }
       break;
     case Job::kReset:
-      enter(now, ImuState::kResetWait);
+      enter(ImuState::kResetWait);
       break;
     case Job::kScript:
-      script_done(now);
+      script_done();
       break;
     case Job::kAcc:
-      begin_gyro(now);
+      begin_gyro();
       break;
     case Job::kGyro:
-      take_sample(now);
-      begin_status(now);
+      take_sample();
+      begin_status();
       break;
     case Job::kStatus:
-      take_status(now);
+      take_status();
       break;
     case Job::kNone:
       break;
@@ -328,8 +333,8 @@ void Bno055::finish(Tick now, BusStatus status) {
 
 // --- scripts --------------------------------------------------------------
 
-void Bno055::run_script(Tick now) {
-  if (waiting_ && !reached(now, resume_)) {
+void Bno055::run_script() {
+  if (waiting_ && !reached(now_, resume_)) {
     return;
   }
   waiting_ = false;
@@ -341,21 +346,21 @@ void Bno055::run_script(Tick now) {
   switch (step.op) {
     case Op::kWrite:
       leg_[0] = step.value;
-      begin_write(now, Job::kScript, step.reg, 1);
+      begin_write(Job::kScript, step.reg, 1);
       break;
     case Op::kRestore:
-      memcpy(leg_, offsets_.data(), kOffsetsSize);
-      begin_write(now, Job::kScript, step.reg, kOffsetsSize);
+      memcpy(leg_, offsets_->data(), kOffsetsSize);
+      begin_write(Job::kScript, step.reg, kOffsetsSize);
       break;
     case Op::kExpect:
-      begin_read(now, Job::kScript, step.reg, leg_, 1);
+      begin_read(Job::kScript, step.reg, leg_, 1);
       break;
     case Op::kCompare:
     case Op::kReadOffsets:
-      begin_read(now, Job::kScript, step.reg, leg_, kOffsetsSize);
+      begin_read(Job::kScript, step.reg, leg_, kOffsetsSize);
       break;
     case Op::kEnd:
-      enter(now, ImuState::kRun);
+      enter(ImuState::kRun);
       break;
   }
 }
@@ -367,10 +372,10 @@ bool Bno055::check_step() {
     case Op::kExpect:
       return leg_[0] == step.value;
     case Op::kCompare:
-      return memcmp(leg_, offsets_.data(), kOffsetsSize) == 0;
+      return memcmp(leg_, offsets_->data(), kOffsetsSize) == 0;
     case Op::kReadOffsets:
-      if (!offsets_.loaded() ||
-          memcmp(leg_, offsets_.data(), kOffsetsSize) != 0) {
+      if (!offsets_->loaded() ||
+          memcmp(leg_, offsets_->data(), kOffsetsSize) != 0) {
         keep_offsets();
       }
       return true;
@@ -381,27 +386,27 @@ bool Bno055::check_step() {
 
 // While an older write is under way this boot's offsets are not kept.
 void Bno055::keep_offsets() {
-  if (!offsets_.saving()) {
-    memcpy(offsets_.data(), leg_, kOffsetsSize);
-    offsets_.save();
+  if (!offsets_->saving()) {
+    memcpy(offsets_->data(), leg_, kOffsetsSize);
+    offsets_->save();
   }
 }
 
-void Bno055::script_done(Tick now) {
+void Bno055::script_done() {
   if (!check_step()) {
     if (step_of(state_, script_at_).op == Op::kCompare) {
       refused_ = true;  // better without our offsets than without the part
     }
-    enter(now, ImuState::kReset);
+    enter(ImuState::kReset);
     return;
   }
   uint8_t const wait_ms = step_of(state_, script_at_).wait_ms;
   ++script_at_;
   if (wait_ms != 0) {
     waiting_ = true;
-    resume_ = now + ticks_of_ms(wait_ms);
+    resume_ = now_ + ticks_of_ms(wait_ms);
   } else {
-    run_script(now);
+    run_script();
   }
 }
 
@@ -409,22 +414,22 @@ void Bno055::script_done(Tick now) {
 
 // Acceleration first, gyro last: the yaw rate is the fresher of the two. The
 // reads may straddle an update of the fusion: at most 10 ms of skew.
-void Bno055::begin_acc(Tick now) {
-  read_start_ = now;
-  begin_read(now, Job::kAcc, kLinAccX, leg_, plan_ == 0 ? 6 : 4);
+void Bno055::begin_acc() {
+  read_start_ = now_;
+  begin_read(Job::kAcc, kLinAccX, leg_, plan_ == 0 ? 6 : 4);
 }
 
 // Behind the acceleration, which waits in leg_ for its other half.
-void Bno055::begin_gyro(Tick now) {
+void Bno055::begin_gyro() {
   if (plan_ == 0) {
-    begin_read(now, Job::kGyro, kGyroX, leg_ + 6, 6);
+    begin_read(Job::kGyro, kGyroX, leg_ + 6, 6);
     return;
   }
   memset(leg_ + 4, 0, 6);  // z of the acceleration, x and y of the gyro
-  begin_read(now, Job::kGyro, kGyroZ, leg_ + 10, 2);
+  begin_read(Job::kGyro, kGyroZ, leg_ + 10, 2);
 }
 
-void Bno055::take_sample(Tick now) {
+void Bno055::take_sample() {
   bool equal = true;
   for (uint8_t i = 0; i < 6; ++i) {
     int16_t const word = word_at(leg_ + 2 * i);
@@ -434,10 +439,10 @@ void Bno055::take_sample(Tick now) {
   }
   sample_.start = read_start_;
   has_sample_ = valid_ = true;
-  busy_time_ = now - read_start_;
+  busy_time_ = now_ - read_start_;
   watch_stuck(equal);
   if (equal_ >= kStuckToReset && stuck()) {
-    enter(now, ImuState::kReset);
+    enter(ImuState::kReset);
   }
 }
 
@@ -452,26 +457,26 @@ void Bno055::watch_stuck(bool equal) {
   }
 }
 
-void Bno055::begin_status(Tick now) {
+void Bno055::begin_status() {
   if (state_ != ImuState::kRun || ++status_slot_ < kStatusSlots) {
     return;
   }
   status_slot_ = 0;
   status_turn_ =
       static_cast<uint8_t>((status_turn_ + 1) % sizeof kStatusTurns);
-  begin_read(now, Job::kStatus, rom_byte(&kStatusTurns[status_turn_]), leg_,
+  begin_read(Job::kStatus, rom_byte(&kStatusTurns[status_turn_]), leg_,
              1);
 }
 
-void Bno055::take_status(Tick now) {
-  busy_time_ = now - read_start_;
+void Bno055::take_status() {
+  busy_time_ = now_ - read_start_;
   switch (rom_byte(&kStatusTurns[status_turn_])) {
     case kCalibStat:
       calib_ = leg_[0];
       break;
     case kSysStatus:
       if (leg_[0] == kSystemError) {
-        enter(now, ImuState::kReset);
+        enter(ImuState::kReset);
       }
       break;
     default:
@@ -479,8 +484,8 @@ void Bno055::take_status(Tick now) {
       // reset, so the set-up alone brings it back.
       if (leg_[0] != kModeImuPlus) {
         ++counters_.reinit;
-        enter(now, ImuState::kSetup);
-        run_script(now);
+        enter(ImuState::kSetup);
+        run_script();
       }
       break;
   }

@@ -60,10 +60,9 @@ class Bno055 {
   static constexpr uint8_t kStuckToReset = 250;
   static constexpr uint8_t kMaxLeg = kOffsetsSize;
 
-  Bno055(Bus& bus, SlotStore& offsets) : bus_(bus), offsets_(offsets) {}
-
-  // The part got its supply at `now`. plan: parameter imu_plan.
-  void start(Tick now, uint8_t plan);
+  // The part got its supply at `now`. Bus and store must outlive this; plan:
+  // parameter imu_plan. Before any other call.
+  void start(Bus& bus, SlotStore& offsets, Tick now, uint8_t plan);
   void set_plan(uint8_t plan) { plan_ = plan; }
 
   // Any time, often: finishes legs, watches deadlines.
@@ -85,7 +84,7 @@ class Bno055 {
   ImuCounters const& counters() const { return counters_; }
   BusStatus last_error() const { return last_error_; }
   // The offsets in force are the factory's, not our own.
-  bool factory_offsets() const { return refused_ || !offsets_.loaded(); }
+  bool factory_offsets() const { return refused_ || !offsets_->loaded(); }
   // No leg is under way: the loop has nothing to wait for.
   bool resting() const { return job_ == Job::kNone; }
   // How long the reads of the last complete slot took.
@@ -95,30 +94,32 @@ class Bno055 {
   enum class Job : uint8_t { kNone, kProbe, kScript, kAcc, kGyro, kStatus,
                              kReset };
 
-  void enter(Tick now, ImuState next);
-  void begin_read(Tick now, Job job, uint8_t reg, uint8_t* to, uint8_t size);
-  void begin_write(Tick now, Job job, uint8_t reg, uint8_t size);
-  bool lines_free(Tick now);
-  void finish(Tick now, BusStatus status);
-  void fail(Tick now, BusStatus kind);
+  void enter(ImuState next);
+  void begin_read(Job job, uint8_t reg, uint8_t* to, uint8_t size);
+  void begin_write(Job job, uint8_t reg, uint8_t size);
+  bool lines_free();
+  void finish(BusStatus status);
+  void fail(BusStatus kind);
   void count_error(BusStatus kind);
-  void run_script(Tick now);
-  void script_done(Tick now);
+  void run_script();
+  void script_done();
   bool check_step();
   void keep_offsets();
-  void begin_acc(Tick now);
-  void begin_gyro(Tick now);
-  void take_sample(Tick now);
-  void begin_status(Tick now);
-  void take_status(Tick now);
+  void begin_acc();
+  void begin_gyro();
+  void take_sample();
+  void begin_status();
+  void take_status();
   void watch_stuck(bool equal);
   bool save_due() const;
 
-  Bus& bus_;
-  SlotStore& offsets_;
+  // Pointers, so that the object is all zeros at first and costs no flash.
+  Bus* bus_ = nullptr;
+  SlotStore* offsets_ = nullptr;
   ImuSample sample_ = {};
   ImuCounters counters_ = {};
-  uint8_t leg_[kMaxLeg];  // bytes of the leg under way
+  uint8_t leg_[kMaxLeg] = {};  // bytes of the leg under way
+  Tick now_ = 0;  // of the call under way
   Tick leg_start_ = 0;
   Tick read_start_ = 0;  // of the sample under way
   Tick entered_ = 0;  // into the state
@@ -128,7 +129,7 @@ class Bno055 {
   uint32_t edges_equal_ = 0;  // count when the equal samples began
   ImuState state_ = ImuState::kProbe;
   Job job_ = Job::kNone;
-  BusStatus last_error_ = BusStatus::kDone;
+  BusStatus last_error_ = BusStatus::kBusy;  // none yet
   uint8_t plan_ = 0;
   uint8_t address_ = 0;
   uint8_t script_at_ = 0;

@@ -11,7 +11,8 @@ namespace dart {
 // One byte without a table. With x = (high byte ^ data), folded once, the
 // eight polynomial steps are crc << 8 ^ x << 12 ^ x << 5 ^ x; written per
 // byte because an 8-bit CPU shifts a word bit by bit.
-inline uint16_t crc16(uint16_t crc, uint8_t data) {
+__attribute__((always_inline)) inline uint16_t crc16(uint16_t crc,
+                                                     uint8_t data) {
   uint8_t x = static_cast<uint8_t>((crc >> 8) ^ data);
   x = static_cast<uint8_t>(x ^ (x >> 4));
   uint8_t const high = static_cast<uint8_t>(

@@ -28,11 +28,11 @@ class DirectionGuard {
   void update(uint32_t count) {
     if (count != count_) {
       count_ = count;
-      quiet_ = 0;
-    } else if (quiet_ < kQuietSlots) {
-      ++quiet_;
+      moving_ = kQuietSlots;
+    } else if (moving_ != 0) {
+      --moving_;
     }
-    if (quiet_ == kQuietSlots || motion_ == wire::Direction::kUnknown) {
+    if (moving_ == 0 || motion_ == wire::Direction::kUnknown) {
       motion_ = command_;
       ambiguous_ = false;
     } else if (motion_ != command_) {
@@ -41,11 +41,11 @@ class DirectionGuard {
   }
 
   bool ambiguous() const { return ambiguous_; }
-  bool standing() const { return quiet_ == kQuietSlots; }
+  bool standing() const { return moving_ == 0; }
 
  private:
   uint32_t count_ = 0;
-  uint8_t quiet_ = kQuietSlots;
+  uint8_t moving_ = 0;  // slots until it counts as standing
   wire::Direction command_ = wire::Direction::kUnknown;
   wire::Direction motion_ = wire::Direction::kUnknown;
   bool ambiguous_ = false;

@@ -64,8 +64,8 @@ class EdgeLog {
     }
   }
 
-  wire::Edges filling_;
-  wire::Edges done_;
+  wire::Edges filling_ = {};
+  wire::Edges done_ = {};
   Tick last_ = 0;
   uint16_t wanted_ = 0;  // frames still to fill
   uint8_t filled_ = 0;

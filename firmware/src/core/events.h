@@ -40,7 +40,7 @@ class EventQueue {
   }
 
  private:
-  wire::Event ring_[kSize];
+  wire::Event ring_[kSize] = {};
   uint8_t first_ = 0;
   uint8_t used_ = 0;
   uint8_t sent_ = 0;  // copies of the first

@@ -11,7 +11,7 @@ struct CobsWriter {
   uint8_t* code;
   uint8_t* next;
 
-  void put(uint8_t byte) {
+  __attribute__((always_inline)) void put(uint8_t byte) {
     if (byte == 0) {
       *code = static_cast<uint8_t>(next - code);
       code = next;

@@ -47,7 +47,7 @@ class FrameParser {
   RxEvent end_of_block();
   bool store(uint8_t byte);
 
-  uint8_t raw_[kMaxRx];
+  uint8_t raw_[kMaxRx] = {};
   uint8_t size_ = 0;
   uint8_t left_ = 0;      // bytes until the next code byte
   bool started_ = false;  // a code byte was seen

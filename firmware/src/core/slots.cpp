@@ -7,6 +7,7 @@ namespace dart {
 namespace {
 
 constexpr uint8_t kHeader = 6;
+constexpr uint8_t kCounter = 4;
 
 uint8_t record_size(SlotPlace const& place) {
   return static_cast<uint8_t>(place.size + kSlotOverhead);
@@ -14,42 +15,43 @@ uint8_t record_size(SlotPlace const& place) {
 
 }  // namespace
 
-bool SlotStore::good(SlotPlace const& place, uint8_t slot,
-                     uint16_t& counter) const {
-  uint8_t head[kHeader];
+uint16_t SlotStore::word_at(uint16_t address) const {
+  uint8_t const low = eeprom_.read(address);
+  uint8_t const high = eeprom_.read(static_cast<uint16_t>(address + 1));
+  return static_cast<uint16_t>(low | static_cast<uint16_t>(high) << 8);
+}
+
+bool SlotStore::good(SlotPlace const& place, uint8_t slot) const {
+  uint16_t const begin = place.address[slot];
+  uint16_t const end = static_cast<uint16_t>(begin + place.size + kHeader);
   uint16_t crc = 0xFFFF;
-  uint16_t address = place.address[slot];
-  // A CRC over a record and its own CRC, high byte first, is 0.
-  uint8_t const checked = static_cast<uint8_t>(place.size + kHeader);
-  for (uint8_t i = 0; i < checked; ++i, ++address) {
+  for (uint16_t address = begin; address != end; ++address) {
     uint8_t const byte = eeprom_.read(address);
-    if (i < kHeader) {
-      head[i] = byte;
-    }
-    crc = crc16(crc, byte);
+    crc = crc16(crc, &byte, 1);
   }
-  crc = crc16(crc, eeprom_.read(static_cast<uint16_t>(address + 1)));
-  crc = crc16(crc, eeprom_.read(address));
-  counter = static_cast<uint16_t>(head[4] | static_cast<uint16_t>(head[5])
-                                                << 8);
-  uint16_t const magic = static_cast<uint16_t>(
-      head[0] | static_cast<uint16_t>(head[1]) << 8);
-  return magic == place.magic && head[2] == place.layout && crc == 0;
+  return word_at(begin) == place.magic &&
+         eeprom_.read(static_cast<uint16_t>(begin + 2)) == place.layout &&
+         word_at(end) == crc;
 }
 
 bool SlotStore::load() {
   SlotPlace const place = rom_read(place_);
-  uint16_t counter[2] = {};
-  bool const good_a = good(place, 0, counter[0]);
-  bool const good_b = good(place, 1, counter[1]);
-  loaded_ = good_a || good_b;
+  loaded_ = false;
+  for (uint8_t slot = 0; slot < 2; ++slot) {
+    if (!good(place, slot)) {
+      continue;
+    }
+    uint16_t const counter =
+        word_at(static_cast<uint16_t>(place.address[slot] + kCounter));
+    if (!loaded_ || static_cast<int16_t>(counter - counter_) > 0) {
+      counter_ = counter;
+      current_ = slot;
+      loaded_ = true;
+    }
+  }
   if (!loaded_) {
     return false;
   }
-  uint16_t const ahead = static_cast<uint16_t>(counter[1] - counter[0]);
-  bool const newer_b = ahead - 1u < 0x7FFFu;
-  current_ = good_b && (!good_a || newer_b) ? 1 : 0;
-  counter_ = counter[current_];
   uint16_t address =
       static_cast<uint16_t>(place.address[current_] + kHeader);
   for (uint8_t i = 0; i < place.size; ++i) {
@@ -93,7 +95,8 @@ bool SlotStore::save() {
   left_ = record_size(place);
   crc_ = 0xFFFF;
   for (uint8_t i = 0; i < place.size + kHeader; ++i) {
-    crc_ = crc16(crc_, byte_at(place, i));
+    uint8_t const byte = byte_at(place, i);
+    crc_ = crc16(crc_, &byte, 1);
   }
   return true;
 }

@@ -68,7 +68,8 @@ class SlotStore {
   void step();
 
  private:
-  bool good(SlotPlace const& place, uint8_t slot, uint16_t& counter) const;
+  uint16_t word_at(uint16_t address) const;
+  bool good(SlotPlace const& place, uint8_t slot) const;
   uint8_t byte_at(SlotPlace const& place, uint8_t i) const;
 
   Eeprom& eeprom_;

@@ -85,12 +85,9 @@ void Supervisor::beat(Tick now, wire::BeatMode mode, bool right_token) {
   }
   bool const fresh_run = !heard_ || now - beat_ > kMaxGap;
   command_ = command_of(mode, right_token);
-  if (fresh_run || !right_token || command_ == kStop) {
-    steady_since_ = now;
-  }
-  if (fresh_run || !right_token || command_ != kDisarm) {
-    calm_since_ = now;
-  }
+  bool const broken = fresh_run || !right_token;
+  steady_.beat(now, broken || command_ == kStop);
+  calm_.beat(now, broken || command_ != kDisarm);
   beat_ = now;
   heard_ = true;
 }
@@ -103,12 +100,8 @@ uint8_t Supervisor::conditions(Tick now) const {
     set = static_cast<uint8_t>(set | command_);
   }
   if (heard_ && now - beat_ <= kMaxGap) {
-    if (beat_ - steady_since_ >= kSteadyTime) {
-      set |= kSteady;
-    }
-    if (beat_ - calm_since_ >= kSteadyTime) {
-      set |= kCalm;
-    }
+    set = static_cast<uint8_t>(set | (steady_.long_enough ? kSteady : 0) |
+                               (calm_.long_enough ? kCalm : 0));
   }
   if (trip_count_ == kTripsToLock) {
     set |= kThirdTrip;
@@ -120,15 +113,6 @@ uint8_t Supervisor::conditions(Tick now) const {
 void Supervisor::forget(Tick now) {
   if (heard_ && now - beat_ > ticks_of_ms(1000000)) {
     heard_ = false;
-  }
-  if (heard_ && now - beat_ <= kMaxGap) {
-    // Runs may last for hours: keep their starts near.
-    if (beat_ - steady_since_ > 2 * kSteadyTime) {
-      steady_since_ = beat_ - 2 * kSteadyTime;
-    }
-    if (beat_ - calm_since_ > 2 * kSteadyTime) {
-      calm_since_ = beat_ - 2 * kSteadyTime;
-    }
   }
   if (trip_count_ != 0 && now - trips_[0] > kTripWindow) {
     for (uint8_t i = 1; i < trip_count_; ++i) {
@@ -142,7 +126,7 @@ void Supervisor::enter(Tick now, Safety next) {
   state_ = next;
   if (next == Safety::kTripped && trip_count_ < kTripsToLock) {
     trips_[trip_count_++] = now;
-    calm_since_ = now;
+    calm_.beat(now, true);
   }
 }
 

@@ -46,17 +46,34 @@ struct SafetyTransition {
   uint8_t unless;  // and none of these
 };
 
+// A run of good beats. Whether it is long enough is remembered, because it
+// may last for longer than the clock takes to wrap.
+struct BeatRun {
+  static constexpr Tick kLongEnough = ticks_of_ms(500);
+
+  Tick since;
+  bool long_enough;
+
+  void beat(Tick now, bool broken) {
+    if (broken) {
+      since = now;
+      long_enough = false;
+    } else if (now - since >= kLongEnough) {
+      long_enough = true;
+    }
+  }
+};
+
 class Supervisor {
  public:
   // A run of beats is broken by a longer gap: three periods of 50 Hz.
   static constexpr Tick kMaxGap = ticks_of_ms(60);
-  static constexpr Tick kSteadyTime = ticks_of_ms(500);
   static constexpr Tick kTripWindow = ticks_of_ms(60000);
   static constexpr uint8_t kTripsToLock = 3;
   // beat_age() saturates here [ms].
   static constexpr uint8_t kAgeMax = 255;
 
-  explicit Supervisor(Tick limit) : limit_(limit) {}
+  constexpr explicit Supervisor(Tick limit) : limit_(limit) {}
 
   void set_limit(Tick limit) { limit_ = limit; }
   void set_ready() { ready_ = true; }
@@ -84,9 +101,9 @@ class Supervisor {
 
   Tick limit_;
   Tick beat_ = 0;          // time of the last beat
-  Tick steady_since_ = 0;  // start of the run of good beats
-  Tick calm_since_ = 0;    // start of the run of disarmed beats
-  Tick trips_[kTripsToLock];
+  BeatRun steady_ = {0, false};  // beats with the right token
+  BeatRun calm_ = {0, false};    // of these, disarmed ones
+  Tick trips_[kTripsToLock] = {};
   uint8_t trip_count_ = 0;  // trips within the window
   uint8_t command_ = 0;     // kArm, kDisarm or kStop
   Safety state_ = Safety::kBoot;

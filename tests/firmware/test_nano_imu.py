@@ -1,0 +1,156 @@
+"""The ELF in simavr: whatever the IMU and its bus do, STATE and the encoder go on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from firmware_rig import FLAG, Rig, eeprom_image
+
+pytestmark = pytest.mark.emulator
+Make = Callable[..., Rig]
+VALID, STALE, STUCK, ABSENT = (FLAG[f"IMU_{n}"] for n in ("VALID", "STALE", "STUCK", "ABSENT"))
+
+
+def alive(rig: Rig, seconds: float) -> list[int]:
+    """Run with a changing IMU and a turning wheel; flags per STATE."""
+    if rig.now == 0:
+        rig.run(0.02)  # the ring counts from 3 ms after the reset on
+    start = rig.now
+    for n in range(round(seconds / 0.01)):
+        wave = math.sin(rig.now * 7)
+        rig.nano.set_imu((0.2 * wave, 0.1, 1.0 + 0.3 * wave), (wave, 0.5, 0.2 * wave))
+        rig.nano.set_wheel(12 + n % 2)
+        rig.run(0.01)
+    return [s["flags"] for s in rig.states(start)]
+
+
+def check_stream(rig: Rig) -> None:
+    ticks = [s["t_ck"] for s in rig.states()]
+    assert all(abs(b - a - 20_000) <= 1000 for a, b in zip(ticks, ticks[1:], strict=False))
+    rig.nano.set_wheel(0)
+    rig.run(0.03)
+    assert rig.state()["enc_count"] == rig.nano.edges(0)
+
+
+def test_samples_are_valid_half_a_second_after_power(nano: Make) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    assert rig.state()["flags"] & VALID and not rig.state()["flags"] & STALE
+    first = next(i for i, s in enumerate(rig.states()) if s["flags"] & VALID)
+    assert first <= 60
+    assert not rig.states()[0]["flags"] & VALID and rig.states()[0]["imu_age"] == 65535
+
+
+def test_values_and_age(nano: Make) -> None:
+    rig = nano()
+    rig.nano.set_imu((0.1, -0.2, 0.3), (1, -2, 3))
+    rig.run(1.5)
+    state = rig.state()
+    assert state["gyro"] == pytest.approx((90, -180, 270), abs=2)
+    assert state["lin_acc"] == pytest.approx((100, -200, 300), abs=2)
+    assert state["imu_age"] * 4e-6 == pytest.approx(6.5e-3, abs=0.3e-3)
+
+
+def test_one_in_ten_reads_refused(nano: Make) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    rig.nano.set_i2c("nack", p=0.01)
+    flags = alive(rig, 2.0)
+    assert sum(bool(f & VALID) for f in flags) > 0.5 * len(flags)
+    assert not all(f & VALID for f in flags)
+    check_stream(rig)
+
+
+def test_sda_held_low_is_freed_by_nine_clocks(nano: Make) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    rig.nano.set_i2c("sda", clocks=5)
+    flags = alive(rig, 0.5)
+    lost = [i for i, f in enumerate(flags) if not f & VALID]
+    assert lost and lost[0] <= 2  # cleared within 20 ms
+    assert flags[-1] & VALID
+    check_stream(rig)
+
+
+@pytest.mark.parametrize("fault", ["scl", "dead"])
+def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    rig.nano.set_i2c(fault)
+    flags = alive(rig, 1.0)
+    assert not flags[2] & VALID and flags[3] & STALE  # 20 and 30 ms
+    rig.nano.set_i2c("ok")
+    alive(rig, 2.5)
+    assert rig.state()["flags"] & VALID
+    check_stream(rig)
+
+
+def test_an_absent_imu_is_told_within_6_s(nano: Make) -> None:
+    rig = nano()
+    rig.nano.set_imu_fault("off")
+    flags = alive(rig, 6.0)
+    assert not any(f & VALID for f in flags) and flags[-1] & ABSENT
+    assert [s["lin_acc"] for s in rig.states()] == [(0, 0, 0)] * len(rig.states())
+    check_stream(rig)
+    rig.nano.set_imu_fault("ok")
+    alive(rig, 7.0)
+    assert rig.state()["flags"] & VALID and not rig.state()["flags"] & ABSENT
+
+
+def test_a_reset_of_the_part_is_over_within_1_4_s(nano: Make) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    rig.nano.reset_imu()
+    alive(rig, 1.4)
+    assert rig.state()["flags"] & VALID
+    check_stream(rig)
+
+
+def test_stuck_is_told_after_200_ms_of_driving(nano: Make) -> None:
+    rig = nano()
+    alive(rig, 1.0)
+    rig.nano.set_imu_fault("stuck")
+    flags = alive(rig, 0.3)
+    first = next(i for i, f in enumerate(flags) if f & STUCK)
+    assert 19 <= first <= 22 and not flags[first] & VALID
+    check_stream(rig)
+
+
+def test_a_part_slower_than_the_deadline(nano: Make) -> None:
+    rig = nano()
+    rig.nano.set_i2c("ok", stretch_us=900)
+    alive(rig, 2.0)
+    check_stream(rig)
+    assert not rig.state()["flags"] & VALID
+
+
+def test_offsets_are_stored_when_standing_and_restored_after_a_reset(nano: Make) -> None:
+    rig = nano()
+    rig.nano.set_imu_errors(calibrated_after=(0.1, 0.1, 0.1))
+    rig.run(5.0)
+    saved = rig.nano.eeprom
+    assert saved[0x20:0x22] == b"\x44\x4f" or saved[0x60:0x62] == b"\x44\x4f"
+    rig.nano.reset("external")
+    rig.run(1.5)
+    assert not any("factory" in str(v) for _, n, v in rig.frames[-100:] if n == "LOG")
+    assert rig.state()["flags"] & VALID
+    stored = rig.nano.eeprom
+    at = 0x60 if stored[0x60:0x62] == b"\x44\x4f" else 0x20
+    assert bytes(rig.nano.imu_register(0x55 + i) for i in range(22)) == stored[at + 6:at + 28]
+
+
+def test_d4_switches_the_supply_and_the_lines_are_low(nano: Make) -> None:
+    rig = nano(eeprom=eeprom_image())
+    alive(rig, 1.0)
+    rig.nano.pin_log()
+    rig.nano.set_i2c("scl")
+    rig.run(0.4)
+    log = rig.nano.pin_log()
+    d4 = [e for e in log if e.pin == "D4"]
+    assert d4[0].level == 0 and d4[1].level == 1
+    assert d4[1].t - d4[0].t == pytest.approx(0.1, abs=0.008)
+    driven = {e.pin: e.level for e in log if e.t <= d4[0].t + 20e-6}
+    assert driven.get("SDA") == 0 and driven.get("SCL") == 0
+    assert not any(e.pin in ("SDA", "SCL") and e.level == 1 for e in log)  # never driven high
