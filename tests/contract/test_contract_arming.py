@@ -270,7 +270,7 @@ def test_silence_while_arming_is_a_lost_link(tmp_path):
             return data if direction == "tx" or len(heard) < 300 else b""
 
         car.on_bytes(deaf)
-        with pytest.raises(LinkLost, match="no frame for 0.5 s"):
+        with pytest.raises(LinkLost, match="no frame for"):
             car.arm()
         assert car.mode == "DISARMED"
 

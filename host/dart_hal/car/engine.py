@@ -33,8 +33,6 @@ GRACE = 0.004
 """s that the user's loop has to answer a STATE before the pulses are written."""
 REFRESH = 0.020
 """s, one PWM frame: pulses and heartbeat go on even when no STATE comes."""
-ROUNDING = 1e-6
-"""s: a read that ends where it began would not let virtual time pass."""
 
 
 class Engine:
@@ -149,7 +147,7 @@ class Engine:
         due = self._refresh_at
         if self._due and not self.backend.virtual:
             due = min(due, self._due_since + GRACE)
-        return min(timeout, max(due - self.now, 0.0) + ROUNDING)
+        return min(timeout, max(due - self.now, 0.0))  # exact: now + (due - now) is due
 
     def _write_if_due(self) -> None:
         now = self.now

@@ -73,7 +73,7 @@ def _at_one_rate(backend: Backend, caller: Caller, listen: float, asking: float)
         if now >= next_ask:
             caller.ask()
             next_ask = now + ASK_EVERY
-        hello = caller.poll(min(next_ask, start + listen + asking) - now + 1e-6)
+        hello = caller.poll(min(next_ask, start + listen + asking) - now)
         if hello is not None:
             return hello
     return None
