@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from math import isfinite
 
 import bench_calibration
 import bench_clock
@@ -78,7 +79,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _document(rows: dict[str, list[Figure]], missing: dict[str, str]) -> dict[str, object]:
-    figures = [{"bench": name, **asdict(f), "ok": f.ok} for name, row in rows.items() for f in row]
+    figures = [{"bench": name, **asdict(f), "value": f.value if isfinite(f.value) else None,
+                "ok": f.ok} for name, row in rows.items() for f in row]
     return {**machine(), "figures": figures, "missing": missing}
 
 

@@ -49,6 +49,14 @@ def test_json_holds_every_figure(one_bench, capsys):
         ("some", "fast enough", True), ("some", "too slow", False), ("good", "fast enough", True)]
 
 
+def test_json_has_no_number_that_json_does_not_know(monkeypatch, capsys):
+    nothing = [Figure("unknown", float("nan"), "", high=0)]
+    monkeypatch.setattr(run, "BENCHES", {"some": lambda scale: nothing})
+    run.main(["--json"])
+    document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (document["figures"][0]["value"], document["figures"][0]["ok"]) == (None, False)
+
+
 def test_what_falls_short_is_named_and_strict_fails(one_bench, capsys):
     assert run.main(["--strict"]) == 1
     assert "1 of 3 figures fall short: too slow" in capsys.readouterr().out
