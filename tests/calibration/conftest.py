@@ -55,10 +55,14 @@ class BenchCar:
     command: float = 0.0
     angle: float = 0.0
     travelled: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
     applied: Applied = NEUTRAL
     push: float = 0.0
     stops: int = 0
     armed: bool = False
+    farthest: float = 0.0
     max_speed_seen: float = 0.0
     pulses_sent: list[float] = field(default_factory=list)
 
@@ -111,18 +115,24 @@ class BenchCar:
         drag = 1.72 * math.tanh(13.0 * self.v) + 0.29 * self.v
         self.v = max(0.0, self.v + (drive + self.push - drag) / 1.67 * dt)
         self.travelled += self.v * dt
+        self.yaw += self._rate() * dt
+        self.x += self.v * math.cos(self.yaw) * dt
+        self.y += self.v * math.sin(self.yaw) * dt
+        self.farthest = max(self.farthest, math.hypot(self.x, self.y))
+
+    def _rate(self) -> float:
+        bend = math.tan(self.angle) / (1.0 + self.kappa * self.v**2)
+        return self.v * bend / 0.175 if self.ground else 0.0
 
     def _state(self) -> State:
-        bend = math.tan(self.angle) / (1.0 + self.kappa * self.v**2)
-        rate = self.v * bend / 0.175 if self.ground else 0.0
-        gyro = self.gyro_sign * self.gyro_scale * rate + self.gyro_bias
+        gyro = self.gyro_sign * self.gyro_scale * self._rate() + self.gyro_bias
         gyro = round((gyro + self.rng.normal(0.0, 0.002)) / 0.00109083) * 0.00109083
         seen = 0.0 if self.encoder == "dead" else self.v * self.speed_scale
         if seen:
             seen *= 1.0 + self.rng.normal(0.0, 0.01)
         ticks = 0 if self.encoder == "dead" else int(self.travelled / 0.0020646)
         return State(self.t, int(self.t * 100), seen, 0.01, gyro if self.imu else None, 0.0, 0.0,
-                     ticks, Pose(), self.applied, FLAT)
+                     ticks, Pose(self.x, self.y, self.yaw), self.applied, FLAT)
 
 
 @pytest.fixture

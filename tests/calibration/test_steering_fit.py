@@ -7,6 +7,7 @@ import pytest
 
 from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, resample
 from dart_hal.calibration.paper_form import curve, fit, jacobian
+from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
 from dart_hal.calibration.samples import Samples, approach, blocks, concatenate
 from dart_hal.calibration.schedule import count_us, make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
@@ -207,5 +208,26 @@ def test_plan_states_time_floor_and_speed():
     plan = make_plan(make_steps(center_us=1500.0, span_us=375.0, direction=1, count=4.88), 0.175)
     assert plan.time <= 120.0
     assert plan.speed == 0.55
-    assert 2.0 < plan.length < 7.0
-    assert f"{plan.width:.1f} m" in str(plan)
+    assert 2.0 < plan.radius < 5.0
+    assert f"{plan.radius:.1f} m" in str(plan)
+
+
+def test_trace_of_a_circle_closes():
+    legs = [Leg(0.5, 1.0, 2.0 * np.pi)]
+    points, end = trace(Spot(1.0, 2.0, 0.3), legs)
+    assert end[:2] == pytest.approx((1.0, 2.0), abs=0.05)
+    assert np.ptp(points[:, 0]) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 7))
+@pytest.mark.parametrize("rate", [-0.7, 1.1])
+def test_waiting_turns_the_next_sweep_towards_the_centre(heading, rate):
+    """A straight stretch of 3 m from a spot 1.5 m off: the best heading leads back over it."""
+    at, ahead = Spot(1.5, 0.0, heading), [Leg(0.5, 0.0, 6.0)]
+    seconds = waiting_time(at, 0.4, rate, [ahead], (0.0, 0.0))
+    assert 0.0 <= seconds <= 2.0 * np.pi / abs(rate)
+    _, spot = trace(at, [Leg(0.4, rate, seconds)])
+    points, _ = trace(spot, ahead)
+    assert np.hypot(*points.T).max() < 2.4
+    straight_on, _ = trace(Spot(1.5, 0.0, 0.0), ahead)
+    assert np.hypot(*straight_on.T).max() > 4.4

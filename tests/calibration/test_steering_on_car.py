@@ -42,9 +42,10 @@ def test_hidden_cars(tmp_path, seeds):
         assert np.degrees(np.sqrt(np.mean(error**2))) <= 0.4
         inside += list(np.abs(error) < 1.645 * result.angle_std)
         backlash.append(abs(result.backlash.value - loop) / result.backlash.std)
-    assert np.mean(inside) >= 0.8
+    assert np.mean(inside) >= 0.6  # errors of one car move together
     assert np.max(backlash) < 4.0
     if len(seeds) >= 20:
+        assert np.mean(inside) >= 0.8
         assert 0.75 <= np.mean(np.array(backlash) < 1.645) <= 1.0
         assert np.mean(inside) <= 0.98
 

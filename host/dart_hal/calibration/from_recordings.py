@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.runs import RUN, read_any
+from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Recording, grid, reference_for
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24

@@ -9,6 +9,10 @@ understeer kappa for all, window i reads
 
 where k is the level at which the wheels were last moved. Sweeping the range
 both ways, at two speeds, separates them: b is even and the slip odd in delta.
+
+The noise is mostly the servo's: after each move it rests a few tenths of a
+count beside its target. That is an error of the pulse, so it weighs with the
+slope of the map; its size is estimated with the rest.
 """
 
 from __future__ import annotations
@@ -26,7 +30,8 @@ from .samples import IntArray
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
 KAPPA_PRIOR = (0.0, 0.06)  # s2/m2, mean and sigma: 1:10 cars under- or oversteer
 STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
-ROUNDS = 6
+REST_PRIOR = (1.0, 3.0)  # us, one sigma of where a servo comes to rest, and its worth in windows
+ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +63,10 @@ class Systematic:
 
 @dataclass(frozen=True, slots=True)
 class LoopFit:
-    """command, pulse_us, angle (k,), covariance (k, k); residual (n,) rad; chi2 per freedom."""
+    """command, pulse_us, angle (k,), covariance (k, k); residual (n,) rad.
+
+    rest_us: one sigma of the servo's rest position [us].
+    """
 
     command: FloatArray
     pulse_us: FloatArray
@@ -67,7 +75,7 @@ class LoopFit:
     backlash: Estimate
     kappa: Estimate
     residual: FloatArray
-    chi2: float
+    rest_us: float
 
     @property
     def std(self) -> FloatArray:
@@ -88,32 +96,34 @@ def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic
                                 remedy="run the procedure to its end")
     angle = np.array([w.angle for w in windows])
     speed = np.array([w.speed for w in windows])
-    std = np.hypot([w.std for w in windows], STD_FLOOR)
+    pulse = np.array([w.pulse_us for w in windows])[first]
+    measured = np.hypot([w.std for w in windows], STD_FLOOR)
     k = len(levels)
     moved = np.asarray(index, dtype=np.int64)
     side = np.array([w.direction for w in windows])
-    solution, covariance, chi2 = np.zeros(k + 2), np.eye(k + 2), 1.0
+    solution, covariance = np.zeros(k + 2), np.eye(k + 2)
     design = np.zeros((len(windows), k + 2))
+    rest, slope = REST_PRIOR[0], np.full(k, 1e-3)
     for round_ in range(ROUNDS):
         slip_at = solution[:k][moved] if round_ else angle
         design = _design(moved, side, slip_at, speed, k)
-        solution, covariance, chi2 = _solve(design, angle, std)
-        last = moved, side
+        std = np.hypot(measured, rest * slope[moved])
+        solution, covariance = _solve(design, angle, std)
+        slope = np.abs(np.gradient(solution[:k], pulse))
+        rest = _rest(angle - design @ solution, measured, slope[moved], rest, k + 2)
         moved, side = contact(np.asarray(index), solution[:k], solution[k], windows[0].direction)
-        if round_ and np.array_equal(moved, last[0]) and np.array_equal(side, last[1]):
-            break
     delta = solution[:k]
     _check_rising(levels, delta)
     scale = 0.5 * np.sin(2.0 * delta) * systematic.scale
     bias = np.full(k, wheelbase / float(speed.mean())) * systematic.bias
     full = covariance[:k, :k] + np.outer(scale, scale) + np.outer(bias, bias)
     width = max(float(solution[k]), 0.0)
-    return LoopFit(levels, np.array([w.pulse_us for w in windows])[first], delta, full,
+    return LoopFit(levels, pulse, delta, full,
                    Estimate(width, float(np.hypot(np.sqrt(covariance[k, k]),
                                                   width * systematic.scale)), "rad"),
                    Estimate(float(solution[k + 1]), float(np.sqrt(covariance[k + 1, k + 1])),
                             "s2/m2"),
-                   angle - design @ solution, chi2)
+                   angle - design @ solution, rest)
 
 
 def contact(index: IntArray, delta: FloatArray, backlash: float, first_side: float
@@ -161,23 +171,25 @@ def _check_rising(levels: FloatArray, delta: FloatArray) -> None:
 
 
 def _solve(design: FloatArray, angle: FloatArray, std: FloatArray
-           ) -> tuple[FloatArray, FloatArray, float]:
-    """Least squares with the two priors; errors scaled up when windows scatter more."""
-    n, m = design.shape
-    a = design / std[:, None]
-    b = angle / std
+           ) -> tuple[FloatArray, FloatArray]:
+    """Least squares with the priors of backlash and slip: (solution, covariance)."""
+    m = design.shape[1]
     prior = np.zeros((2, m))
     prior[0, m - 2], prior[1, m - 1] = 1.0 / BACKLASH_PRIOR, 1.0 / KAPPA_PRIOR[1]
-    right = np.array([0.0, KAPPA_PRIOR[0] / KAPPA_PRIOR[1]])
-    scatter = 1.0
-    solution, covariance, chi2 = np.zeros(m), np.eye(m), 1.0
-    for _ in range(2):
-        full = np.vstack([a / scatter, prior])
-        covariance = np.linalg.pinv(full.T @ full)
-        solution = covariance @ full.T @ np.concatenate([b / scatter, right])
-        chi2 = float(np.sum((b - a @ solution) ** 2) / max(n - m, 1))
-        scatter = max(np.sqrt(chi2), 1.0)
-    return solution, covariance, chi2
+    full = np.vstack([design / std[:, None], prior])
+    right = np.concatenate([angle / std, [0.0, KAPPA_PRIOR[0] / KAPPA_PRIOR[1]]])
+    covariance = np.linalg.pinv(full.T @ full)
+    return covariance @ full.T @ right, covariance
+
+
+def _rest(residual: FloatArray, measured: FloatArray, slope: FloatArray, rest: float,
+          parameters: int) -> float:
+    """Next estimate of the servo's spread [us]: residuals should weigh one each."""
+    size, worth = REST_PRIOR
+    weight = 1.0 / (measured**2 + (rest * slope) ** 2)
+    freedom = max(len(residual) - parameters, 1)
+    excess = float(weight @ residual**2) + worth * size**2 / rest**2
+    return float(np.clip(rest * np.sqrt(excess / (freedom + worth)), 0.05, 10.0))
 
 
 def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

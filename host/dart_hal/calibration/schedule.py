@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
+import numpy as np
+
+from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
+
+from .route import Leg, Spot, trace, waiting_time
 
 SPEEDS = (0.35, 0.55)  # m/s; slow, and apart enough to tell the slip
 LEVELS = 13
@@ -14,7 +20,10 @@ SETTLE = 0.8  # s; delay 0.15, five servo lags, the PI's answer to the new drag
 MEASURE = 0.7  # s; about 5 revolutions of the ring
 STANDSTILL = 3.0  # s for the gyro bias
 START = 3.0  # s to reach the first speed
-MARGIN = 0.6  # m of free floor around the path
+MARGIN = 1.0  # m; half a car, and what the prediction of the path misses
+TRIMS = (-0.06, -0.03, 0.0, 0.03, 0.06)  # of the command range
+GAINS = (0.9, 1.1)
+PLAYS = (0.01, 0.03, 0.05)  # rad, full width of the loop and what the servo lags
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,21 +40,32 @@ class Step:
 class Plan:
     """What the procedure will do, to be shown before anything moves.
 
-    time s, length and width of the free floor m, speed m/s at most, path m.
+    time s at most, radius m of the free floor around the start, speed m/s at
+    most, path m at most.
     """
 
     steps: tuple[Step, ...]
     time: float
-    length: float
-    width: float
+    radius: float
     speed: float
     path: float
+    wheelbase: float
     tools: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return (f"drives {self.path:.0f} m of slow arcs in {self.time:.0f} s at up to "
-                f"{self.speed:.2f} m/s, from full right to full left and back; needs a free "
-                f"floor of {self.length:.1f} m x {self.width:.1f} m; start in the middle")
+        return (f"drives about {self.path:.0f} m of slow arcs in at most {self.time:.0f} s at up "
+                f"to {self.speed:.2f} m/s, from full right to full left and back; needs a free "
+                f"floor of {self.radius:.1f} m around the car")
+
+    @property
+    def forth(self) -> tuple[Step, ...]:
+        """The sweep from right to left."""
+        return self.steps[:len(self.steps) // 2]
+
+    @property
+    def back(self) -> tuple[Step, ...]:
+        """The sweep from left to right."""
+        return self.steps[len(self.steps) // 2:]
 
 
 def count_us(oscillator_hz: float, frequency: float) -> float:
@@ -77,21 +97,59 @@ def make_steps(*, center_us: float, span_us: float, direction: int, count: float
     return tuple(steps)
 
 
+def possible_cars() -> list[tuple[Steering, float]]:
+    """(map, backlash [rad]) of cars that differ in trim, gain and play."""
+    base = PAPER.steering
+    return [(replace(base, s0=base.s0 + trim, a_left_rad=base.a_left_rad * gain,
+                     a_right_rad=base.a_right_rad * gain), play)
+            for trim in TRIMS for gain in GAINS for play in PLAYS]
+
+
+def legs_of(steps: tuple[Step, ...], wheelbase: float, car: tuple[Steering, float]) -> list[Leg]:
+    """Arcs of a sweep on that car: the wheels lag half the backlash behind. wheelbase [m]."""
+    steering, play = car
+    curve = make_steering(steering)
+    return [Leg(s.speed, s.speed * math.tan(curve(s.command) - 0.5 * play * s.direction)
+                / wheelbase, SETTLE + MEASURE) for s in steps]
+
+
+def return_futures(back: tuple[Step, ...], yaw_per_metre: list[float], wheelbase: float
+                   ) -> list[list[Leg]]:
+    """The sweep back, from what the sweep there showed; the backlash is not known yet.
+
+    yaw_per_metre [rad/m] of the levels in the order of ``back``.
+    """
+    return [[Leg(s.speed, s.speed * (k + play / wheelbase), SETTLE + MEASURE)
+             for s, k in zip(back, yaw_per_metre, strict=True)] for play in PLAYS]
+
+
+@lru_cache(maxsize=8)
 def make_plan(steps: tuple[Step, ...], wheelbase: float) -> Plan:
-    """Time and floor: the path is integrated with a typical steering map."""
-    curve = make_steering(PAPER.steering)
-    x = y = yaw = path = 0.0
-    xs, ys = [0.0], [0.0]
-    for step in steps:
-        omega = step.speed * math.tan(curve(step.command)) / wheelbase
-        for _ in range(round((SETTLE + MEASURE) / 0.05)):
-            x += step.speed * math.cos(yaw) * 0.05
-            y += step.speed * math.sin(yaw) * 0.05
-            yaw += omega * 0.05
-            path += step.speed * 0.05
-            xs.append(x)
-            ys.append(y)
-    time = STANDSTILL + START + len(steps) * (SETTLE + MEASURE) + 1.0
-    reach = 2.0 * MARGIN
-    return Plan(steps, time, max(xs) - min(xs) + reach, max(ys) - min(ys) + reach,
-                max(s.speed for s in steps), path)
+    """Time, path and floor: the largest over all possible cars."""
+    plan = Plan(steps, 0.0, 0.0, max(s.speed for s in steps), 0.0, wheelbase)
+    time = radius = path = 0.0
+    futures = [legs_of(plan.forth, wheelbase, car) for car in possible_cars()]
+    for car in possible_cars():
+        legs = _rehearse(plan, car, futures)
+        points, _ = trace(Spot(0.0, 0.0, 0.0), legs)
+        radius = max(radius, float(np.hypot(points[:, 0], points[:, 1]).max()))
+        time = max(time, sum(g.seconds for g in legs))
+        path = max(path, sum(g.seconds * g.speed for g in legs))
+    return replace(plan, time=STANDSTILL + time + 1.0, radius=radius + MARGIN, path=path)
+
+
+def _rehearse(plan: Plan, car: tuple[Steering, float], futures: list[list[Leg]]) -> list[Leg]:
+    """Everything that this car would drive: start, wait, sweep, wait, sweep."""
+    forth = legs_of(plan.forth, plan.wheelbase, car)
+    back = legs_of(plan.back, plan.wheelbase, car)
+    start = Leg(forth[0].speed, forth[0].yaw_rate, START + SETTLE)
+    centre = (0.0, 0.0)
+    _, at = trace(Spot(0.0, 0.0, 0.0), [start])
+    first = waiting_time(at, forth[0].speed, forth[0].yaw_rate, futures, centre)
+    legs = [start, Leg(forth[0].speed, forth[0].yaw_rate, first), *forth,
+            Leg(back[0].speed, back[0].yaw_rate, SETTLE)]
+    _, at = trace(Spot(0.0, 0.0, 0.0), legs)
+    seen = [g.yaw_rate / g.speed for g in forth[::-1]]
+    second = waiting_time(at, back[0].speed, back[0].yaw_rate,
+                          return_futures(plan.back, seen, plan.wheelbase), centre)
+    return [*legs, Leg(back[0].speed, back[0].yaw_rate, second), *back]

@@ -31,6 +31,7 @@ from dart_hal.types import Estimate, FloatArray, State
 from . import paper_form
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
 from .result import SteeringResult
+from .route import Leg, Spot, waiting_time
 from .runner import DrivableCar, Runner, yaw_rates
 from .samples import Samples
 from .schedule import (
@@ -42,8 +43,11 @@ from .schedule import (
     Plan,
     Step,
     count_us,
+    legs_of,
     make_plan,
     make_steps,
+    possible_cars,
+    return_futures,
 )
 
 NOMINAL_OSCILLATOR = 25e6
@@ -84,7 +88,7 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
 
     ``car`` is open; it is armed here if it has to be, and always left stopped,
     also on Ctrl-C. ``ask`` is asked before the car moves; False stops here.
-    Nothing is written with ``dry_run``. Car time: about 50 s.
+    Nothing is written with ``dry_run``. Car time: about 55 s.
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     files = car.files
@@ -105,21 +109,41 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
 def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Window], Estimate]:
     """Drive the plan; returns the windows in order and the gyro bias [rad/s]."""
     runner = Runner(car)
-    steps = route.steps
+    forth, back = route.forth, route.back
     progress(0.0, "standing still for the gyro")
-    still = runner.hold(STANDSTILL, steps[0].pulse_us, 0.0)
+    still = runner.hold(STANDSTILL, forth[0].pulse_us, 0.0)
     bias = _standstill(still)
     progress(0.05, "starting")
-    runner.start_moving(steps[0].pulse_us, steps[0].speed, bias.value, steps[0].command > 0.0)
+    runner.start_moving(forth[0].pulse_us, forth[0].speed, bias.value, forth[0].command > 0.0)
     windows: list[Window] = []
-    for i, step in enumerate(steps):
-        progress(0.08 + 0.88 * i / len(steps),
-                 f"command {step.command:+.2f} at {step.speed:.2f} m/s")
-        runner.hold(SETTLE, step.pulse_us, step.speed)
-        states = runner.hold(MEASURE, step.pulse_us, step.speed)
-        windows.append(measure(states, step, bias.value, car.files))
-    runner.hold(0.3, steps[-1].pulse_us, 0.0)
+    done = 0
+    for sweep in (forth, back):
+        if sweep is forth:
+            futures = [legs_of(forth, route.wheelbase, other) for other in possible_cars()]
+        else:
+            futures = return_futures(back, [w.yaw_rate / w.speed for w in windows[::-1]],
+                                     route.wheelbase)
+        progress(0.08 + 0.88 * done / len(route.steps), "turning towards the free floor")
+        _turn_home(runner, sweep[0], futures, still[-1])
+        for step in sweep:
+            progress(0.08 + 0.88 * done / len(route.steps),
+                     f"command {step.command:+.2f} at {step.speed:.2f} m/s")
+            runner.hold(SETTLE, step.pulse_us, step.speed)
+            states = runner.hold(MEASURE, step.pulse_us, step.speed)
+            windows.append(measure(states, step, bias.value, car.files))
+            done += 1
+    runner.hold(0.3, back[-1].pulse_us, 0.0)
     return windows, bias
+
+
+def _turn_home(runner: Runner, first: Step, futures: list[list[Leg]], start: State) -> None:
+    """Circle at the lock of ``first`` until the sweep to come stays near the start."""
+    states = runner.hold(SETTLE, first.pulse_us, first.speed)
+    pose = states[-1].pose
+    rate = (pose.yaw - states[0].pose.yaw) / (states[-1].t - states[0].t)
+    seconds = waiting_time(Spot(pose.x, pose.y, pose.yaw), first.speed, rate, futures,
+                           (start.pose.x, start.pose.y))
+    runner.hold(seconds, first.pulse_us, first.speed)
 
 
 def measure(states: list[State], step: Step, bias: float, files: CarFiles) -> Window:
@@ -203,6 +227,7 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
     metres = files.metres_per_edge
     notes = (
         f"tyre slip: understeer {fit.kappa.value:.4f} +- {fit.kappa.std:.4f} s2/m2, removed",
+        f"the servo rests within {fit.rest_us:.1f} us (one sigma) of its target",
         f"gyro bias at standstill {bias.value:+.5f} rad/s, removed",
         f"of angle_std_rad the wheel travel per edge (+-{metres.std / metres.value:.1%}) is common "
         "to all points; `dart-hal calibrate encoder` narrows it",
