@@ -1,0 +1,213 @@
+"""Real processes, a real pty, real signals: the ESC is left at neutral.
+
+What is asserted is what the PCA9685's registers carry in the end and what was
+said, never how fast: this machine does other things as well.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from dart_hal.errors import LinkLost, PortBusy, PortMissing
+
+PATIENCE = 30.0
+NEUTRAL = range(305, 309)
+
+DRIVER = """
+import sys
+from contextlib import suppress
+from dart_hal.car import Car
+from dart_hal.errors import NotArmed
+url, name, cars = sys.argv[1:4]
+with Car.open(url, car=name, cars=cars) as car:
+    while True:
+        with suppress(NotArmed):
+            car.arm(waive=("CALIBRATION_MISSING",))
+        for state in car.states(timeout=20.0):
+            car.drive(steering=0.1, throttle=0.3, valid_for=0.5)
+            if car.mode != "ARMED":
+                break
+            if state.applied.throttle > 0.2:
+                print("driving", flush=True)
+        if car.mode == "LOCKED":
+            car.unlock("again")
+        for _ in car.states(duration=0.7, timeout=20.0):
+            pass
+"""
+
+
+def wait_for(condition, seconds=PATIENCE):
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return condition()
+
+
+@pytest.fixture
+def driver(served):
+    """A program that drives, and says so."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", DRIVER, served.url, served.name, str(served.cars)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "driving\n", process.stderr.read()
+    threading.Thread(target=process.stdout.read, daemon=True).start()
+    yield process
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.parametrize(("number", "code"), [
+    (signal.SIGINT, None), (signal.SIGTERM, 128 + signal.SIGTERM),
+    pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.slow),
+])
+def test_a_signal_leaves_neutral(served, driver, number, code):
+    assert wait_for(lambda: served.counts()[1] > 320), "it drives before the signal"
+    driver.send_signal(number)
+    driver.wait(PATIENCE)
+    assert served.counts()[1] in NEUTRAL
+    assert driver.returncode == (code if code is not None else -number)
+
+
+@pytest.mark.parametrize("number", [
+    signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
+def test_the_guard_brings_neutral_when_the_program_cannot(served, driver, number):
+    driver.send_signal(number)
+    assert wait_for(lambda: served.counts()[1] in NEUTRAL)
+    assert served.counts()[0] > 307, "the steering is left where it is"
+
+
+def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
+    """The Nano's cable comes out, the I2C bus stays."""
+    with served.open() as car:
+        arm(car)
+        for _ in car.states(duration=0.2, timeout=PATIENCE):
+            car.drive(throttle=0.3, valid_for=0.5)
+        link = car._engine.backend.link
+        os.dup2(os.open("/dev/null", os.O_RDWR), link._port.fd)
+        with pytest.raises(LinkLost, match=r"vanished|no frame|take bytes"):
+            for _ in car.states(timeout=1.0):
+                car.drive(throttle=0.3, valid_for=0.5)
+        assert wait_for(lambda: served.counts()[1] in NEUTRAL)
+        with pytest.raises(LinkLost):
+            next(car.states(timeout=1.0))
+        assert car.drive(throttle=0.3).throttle == 0.0
+        assert car.mode != "ARMED"
+
+
+def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
+    threads = threading.active_count()
+    with served.open() as car:
+        arm(car)
+        served.process.kill()
+        served.process.wait()
+        with pytest.raises(LinkLost) as lost:
+            for _ in car.states(timeout=2.0):
+                car.drive(throttle=0.3, valid_for=0.5)
+        assert served.port in str(lost.value)
+        assert lost.value.remedy
+        assert car.mode != "ARMED"
+    assert car.mode == "CLOSED"
+    assert wait_for(lambda: threading.active_count() <= threads)
+    with pytest.raises((PortMissing, OSError)):
+        served.open()
+
+
+def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
+    with served.open() as car:
+        states = []
+        for state in car.states(duration=1.2, timeout=PATIENCE):
+            states.append(state)
+            time.sleep(0.1)
+        assert 2 <= len(states) <= 14
+        skipped = states[-1].health.skipped
+        assert skipped >= 5 * (len(states) - 1)
+        assert car.timing.skipped == skipped
+        frames = states[-1].seq - states[0].seq
+        assert skipped <= frames - len(states) + 1
+
+
+def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm):
+    """The thread that feeds the pins must not die unseen."""
+    with served.open() as car:
+        arm(car)
+        for _ in car.states(duration=0.2, timeout=PATIENCE):
+            car.drive(throttle=0.3, valid_for=0.5)
+
+        def broken(state):
+            raise ZeroDivisionError("listener")
+
+        car.on_state(broken)
+        with pytest.raises(ZeroDivisionError, match="listener"):
+            for _ in car.states(timeout=5.0):
+                car.drive(throttle=0.3, valid_for=0.5)
+        assert wait_for(lambda: served.counts()[1] in NEUTRAL)
+        assert car.mode != "ARMED"
+
+
+def test_an_error_in_the_block_leaves_neutral(served, arm):
+    with pytest.raises(ZeroDivisionError), served.open() as car:
+        arm(car)
+        for state in car.states(timeout=PATIENCE):
+            car.drive(throttle=0.3, valid_for=0.5)
+            if state.applied.throttle > 0.2:
+                1 / 0
+    assert served.counts()[1] in NEUTRAL
+
+
+def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
+    with served.open() as car:
+        for _ in car.states(duration=0.1, timeout=PATIENCE):
+            pass
+        code = ("import sys; from dart_hal.links.serial_port import SerialLink\n"
+                f"SerialLink({served.port!r})")
+        second = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                                check=False)
+        assert "PortBusy" in second.stderr
+        assert f"pid {os.getpid()}" in second.stderr
+        with pytest.raises(PortBusy):
+            served.open()
+        for _ in car.states(duration=0.2, timeout=PATIENCE):
+            pass
+        assert car.timing.lost == 0
+
+
+def test_open_and_close_leave_nothing_behind(served):
+    def census():
+        return len(os.listdir("/proc/self/fd")), threading.active_count()
+
+    served.open().close()
+    before = census()
+    for _ in range(3):
+        served.open().close()
+    assert wait_for(lambda: census() <= before)
+    assert served.counts()[1] in NEUTRAL
+
+
+def test_a_hundred_frames_a_second_arrive_under_load(served):
+    """Two busy threads beside the loop: frames may be skipped, never lost."""
+    done = threading.Event()
+
+    def burn():
+        while not done.is_set():
+            sum(range(2000))
+
+    threads = [threading.Thread(target=burn, daemon=True) for _ in range(2)]
+    with served.open() as car:
+        for thread in threads:
+            thread.start()
+        states = list(car.states(duration=1.5, timeout=PATIENCE))
+        done.set()
+        for thread in threads:
+            thread.join()
+        frames = states[-1].seq - states[0].seq
+        assert car.timing.lost == 0
+        assert car.timing.damaged == 0
+        assert frames >= 140
+        assert states[-1].t - states[0].t == pytest.approx(1.5, abs=0.3)
