@@ -30,9 +30,12 @@ namespace {
 board::Baud baud;
 
 void start_core_off() {
-  // The core's init() has started Timer0 for millis(): nobody asks for it.
+  // The core's init() has started Timer0 for millis() and Timer2 for PWM:
+  // nobody asks for them. Timer2 would also cost simavr an event every 64
+  // cycles, asleep or not: a third of the speed of the emulation.
   TIMSK0 = 0;
   TCCR0B = 0;
+  TCCR2B = 0;
 }
 
 void load_eeprom() {
