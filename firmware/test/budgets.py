@@ -147,10 +147,11 @@ def main() -> int:
     budgets, isr = measure(FIRMWARE / "build/dart_nano.elf",
                            FIRMWARE / "build/dart_nano_test.elf")
     for budget in budgets:
-        print(budget)
-    print("interrupts, longest [cycles]: " + ", ".join(f"{n} {c}" for n, c in isr.items()))
+        sys.stdout.write(f"{budget}\n")
+    longest = ", ".join(f"{name} {cycles}" for name, cycles in isr.items())
+    sys.stdout.write(f"interrupts, longest [cycles]: {longest}\n")
     over = [b.name for b in budgets if b.over]
-    print(f"over budget: {', '.join(over)}" if over else "every budget holds")
+    sys.stdout.write(f"over budget: {', '.join(over)}\n" if over else "every budget holds\n")
     return bool(over)
 
 

@@ -20,7 +20,7 @@ from dart_hal.errors import EmulatorMissing
 from dart_hal.links import bridge
 
 sys.path.append(str(Path(__file__).parent))
-from firmware_rig import FIRMWARE, Rig  # noqa: E402
+from firmware_rig import FIRMWARE, Rig
 
 
 def missing(reason: str) -> None:

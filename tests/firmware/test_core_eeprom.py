@@ -109,7 +109,8 @@ def test_a_torn_write_leaves_the_old_or_the_new_record(core: c.CDLL, writes: int
     assert core.params_get(1) in (old, new)
     assert [core.params_get(p.id) for p in messages.PARAMS[1:]] == \
         [p.default for p in messages.PARAMS[1:]]
-    assert crc16(b"\xff" * 6) != 0xFFFF and cells[0] == 0xFF  # address 0 is left alone
+    assert crc16(b"\xff" * 6) != 0xFFFF
+    assert cells[0] == 0xFF
 
 
 @given(st.binary(min_size=64, max_size=64))
@@ -125,7 +126,8 @@ def test_a_record_with_a_value_out_of_range_is_refused(core: c.CDLL, cells: obje
     core.eeprom_cells().contents[:] = image
     assert not core.params_load()
     core.eeprom_cells().contents[:] = eeprom_image(edges_per_rev_a=64)
-    assert core.params_load() and core.params_get(1) == 64
+    assert core.params_load()
+    assert core.params_get(1) == 64
 
 
 def test_the_counter_of_the_slots_wraps(core: c.CDLL, cells: object) -> None:

@@ -47,7 +47,8 @@ def test_start_up_takes_what_the_part_takes(core: c.CDLL) -> None:
     assert part.until(SETUP, 500) >= 400
     assert part.until(RUN, 200) <= 150
     view = part.slots(2)
-    assert view.valid and view.nack == view.timeout == view.reinit == 0  # booting is no fault
+    assert view.valid
+    assert view.nack == view.timeout == view.reinit == 0
     assert part.log.index(("w", UNIT, 2)) < part.log.index(("w", MODE, 8))
 
 
@@ -59,7 +60,8 @@ def test_samples_are_those_of_the_part(core: c.CDLL) -> None:
     part = running(core)
     for _ in range(50):
         view = part.slots(1)
-        assert view.valid and view.acc == tuple(part.level + 10 * i for i in range(3))
+        assert view.valid
+        assert view.acc == tuple(part.level + 10 * i for i in range(3))
         assert view.gyro == view.acc
         assert part.now - view.start == 10 * MS - 7 * MS // 2
 
@@ -67,7 +69,8 @@ def test_samples_are_those_of_the_part(core: c.CDLL) -> None:
 def test_the_short_plan_reads_what_it_says(core: c.CDLL) -> None:
     view = running(core, plan=1).slots(1)
     assert view.acc[2] == view.gyro[0] == view.gyro[1] == 0
-    assert view.acc[1] == view.acc[0] + 10 and view.gyro[2] == view.acc[0] + 20
+    assert view.acc[1] == view.acc[0] + 10
+    assert view.gyro[2] == view.acc[0] + 20
 
 
 def test_one_refused_read_clears_valid_and_keeps_the_sample(core: c.CDLL) -> None:
@@ -75,10 +78,14 @@ def test_one_refused_read_clears_valid_and_keeps_the_sample(core: c.CDLL) -> Non
     before = part.view()
     part.fault = "nack"
     after = part.slots(1)
-    assert not after.valid and after.has_sample and after.acc == before.acc
-    assert after.start == before.start and after.nack == before.nack + 1
+    assert not after.valid
+    assert after.has_sample
+    assert after.acc == before.acc
+    assert after.start == before.start
+    assert after.nack == before.nack + 1
     part.fault = "ok"
-    assert part.slots(1).valid and part.view().state == RUN
+    assert part.slots(1).valid
+    assert part.view().state == RUN
 
 
 def test_the_sample_expires_before_its_age_does(core: c.CDLL) -> None:
@@ -92,8 +99,10 @@ def test_sda_low_is_cleared_within_a_slot(core: c.CDLL) -> None:
     part = running(core)
     part.fault = "sda"
     part.slots(1)
-    assert part.fault == "ok" and part.clears == 1
-    assert part.slots(1).valid and part.view().state == RUN
+    assert part.fault == "ok"
+    assert part.clears == 1
+    assert part.slots(1).valid
+    assert part.view().state == RUN
 
 
 def test_ten_failures_reset_the_part(core: c.CDLL) -> None:
@@ -143,7 +152,8 @@ def test_a_brown_out_is_seen_and_set_up_again(core: c.CDLL) -> None:
     part.boot(0)  # registers lost, answers at once
     assert part.until(SETUP, 600) <= 510
     part.until(RUN, 150)
-    assert part.reg[MODE] == 8 and part.reg[UNIT] == 2
+    assert part.reg[MODE] == 8
+    assert part.reg[UNIT] == 2
 
 
 def test_absent_is_said_within_6_s_and_never_final(core: c.CDLL) -> None:
@@ -151,7 +161,8 @@ def test_absent_is_said_within_6_s_and_never_final(core: c.CDLL) -> None:
     part.deaf_to_power, part.fault = True, "nack"
     assert not part.slots(100).absent
     assert part.until(BACKOFF, 4000) <= 4000
-    assert part.view().absent and not part.view().valid
+    assert part.view().absent
+    assert not part.view().valid
     part.deaf_to_power, part.fault = False, "ok"
     part.until(RUN, 5000 + 1500)
     assert not part.slots(2).absent
@@ -166,7 +177,8 @@ def test_stuck_needs_a_turning_wheel_and_200_ms(core: c.CDLL) -> None:
     part.frozen = True
     assert not part.slots(18).stuck  # 19 equal samples with the last moving one
     view = part.slots(1)
-    assert view.stuck and not view.valid
+    assert view.stuck
+    assert not view.valid
     part.frozen = False
     assert part.slots(2).valid
 
@@ -175,7 +187,8 @@ def test_stretching_past_the_deadline_is_a_timeout_not_a_hang(core: c.CDLL) -> N
     part = running(core)
     part.stretch = 3000  # 1.5 ms per byte
     view = part.slots(3)
-    assert view.timeout >= 2 and part.max_leg <= LEG_LIMIT + STEP
+    assert view.timeout >= 2
+    assert part.max_leg <= LEG_LIMIT + STEP
 
 
 def test_offsets_are_learnt_once_and_restored(core: c.CDLL) -> None:
@@ -210,7 +223,8 @@ def test_a_part_that_refuses_our_offsets_runs_on_its_own(core: c.CDLL) -> None:
     part = Part(core)
     part.offsets_stick = False
     part.until(RUN, 3000)
-    assert part.view().factory and part.slots(2).valid
+    assert part.view().factory
+    assert part.slots(2).valid
 
 
 EVENTS = st.sampled_from(["nack", "hang", "sda", "scl", "reset", "brownout", "garbage", "slow"])
@@ -241,7 +255,9 @@ def test_it_always_comes_back_and_never_blocks(
         view = part.slots(1)
         if view.valid:
             break
-    assert view.valid and view.state == RUN and view.acc[0] == part.level
+    assert view.valid
+    assert view.state == RUN
+    assert view.acc[0] == part.level
     assert part.max_leg <= LEG_LIMIT + STEP
 
 

@@ -99,19 +99,23 @@ def outputs(view: View) -> tuple[int, int, int]:
 # --- each transition ---------------------------------------------------------
 
 def test_boot_to_idle_when_ready(sut: Sut) -> None:
-    assert sut.step() == BOOT and outputs(sut.view()) == OUTPUTS[BOOT]
-    assert sut.ready().state == IDLE and outputs(sut.view()) == OUTPUTS[IDLE]
+    assert sut.step() == BOOT
+    assert outputs(sut.view()) == OUTPUTS[BOOT]
+    assert sut.ready().state == IDLE
+    assert outputs(sut.view()) == OUTPUTS[IDLE]
 
 
 def test_idle_to_linked_after_500_ms_of_beats(sut: Sut) -> None:
     sut.ready()
     assert sut.beats(500) == IDLE  # the first of 25 beats starts the run: 480 ms
-    assert sut.beats(20) == LINKED and outputs(sut.view()) == OUTPUTS[LINKED]
+    assert sut.beats(20) == LINKED
+    assert outputs(sut.view()) == OUTPUTS[LINKED]
 
 
 @pytest.mark.parametrize("mode", [ARMED, RAW])
 def test_linked_to_live_on_armed_or_raw(sut: Sut, mode: int) -> None:
-    assert sut.linked().beats(20, mode) == LIVE and outputs(sut.view()) == OUTPUTS[LIVE]
+    assert sut.linked().beats(20, mode) == LIVE
+    assert outputs(sut.view()) == OUTPUTS[LIVE]
 
 
 def test_linked_to_idle_without_a_beat(sut: Sut) -> None:
@@ -129,7 +133,8 @@ def test_live_to_linked_on_disarmed(sut: Sut) -> None:
 
 def test_live_to_tripped_without_a_beat(sut: Sut) -> None:
     assert sut.live().wait(LIMIT) == LIVE
-    assert sut.wait(1) == TRIPPED and outputs(sut.view()) == OUTPUTS[TRIPPED]
+    assert sut.wait(1) == TRIPPED
+    assert outputs(sut.view()) == OUTPUTS[TRIPPED]
 
 
 def test_live_to_tripped_on_stop(sut: Sut) -> None:
@@ -149,7 +154,8 @@ def test_third_trip_within_60_s_locks(sut: Sut) -> None:
         sut.wait(200)
         if trip < 2:
             assert sut.beats(600) == LINKED
-    assert sut.state == LOCKED and outputs(sut.view()) == OUTPUTS[LOCKED]
+    assert sut.state == LOCKED
+    assert outputs(sut.view()) == OUTPUTS[LOCKED]
 
 
 def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
@@ -167,7 +173,7 @@ def test_boot_is_not_left_before_ready(sut: Sut) -> None:
     assert sut.beats(2000, ARMED) == BOOT
 
 
-@pytest.mark.parametrize("mode,token", [(STOP, True), (DISARMED, False), (ARMED, False)])
+@pytest.mark.parametrize(("mode", "token"), [(STOP, True), (DISARMED, False), (ARMED, False)])
 def test_idle_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
     sut.ready()
     assert sut.beats(2000, mode, token) == IDLE
@@ -193,7 +199,7 @@ def test_tripped_is_not_left_by_armed_beats(sut: Sut) -> None:
     assert sut.beats(3000, RAW) == TRIPPED
 
 
-@pytest.mark.parametrize("mode,token", [(STOP, True), (DISARMED, False)])
+@pytest.mark.parametrize(("mode", "token"), [(STOP, True), (DISARMED, False)])
 def test_tripped_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
     sut.live().wait(200)
     assert sut.beats(3000, mode, token) == TRIPPED
@@ -233,7 +239,8 @@ def test_live_only_with_fresh_armed_beats_of_this_boot(
             assert gap <= LIMIT
         sut.beat(mode, token)
         if sut.state == LIVE:
-            assert mode in (ARMED, RAW) and token
+            assert mode in (ARMED, RAW)
+            assert token
         assert outputs(sut.view()) == OUTPUTS[sut.state]
 
 

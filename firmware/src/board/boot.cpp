@@ -109,7 +109,9 @@ extern "C" void dart_watchdog_fired(uint16_t pc)
 void dart_watchdog_fired(uint16_t pc) {
   outputs_cut();
   write_mark(LastRun::kWatchdog, run_mark.bootloader, pc);
-  set_watchdog(may_reset_ ? _BV(WDE) | k16ms : 0);
+  if (!may_reset_) {
+    set_watchdog(0);
+  }  // else the interrupt has put it into reset mode: 64 ms from now
   // Interrupts run on: our own pulse stays alive, the line falls silent.
   sei();
   for (;;) {

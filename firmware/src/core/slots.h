@@ -35,9 +35,12 @@ constexpr uint8_t kSlotOverhead = 8;
 constexpr uint8_t kIdentitySize = 6;
 constexpr uint8_t kOffsetsSize = 22;
 constexpr uint8_t kParamsSize = 20;
-constexpr SlotPlace kOffsetsPlace DART_ROM = {{0x20, 0x60}, 0x4F44, 1, kOffsetsSize};
-constexpr SlotPlace kParamsPlace DART_ROM = {{0xA0, 0xC0}, 0x5044, 1, kParamsSize};
-constexpr SlotPlace kIdentityPlace DART_ROM = {{0xE0, 0xF0}, 0x4944, 1, kIdentitySize};
+constexpr SlotPlace kOffsetsPlace DART_ROM = {
+    {0x20, 0x60}, 0x4F44, 1, kOffsetsSize};
+constexpr SlotPlace kParamsPlace DART_ROM = {
+    {0xA0, 0xC0}, 0x5044, 1, kParamsSize};
+constexpr SlotPlace kIdentityPlace DART_ROM = {
+    {0xE0, 0xF0}, 0x4944, 1, kIdentitySize};
 static_assert(kOffsetsSize + kSlotOverhead <= 0x40, "0x20 to 0x60");
 static_assert(kParamsSize + kSlotOverhead <= 0x20, "0xA0 to 0xC0");
 static_assert(kIdentitySize + kSlotOverhead <= 0x10, "0xE0 to 0xF0");
