@@ -35,9 +35,9 @@ RATE_LIMIT = 0.006
 PING_WINDOW = 20.0
 UNKNOWN_DELAY = 0.5e-3
 """s: mean one-way delay of full-speed USB, while no ping has been answered."""
-LATCH_DELAY = 0.375e-3
+LATCH_DELAY = 0.255e-3
 """s from the encoder latch to the first byte of STATE in the UART: the least of
-the firmware in simavr (median 0.386 ms, most 0.406 ms); a test measures it."""
+the firmware in simavr; a test measures it."""
 STAMP = 0.25e-6
 """s: half a tick of the device clock, the floor of the uncertainty."""
 SLOWEST = 0.1
