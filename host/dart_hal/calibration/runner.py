@@ -86,7 +86,7 @@ class Runner:
                     f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
                     expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
                     likely="battery low, brake on, or a neutral pulse that is far off",
-                    remedy="charge the battery; dart-hal calibrate esc ; dart-hal doctor")
+                    remedy="charge the battery; dart-hal doctor")
         _check_turning(seen[-40:], bias, left)
         return seen
 

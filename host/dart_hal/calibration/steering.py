@@ -196,7 +196,7 @@ def _standstill(states: list[State]) -> Estimate:
             "the car rolls at a neutral throttle",
             found=f"{abs(states[-1].ticks - states[len(states) // 4].ticks)} edges at neutral",
             expected="standstill", likely="neutral of the ESC is off, or the floor slopes",
-            remedy="dart-hal calibrate esc ; or [throttle] neutral_us in car.toml")
+            remedy="level the floor; or [throttle] neutral_us in car.toml")
     bias = float(rates.mean())
     if abs(bias) > MAX_BIAS:
         raise CalibrationFailed("the gyro turns while the car stands",
@@ -230,7 +230,7 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
         f"the servo rests within {fit.rest_us:.1f} us (one sigma) of its target",
         f"gyro bias at standstill {bias.value:+.5f} rad/s, removed",
         f"of angle_std_rad the wheel travel per edge (+-{metres.std / metres.value:.1%}) is common "
-        "to all points; `dart-hal calibrate encoder` narrows it",
+        "to all points; a taped distance entered as [encoder] metres_per_edge narrows it",
     )
     return SteeringResult(
         car=files.config.name, source=source, n=sum(w.n for w in windows),

@@ -27,7 +27,7 @@ from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
 
 SLOT_CK = 20_000
-TO_UART = 375e-6
+TO_UART = 255e-6
 """s from the latch to the first byte of STATE, as the emulated firmware takes."""
 IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
