@@ -23,4 +23,4 @@ def figures(scale: float = 1.0) -> list[Figure]:
     spent = time.process_time() - start
     return [Figure("calibrate steering: CPU time", spent, "s",
                    note=f"{driven / spent:.1f} x real time, the fit included"),
-            Figure("calibrate steering: time of the car", driven, "s", high=60)]
+            Figure("calibrate steering: time of the car", driven, "s")]
