@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from .grid import Grid, grid, savgol_derivative
+from .grid import Grid, grid
+from .marker import savgol_derivative
 from .model import Messages, Mocap, Note, Recording
 from .quantum import encoder_quantum
 from .reader import read, read_all

@@ -1,8 +1,6 @@
-"""Mocap on a grid of 0.01 s: velocities, held commands, and which samples are bad.
+"""Motion of the centre of mass on a grid of 0.01 s, with the commands that were held.
 
-Derivatives by Savitzky-Golay, order 2, 15 points (25 for 20 Hz recordings):
-centred, so they look 70 ms ahead. This is the one preprocessing that every
-open-loop comparison of models uses.
+This is the one preprocessing that every open-loop comparison of models uses.
 """
 
 from __future__ import annotations
@@ -14,36 +12,11 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import FloatArray
 
-from .mocap import GRID, MAX_GAP, POSITION_STEP, YAW_STEP
-from .model import BoolArray, IntArray, Recording, freeze, freeze_flags
+from .marker import marker_grid
+from .model import BoolArray, Recording, freeze, freeze_flags
 from .reference import Reference, reference_for
-from .sensors import GAP
 
-ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
-WIDEN = 20  # samples of 10 ms
-SLOW_STEP = 0.03  # s; a median mocap step above this needs a spline
-POSITION_STEP_C = 0.08  # m per 10 ms
-LOCK_SPEED, LOCK_ENCODER, LOCK_MIN, LOCK_SPAN = 0.05, 0.25, 15, 30
 L_R = 0.0945  # m, rear axle to centre of mass of the paper's code
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerGrid:
-    """Marker frame on the grid, (n,) each: t s, x, y m, yaw rad, derivatives, inputs, bad."""
-
-    t: FloatArray
-    x: FloatArray
-    y: FloatArray
-    yaw: FloatArray
-    dx: FloatArray
-    dy: FloatArray
-    omega: FloatArray
-    throttle: FloatArray
-    steering: FloatArray
-    encoder: FloatArray
-    message: IntArray
-    bad: BoolArray
-    false_lock: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,55 +45,6 @@ class Grid:
         return len(self.t)
 
 
-def savgol_derivative(values: FloatArray, points: int, step: float = GRID) -> FloatArray:
-    """First derivative, order 2, centred; ends: parabola through the last ``points`` values."""
-    half = points // 2
-    offsets = np.arange(-half, half + 1, dtype=np.float64)
-    weights = offsets / (offsets @ offsets) / step
-    out = np.empty(len(values))
-    out[half:len(values) - half] = np.correlate(values, weights, mode="valid")
-    for part, target in ((slice(0, points), range(half)),
-                         (slice(len(values) - points, None), range(half + 1, points))):
-        a, b, _ = np.polyfit(offsets, values[part], 2)
-        start = 0 if part.start == 0 else len(values) - points
-        for i in target:
-            out[start + i] = (2.0 * a * offsets[i] + b) / step
-    return out
-
-
-def marker_grid(recording: Recording) -> MarkerGrid:
-    """The marker frame as measured, before any mounting correction.
-
-    Errors: RecordingError for schema A and for less than 0.25 s of mocap.
-    """
-    mocap, messages = recording.mocap, recording.messages
-    if mocap is None:
-        raise RecordingError(f"{recording.name}: no motion capture in this recording",
-                             found="schema A", expected="schema B or C", read=str(recording.path),
-                             remedy="give a recording with vicon columns")
-    t: FloatArray = np.arange(0, int(np.ceil(mocap.t[-1] / GRID - 1e-9)), dtype=np.float64) * GRID
-    slow = len(mocap) > 3 and float(np.median(np.diff(mocap.t))) > SLOW_STEP
-    points = 25 if slow else 15
-    if len(t) < points:
-        raise RecordingError(f"{recording.name}: too short for velocities",
-                             read=str(recording.path), found=f"{mocap.t[-1]:.2f} s of mocap",
-                             expected="at least 0.25 s", remedy="leave this file out")
-    x, y, yaw = (_onto(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
-    dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
-    arrived = np.searchsorted(messages.arrival, t + ARRIVED, side="right") - 1
-    last = np.maximum(arrived, 0)
-    encoder = messages.speed[last]
-    if recording.schema == "C":
-        lock = np.zeros(len(t), dtype=bool)
-        bad = _widen(_jumps_c(x, y, yaw))
-    else:
-        lock = _false_lock(np.hypot(dx, dy), encoder)
-        stale = (arrived < 0) | (t - messages.arrival[last] > GAP + ARRIVED)
-        bad = _widen(lock | stale | _in_gap(t, mocap.t) | _jumps(x, y, yaw))
-    return MarkerGrid(t, x, y, yaw, dx, dy, omega, messages.throttle[last],
-                      messages.steering[last], encoder, last, bad, lock)
-
-
 def grid(recording: Recording, reference: Reference | None = None, l_r: float = L_R) -> Grid:
     """Motion of the centre of mass; ``reference`` None takes the table by date.
 
@@ -146,37 +70,3 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
         v_y=freeze(-s * m.dx + c * m.dy + m.omega * (l_r - ref.lx)), omega=freeze(m.omega),
         throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
         bad=freeze_flags(m.bad), reference=ref)
-
-
-def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:
-    if not slow:
-        return np.asarray(np.interp(t, stamp, values))
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(stamp, values)(t))
-
-
-def _widen(bad: BoolArray, by: int = WIDEN) -> BoolArray:
-    return np.asarray(np.convolve(bad, np.ones(2 * by + 1), mode="same") > 0.5)
-
-
-def _jumps(x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-    step = (np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP) | (np.abs(np.diff(yaw)) > YAW_STEP)
-    return np.asarray(np.append(step, False) | np.append(False, step))
-
-
-def _jumps_c(x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-    step = (np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP_C) | (np.abs(np.diff(yaw)) > YAW_STEP)
-    return np.append(step, False)
-
-
-def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:
-    after = np.clip(np.searchsorted(stamp, t, side="left"), 1, len(stamp) - 1)
-    return np.asarray(stamp[after] - stamp[after - 1] > MAX_GAP)
-
-
-def _false_lock(speed: FloatArray, encoder: FloatArray) -> BoolArray:
-    with np.errstate(invalid="ignore"):
-        stands = (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
-    count = np.convolve(stands, np.ones(LOCK_SPAN), mode="same")
-    return np.asarray(count > LOCK_MIN)

@@ -12,7 +12,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import FloatArray
 
-from .grid import marker_grid
+from .marker import marker_grid
 from .mocap import mocap as read_mocap
 from .model import Mocap, Note, Recording, freeze
 from .quantum import encoder_quantum

@@ -12,6 +12,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 
+from .marker import marker_grid
 from .model import Recording
 
 
@@ -53,7 +54,6 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
     and v_x > 0.3 m/s, v_lat with the yaw as measured. Pool the recordings of
     one mounting on one floor; one constant circle is collinear.
     """
-    from .grid import marker_grid  # the grid needs this module for its default
 
     rows, lateral = [], []
     for recording in recordings:
