@@ -43,6 +43,12 @@ with Car.open(url, car=name, cars=cars) as car:
 """
 
 
+def drive_on(car, timeout):
+    """Drive until something is raised."""
+    for _ in car.states(timeout=timeout):
+        car.drive(throttle=0.3, valid_for=0.5)
+
+
 def wait_for(condition, seconds=PATIENCE):
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
@@ -83,6 +89,22 @@ def test_the_guard_brings_neutral_when_the_program_cannot(served, driver, number
     assert served.counts()[0] > 307, "the steering is left where it is"
 
 
+def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served, tmp_path):
+    program = subprocess.Popen(
+        [sys.executable, "-m", "dart_hal.cli.main", "calibrate", "steering", "--yes", "--json",
+         "--url", served.url, "--car", served.name, "--cars", str(served.cars)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    moving = wait_for(lambda: served.counts()[1] in range(312, 420))
+    program.send_signal(signal.SIGINT)
+    out, err = program.communicate(timeout=PATIENCE)
+    assert moving, err
+    assert program.returncode == 130, err
+    assert out == ""
+    assert "Traceback" not in err
+    assert served.counts()[1] in NEUTRAL
+    assert not list(tmp_path.rglob("calibration.toml"))
+
+
 def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
     """The Nano's cable comes out, the I2C bus stays."""
     with served.open() as car:
@@ -92,8 +114,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         link = car._engine.backend.link
         os.dup2(os.open("/dev/null", os.O_RDWR), link._port.fd)
         with pytest.raises(LinkLost, match=r"vanished|no frame|take bytes"):
-            for _ in car.states(timeout=1.0):
-                car.drive(throttle=0.3, valid_for=0.5)
+            drive_on(car, 1.0)
         assert wait_for(lambda: served.counts()[1] in NEUTRAL)
         with pytest.raises(LinkLost):
             next(car.states(timeout=1.0))
@@ -108,8 +129,7 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
         served.process.kill()
         served.process.wait()
         with pytest.raises(LinkLost) as lost:
-            for _ in car.states(timeout=2.0):
-                car.drive(throttle=0.3, valid_for=0.5)
+            drive_on(car, 2.0)
         assert served.port in str(lost.value)
         assert lost.value.remedy
         assert car.mode != "ARMED"
@@ -145,19 +165,22 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm):
 
         car.on_state(broken)
         with pytest.raises(ZeroDivisionError, match="listener"):
-            for _ in car.states(timeout=5.0):
-                car.drive(throttle=0.3, valid_for=0.5)
+            drive_on(car, 5.0)
         assert wait_for(lambda: served.counts()[1] in NEUTRAL)
         assert car.mode != "ARMED"
 
 
 def test_an_error_in_the_block_leaves_neutral(served, arm):
-    with pytest.raises(ZeroDivisionError), served.open() as car:
-        arm(car)
-        for state in car.states(timeout=PATIENCE):
-            car.drive(throttle=0.3, valid_for=0.5)
-            if state.applied.throttle > 0.2:
-                1 / 0
+    def mistaken():
+        with served.open() as car:
+            arm(car)
+            for state in car.states(timeout=PATIENCE):
+                car.drive(throttle=0.3, valid_for=0.5)
+                if state.applied.throttle > 0.2:
+                    raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        mistaken()
     assert served.counts()[1] in NEUTRAL
 
 

@@ -18,6 +18,9 @@ FLASH_SIZE = 32 * 1024
 FIRMWARE_DIR = Path(__file__).resolve().parents[3] / "firmware"
 """The firmware of the checkout (absent in an installed package)."""
 
+PACKAGED = Path(__file__).resolve().parents[1] / "prebuilt" / "dart_nano.hex"
+"""The prebuilt image inside an installed package (absent in a checkout)."""
+
 BOOT_START = 0x7800
 """Start of the 2 KiB boot section that the Nano's fuses reserve [byte address]."""
 
@@ -122,7 +125,7 @@ def load_image(path: str | os.PathLike[str]) -> bytes:
     try:
         blob = path.read_bytes()
     except OSError as error:
-        raise EmulatorMissing(f"firmware image {path} cannot be read: {error.strerror}",
+        raise EmulatorMissing(f"firmware image {path} cannot be read", found=str(error.strerror),
                               remedy="make firmware") from error
     if blob[:4] == b"\x7fELF":
         return parse_elf(blob, str(path))
@@ -143,7 +146,7 @@ def find_image() -> Path:
             raise EmulatorMissing(f"$DART_HAL_FIRMWARE names {named}, which is no file")
         return Path(named)
     places = [FIRMWARE_DIR / "build" / "dart_nano.elf", FIRMWARE_DIR / "build" / "dart_nano.hex",
-              FIRMWARE_DIR / "prebuilt" / "dart_nano.hex"]
+              FIRMWARE_DIR / "prebuilt" / "dart_nano.hex", PACKAGED]
     for place in places:
         if place.is_file():
             return place

@@ -1,0 +1,151 @@
+"""What verbs print for machines: the fields of the contracts, and nothing else on stdout."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+
+import pytest
+
+from dart_hal.cli.main import VERBS
+
+MOCK = "sim://?seed=7&nano=mock"
+RUN_FIELDS = {"url", "files", "duration_s", "frames", "lost", "summary"}
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_explains_itself(verb, name):
+    shown = verb(name, "--help")
+    assert shown.code == 0
+    assert "Usage: dart-hal" in shown.out
+    module = importlib.import_module(f"dart_hal.cli.{name}")
+    assert module.command.help
+    leaves = getattr(module.command, "commands", {name: module.command}).values()
+    for command in leaves:
+        options = {o for p in command.params for o in p.opts}
+        assert "--json" in options
+        assert all(p.help for p in command.params if p.param_type_name == "option")
+
+
+def test_the_list_of_verbs(verb):
+    shown = verb("--help")
+    assert all(name in shown.out for name in VERBS)
+    assert "dart-hal" in verb("--version").out
+
+
+def test_demo(verb, tmp_path):
+    done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
+    result = done.json
+    assert done.code == 0
+    assert set(result) >= RUN_FIELDS
+    assert set(result["summary"]) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}
+    assert 0 < result["summary"]["steering_rms_deg"] < 0.5
+    assert result["summary"]["distance_m"] > 15
+    assert result["frames"] > 3000
+    for path in result["files"].values():
+        assert (tmp_path / path).stat().st_size > 0
+
+
+def test_calibrate_steering(verb, tmp_path):
+    cars = tmp_path / "cars"
+    done = verb("calibrate", "steering", "--url", MOCK, "--cars", cars, "--json")
+    result = done.json
+    assert set(result) >= {"car", "source", "n", "duration_s", "map", "paper_form",
+                           "residual_rms_rad", "backlash_rad", "written", "notes"}
+    table = result["map"]
+    assert set(table) >= {"command", "pulse_us", "angle_rad", "angle_std_rad"}
+    assert len(table["command"]) >= 9
+    assert table["command"] == sorted(table["command"])
+    assert (table["command"][0], table["command"][-1]) == (-1.0, 1.0)
+    assert len({len(column) for column in table.values()}) == 1
+    assert set(result["paper_form"]) == {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}
+    assert set(result["backlash_rad"]) == {"value", "std"}
+    assert result["written"] == str(cars / "sim-7" / "calibration.toml")
+    assert result["car"] == "sim-7"
+    dry = verb("calibrate", "steering", "--url", MOCK, "--cars", tmp_path / "no", "--dry-run",
+               "--json").json
+    assert dry["written"] is None
+    assert not (tmp_path / "no").exists()
+
+
+def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
+    runs = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    script = tmp_path / "weave.py"
+    script.write_text("from math import sin\n"
+                      "def control(state):\n"
+                      "    return 0.35 * sin(0.4 * state.t), 0.32\n")
+    for run in runs:
+        done = verb("drive", script, "--url", MOCK, "--record", run, "--duration", 25, "--json")
+        assert done.json["frames"] > 2000
+    result = verb("calibrate", "steering", "--from", *runs, "--dry-run", "--json").json
+    assert [str(s) for s in result["source"]] == [str(r) for r in runs]
+    one = verb("calibrate", "steering", "--from", runs[0], "--dry-run", "--json").json
+    assert result["n"] > 1.5 * one["n"]
+    assert verb("calibrate", "steering", "--from", tmp_path / "none.mcap",
+                "--json").error["code"] == "D-REC-01"
+
+
+def test_record_and_replay(verb, tmp_path):
+    run, table = tmp_path / "runs" / "run.mcap", tmp_path / "run.csv"
+    recorded = verb("record", "--url", MOCK, "--duration", 1, "--out", run, "--json").json
+    assert set(recorded) == RUN_FIELDS
+    assert recorded["files"]["recording"] == str(run)
+    assert recorded["url"] == MOCK
+    replayed = verb("replay", run, "--csv", table, "--json").json
+    assert set(replayed) == RUN_FIELDS
+    assert replayed["frames"] == recorded["frames"]
+    assert replayed["summary"]["states_sha256"] == recorded["summary"]["states_sha256"]
+    assert len(table.read_text().splitlines()) == replayed["frames"] + 1
+
+
+def test_drive_by_script(verb, tmp_path):
+    script = tmp_path / "ahead.py"
+    script.write_text("def control(state):\n    return None if state.t > 4 else (0.1, 0.3)\n")
+    done = verb("drive", script, "--url", MOCK, "--duration", 9, "--json").json
+    assert set(done) == RUN_FIELDS
+    assert done["duration_s"] < 5
+    assert done["summary"]["distance_m"] > 0.2
+
+
+def test_sim_reveal(verb):
+    truth = verb("sim", "--reveal", "--url", MOCK, "--json").json
+    assert set(truth) >= {"seed", "vehicle", "steering", "sensors", "effects"}
+    assert truth["seed"] == 7
+    assert len(truth["steering"]["command"]) == len(truth["steering"]["angle_rad"]) >= 201
+    assert {"encoder.ring", "imu.gyro_bias", "pwm.oscillator_hz", "steering.backlash",
+            "latency.pulse_to_wheel"} <= set(truth["sensors"])
+    other = verb("sim", "--reveal", "--url", "sim://?seed=8", "--json").json
+    assert other["steering"]["angle_rad"] != truth["steering"]["angle_rad"]
+    even = verb("sim", "--reveal", "--url", MOCK + "&ring=even", "--json").json
+    assert even["sensors"]["encoder.ring"] == pytest.approx([1.0] * 20)
+    assert truth["sensors"]["encoder.ring"] != pytest.approx([1.0] * 20, abs=1e-3)
+
+
+def test_top(verb):
+    assert set(verb("top", "--url", MOCK, "--duration", 0.3, "--json").json) == RUN_FIELDS
+    shown = verb("top", "--url", MOCK, "--duration", 0.3)
+    assert shown.code == 0
+    assert "yaw rate" in shown.err
+    assert shown.out == ""
+
+
+def test_wire(verb):
+    table = verb("wire", "--json").json
+    assert {m["name"] for m in table["messages"]} >= {"STATE", "HELLO", "HEARTBEAT"}
+    assert "| STATE" in verb("wire").out or "STATE" in verb("wire").out
+    assert "namespace dart" in verb("wire", "--format", "c").out
+    checked = verb("wire", "--check", "--json")
+    assert checked.json == {"drift": []}
+    assert checked.code == 0
+
+
+def test_as_a_program(tmp_path):
+    """The entry point in a process of its own: stdout is JSON, notices are elsewhere."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dart_hal.cli.main", "record", "--url", MOCK, "--duration", "0.2",
+         "--json"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] > 10
+    assert (tmp_path / "runs" / "run.mcap").is_file()

@@ -1,0 +1,120 @@
+"""The doctor's verdicts: each fault is found by the check that is meant for it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from dart_hal.cli import checks as checks_module
+from dart_hal.cli.checks import TITLES
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+MOCK = "sim://?nano=mock"
+
+
+def verdicts(done) -> dict[str, str]:
+    result = done.json
+    assert set(result) == {"url", "checks", "verdict"}
+    for check in result["checks"]:
+        assert set(check) == {"id", "title", "verdict", "found", "expected", "cause", "try"}
+        assert check["verdict"] in ("ok", "warn", "fail", "skip")
+        if check["verdict"] == "fail":
+            assert check["try"], check
+    assert done.code == (1 if result["verdict"] == "fail" else 0)
+    return {c["id"]: c["verdict"] for c in result["checks"]}
+
+
+@pytest.fixture
+def spoilt(monkeypatch):
+    """``spoilt(change)``: every backend that doctor opens is changed first."""
+    def install(change):
+        def opened(url):
+            backend = open_backend(url)
+            return change(backend) or backend
+
+        monkeypatch.setattr(checks_module, "open_backend", opened)
+
+    return install
+
+
+def test_a_mock_is_no_firmware(verb):
+    found = verdicts(verb("doctor", "--url", MOCK, "--json"))
+    assert set(found) == set(TITLES)
+    assert found.pop("hello") == "warn"
+    assert found.pop("cutoff") == "warn"
+    assert found.pop("calibration") == "warn"
+    assert set(found.values()) == {"ok"}
+
+
+@pytest.mark.emulator
+def test_the_firmware_is_well(verb):
+    found = verdicts(verb("doctor", "--url", "sim://?nano=avr&cutoff=oe", "--json"))
+    assert found.pop("calibration") == "warn"
+    assert set(found.values()) == {"ok"}
+
+
+def test_in_words(verb):
+    shown = verb("doctor", "--url", MOCK)
+    assert shown.code == 0
+    assert shown.out == ""
+    assert "hardware cut-off" in shown.err
+    assert "it will drive" in shown.err
+
+
+def test_no_port_skips_the_rest(verb):
+    found = verdicts(verb("doctor", "--url", "serial:///dev/ttyNONE", "--json"))
+    assert found.pop("port") == "fail"
+    assert set(found.values()) == {"skip"}
+
+
+def test_no_imu(verb, spoilt):
+    spoilt(lambda backend: world_of(backend).nano.set_imu_fault("off"))
+    done = verb("doctor", "--url", MOCK, "--json")
+    assert verdicts(done)["imu"] == "fail"
+    assert done.json["verdict"] == "fail"
+
+
+def test_no_pca9685_still_looks_at_the_rest(verb, spoilt):
+    def without(backend):
+        backend.bus.nack = 10**9
+
+    spoilt(without)
+    found = verdicts(verb("doctor", "--url", MOCK, "--json"))
+    assert found["bus"] == "fail"
+    assert found["imu"] == "ok"
+    assert found["rate"] == "ok"
+
+
+def test_a_bad_line_is_seen_in_the_losses(verb):
+    found = verdicts(verb("doctor", "--url", MOCK + "&ber=3e-4", "--json"))
+    assert found["losses"] in ("warn", "fail")
+    assert found["port"] == "ok"
+
+
+def test_a_url_without_a_bus_says_how_to_name_it(verb, spoilt):
+    spoilt(lambda backend: dataclasses.replace(backend, bus=None))
+    done = verb("doctor", "--url", MOCK, "--json")
+    assert verdicts(done)["bus"] == "warn"
+    bus = next(c for c in done.json["checks"] if c["id"] == "bus")
+    assert "i2c=1" in bus["try"]
+
+
+def test_turning_wheels_are_no_fault(verb, spoilt):
+    def turned(backend):
+        nano = world_of(backend).nano
+        nano.set_wheel(5.0)
+        nano.set_wheel = lambda rate: None
+
+    spoilt(turned)
+    done = verb("doctor", "--url", MOCK, "--json")
+    encoder = next(c for c in done.json["checks"] if c["id"] == "encoder")
+    assert encoder["verdict"] == "ok"
+    assert not encoder["found"].startswith("0 edges")
+
+
+def test_an_unknown_car_is_a_file_that_is_missing(verb, spoilt):
+    spoilt(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
+    done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json")
+    assert verdicts(done)["files"] == "fail"

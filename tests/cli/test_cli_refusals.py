@@ -1,0 +1,219 @@
+"""Input that cannot work: exit code 2, one error object, never a stack trace."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+from dart_hal.cli import flash
+from dart_hal.cli.main import main
+from dart_hal.config import load_car
+from dart_hal.errors import ConfigError
+
+MOCK = "sim://?nano=mock"
+CALIBRATION = 'schema = "dart-hal/calibration/1"\ncar = "{car}"\n[steering.map]\n' \
+              "pulse_us = {pulse}\nangle_rad = {angle}\nstd_rad = [0.01, 0.01, 0.01]\n{more}\n"
+
+
+@pytest.mark.parametrize(("args", "code"), [
+    (("bogus",), "D-USE-01"), (("record", "--bogus"), "D-USE-01"),
+    (("record", "--duration", "0"), "D-USE-01"), (("record", "--duration", "x"), "D-USE-01"),
+    (("drive",), "D-USE-01"), (("drive", "--keyboard"), "D-USE-01"),
+    (("drive", "--keyboard", "--gamepad"), "D-USE-01"), (("drive", "none.py"), "D-USE-01"),
+    (("sim",), "D-USE-01"), (("sim", "--reveal", "--pty"), "D-USE-01"),
+    (("sim", "--bus", "x"), "D-USE-01"), (("sim", "--reveal", "--url", "avr://x"), "D-USE-01"),
+    (("sim", "--reveal", "--url", "sim://?seed=one"), "D-USE-01"),
+    (("sim", "--reveal", "--url", "sim://?seen=1"), "D-USE-01"),
+    (("demo", "--url", "avr://default"), "D-USE-01"),
+    (("replay",), "D-USE-01"), (("replay", "none.mcap"), "D-REC-01"),
+    (("top", "--url", "nope://x"), "D-LINK-01"), (("doctor", "--url", "nope://x"), "D-LINK-01"),
+    (("doctor", "--url", "sim://?nano=9"), "D-USE-01"),
+    (("record", "--url", "serial:///dev/ttyNONE"), "D-LINK-02"),
+    (("calibrate", "steering", "--url", "serial:///dev/ttyNONE"), "D-LINK-02"),
+    (("record", "--url", "replay://none.mcap"), "D-REC-01"),
+    (("record", "--url", MOCK, "--out", "/proc/none/run.mcap"), "D-FILE-04"),
+    (("replay", "/proc/self/mem"), "D-REC-01"),
+])
+def test_a_request_that_cannot_work(verb, args, code):
+    done = verb(*args, "--json")
+    assert done.error["code"] == code
+    plain = verb(*args)
+    assert plain.code == 2
+    assert plain.out == ""
+    assert plain.err.strip()
+
+
+@pytest.mark.parametrize(("text", "code"), [
+    (CALIBRATION.format(car="sim-1", pulse="[1, 2, 3]", angle="[-1, 0, 1]", more=""), "D-FILE-02"),
+    (CALIBRATION.format(car="sim-0", pulse="[1, 2, 3]", angle="[-1, 1, 0]", more=""), "D-FILE-03"),
+    (CALIBRATION.format(car="sim-0", pulse="[1, 2, 2]", angle="[-1, 0, 1]", more=""), "D-FILE-03"),
+    (CALIBRATION.format(car="sim-0", pulse="[1, 2]", angle="[-1, 0, 1]", more=""), "D-FILE-01"),
+    (CALIBRATION.format(car="sim-0", pulse="[1, 2, 3]", angle="[-1, nan, 1]", more=""),
+     "D-FILE-01"),
+    (CALIBRATION.format(car="sim-0", pulse="[1, 2, 3]", angle="[-1, 0, 1]", more="[wheels]"),
+     "D-FILE-01"),
+    ("car = ", "D-FILE-01"), ("", "D-FILE-01"), ("\0", "D-FILE-01"),
+])
+def test_a_broken_calibration_names_the_file(verb, tmp_path, text, code):
+    folder = tmp_path / "cars" / "sim-0"
+    folder.mkdir(parents=True)
+    (folder / "calibration.toml").write_text(text)
+    for command in ("record", "top"):
+        error = verb(command, "--url", MOCK, "--cars", tmp_path / "cars", "--duration", 0.1,
+                     "--json").error
+        assert error["code"] == code
+        assert "calibration.toml" in error["what"]
+    checks = verb("doctor", "--url", MOCK, "--cars", tmp_path / "cars", "--json")
+    assert checks.code == 1
+    assert {c["id"]: c["verdict"] for c in checks.json["checks"]}["files"] == "fail"
+
+
+def test_a_calibration_that_is_no_text(verb, tmp_path):
+    folder = tmp_path / "cars" / "sim-0"
+    folder.mkdir(parents=True)
+    (folder / "calibration.toml").write_bytes(b"\xff\xfe\x00")
+    assert verb("record", "--url", MOCK, "--cars", tmp_path / "cars",
+                "--json").error["code"] == "D-FILE-01"
+
+
+@pytest.mark.parametrize("text", ["", "name = 5", 'name = "other"', "name = 'x'\n[geometry]\n",
+                                  "x = [", 'schema = "dart-hal/car/9"'])
+def test_a_broken_car_file_names_the_file(tmp_path, text):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "car.toml").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_car("mine", [tmp_path])
+    assert "car.toml" in caught.value.what
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(("text", "line"), [
+    ("def control(state):\n    return 1 / 0, 0\n", "line 2"),
+    ("def control(state)\n", "line 1"),
+    ("import no_such_module\n", "line 1"),
+    ("def control(state):\n    return 'left'\n", "returned"),
+    ("def control(state):\n    return 0.1\n", "returned"),
+])
+def test_a_mistake_in_a_script_is_named_by_its_line(verb, tmp_path, text, line):
+    script = tmp_path / "mine.py"
+    script.write_text(text)
+    error = verb("drive", script, "--url", MOCK, "--json").error
+    assert error["code"] == "D-USE-02"
+    assert line in error["found"]
+
+
+def test_a_script_without_control_lists_what_it_has(verb, tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text("def steer(state):\n    pass\n")
+    error = verb("drive", script, "--url", MOCK, "--json").error
+    assert "steer" in error["found"]
+
+
+def test_a_command_that_is_no_number_ends_the_drive(verb, tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text("def control(state):\n    return float('nan'), 0.2\n")
+    assert verb("drive", script, "--url", MOCK, "--json").error["code"] == "D-CMD-01"
+
+
+def test_a_mistake_of_ours_is_one_sentence(verb, monkeypatch):
+    def broken(seed, ring=None):
+        raise KeyError("a mistake of ours")
+
+    monkeypatch.setattr("dart_hal.cli.sim.reveal", broken)
+    error = verb("sim", "--reveal", "--url", MOCK, "--json").error
+    assert error["code"] == "D-BUG-01"
+    assert "line" in error["found"]
+
+
+def test_a_full_disk_is_one_sentence(verb, monkeypatch):
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device", "run.mcap")
+
+    monkeypatch.setattr("dart_hal.recording.run.RunWriter.rx", full)
+    error = verb("record", "--url", MOCK, "--duration", 1, "--json").error
+    assert error["code"] == "D-FILE-04"
+    assert "No space left" in error["what"]
+
+
+def test_a_reader_that_has_enough_is_no_error(tmp_path):
+    done = subprocess.run(f"{sys.executable} -m dart_hal.cli.main wire --format c | head -1",
+                          shell=True, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert "Traceback" not in done.stderr
+    assert "Error" not in done.stderr
+
+
+# -- flash ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def image(tmp_path):
+    path = tmp_path / "image.hex"
+    path.write_text(":00000001FF\n")
+    return path
+
+
+def test_flash_without_avrdude(verb, image):
+    error = verb("flash", image, "--port", "/dev/ttyX", "--avrdude", "no-such-avrdude",
+                 "--json").error
+    assert error["code"] == "D-FLASH-01"
+    assert "apt-get" in error["try"]
+
+
+@pytest.mark.parametrize("content", [None, "", "no hex file"])
+def test_flash_of_what_is_no_image(verb, tmp_path, content):
+    path = tmp_path / "bad.hex"
+    if content is not None:
+        path.write_text(content)
+    assert verb("flash", path, "--port", "/dev/ttyX", "--json").error["code"] == "D-USE-01"
+
+
+def test_flash_of_a_file_that_is_not_what_its_sum_says(verb, image):
+    image.with_name(image.name + ".sha256").write_text("0" * 64 + "  image.hex\n")
+    error = verb("flash", image, "--port", "/dev/ttyX", "--json").error
+    assert error["code"] == "D-FLASH-01"
+    assert "does not match" in error["what"]
+
+
+def test_flash_without_a_port(verb, image, monkeypatch):
+    monkeypatch.setattr(flash.list_ports, "grep", lambda pattern: [])
+    error = verb("flash", image, "--avrdude", sys.executable, "--json").error
+    assert error["code"] == "D-LINK-02"
+
+
+def test_flash_of_a_busy_port_names_who_has_it(verb, image):
+    master, slave = os.openpty()
+    error = verb("flash", image, "--port", os.ttyname(slave), "--avrdude", sys.executable,
+                 "--json").error
+    assert f"pid {os.getpid()}" in error["found"]
+    os.close(master)
+    os.close(slave)
+
+
+def test_flash_that_fails_says_what_avrdude_said(verb, image, tmp_path):
+    fake = tmp_path / "avrdude"
+    fake.write_text("#!/bin/sh\necho 'stk500_getsync(): not in sync' >&2\nexit 1\n")
+    fake.chmod(0o755)
+    error = verb("flash", image, "--port", tmp_path / "port", "--avrdude", fake, "--json").error
+    assert "not in sync" in error["found"]
+    assert error["code"] == "D-FLASH-01"
+
+
+# -- Ctrl-C -----------------------------------------------------------------------
+
+
+def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dart_hal.cli.sim.reveal", interrupted)
+    with pytest.raises(SystemExit) as left:
+        main(["sim", "--reveal", "--url", MOCK])
+    assert left.value.code == 130
+    said = capsys.readouterr()
+    assert "stopped" in said.err
+    assert said.out == ""

@@ -1,0 +1,91 @@
+"""Paths and pure pursuit: geometry that can be checked by hand."""
+
+from __future__ import annotations
+
+from math import atan, cos, pi, sin
+
+import numpy as np
+import pytest
+
+from dart_hal.control.paths import Path, figure_of_eight
+from dart_hal.control.pursuit import PurePursuit
+from dart_hal.types import Pose
+
+WHEELBASE = 0.175
+
+
+def test_a_circle_has_its_radius_and_closes():
+    circle = Path([(2 * pi * 1.5, 1 / 1.5)], closed=True)
+    assert circle.length == pytest.approx(2 * pi * 1.5)
+    assert circle.min_radius == pytest.approx(1.5)
+    assert np.hypot(circle.x, circle.y - 1.5) == pytest.approx(np.full(len(circle.x), 1.5),
+                                                              abs=1e-9)
+    assert circle.point(circle.length) == circle.point(0.0)
+
+
+def test_a_straight_has_no_radius_and_an_end():
+    straight = Path([(2.0, 0.0)], closed=False, start=(1.0, 2.0, pi / 2))
+    assert straight.min_radius == float("inf")
+    assert straight.point(99.0)[1] == pytest.approx(4.0, abs=0.03)
+    assert straight.point(-1.0) == pytest.approx((1.0, 2.0))
+
+
+def test_the_eight_is_symmetric():
+    eight = figure_of_eight(0.9)
+    half = len(eight.x) // 2
+    assert eight.y[:half] == pytest.approx(-eight.y[half:], abs=1e-9)
+    assert eight.y[:half].min() > -1e-9
+
+
+def test_left_of_the_path_is_positive():
+    straight = Path([(4.0, 0.0)], closed=False)
+    s = straight.closest(1.0, 0.3, 0.9)
+    assert s == pytest.approx(1.0, abs=0.02)
+    assert straight.offset(1.0, 0.3, s) == pytest.approx(0.3)
+    assert straight.offset(1.0, -0.3, s) == pytest.approx(-0.3)
+
+
+def test_the_closest_point_never_jumps_to_the_other_branch():
+    """At its crossing the eight has two points in one place."""
+    eight = figure_of_eight(0.9)
+    assert eight.closest(0.0, 0.0, eight.length / 2) == pytest.approx(eight.length / 2, abs=0.03)
+    assert eight.closest(0.0, 0.0, eight.length) == pytest.approx(eight.length, abs=0.03)
+
+
+def follow(path, x, y, yaw, speed=0.6, seconds=20.0, delay=0.0):
+    """A kinematic car of ours, 100 Hz; offsets of the last third."""
+    pursuit = PurePursuit(path, WHEELBASE, delay=delay)
+    offsets, rate = [], 0.0
+    for _ in range(int(seconds * 100)):
+        angle = pursuit.steer(Pose(x, y, yaw), speed, rate)
+        angle = min(max(angle, -0.4), 0.4)
+        rate = speed * np.tan(angle) / WHEELBASE
+        x, y = x + speed * 0.01 * cos(yaw), y + speed * 0.01 * sin(yaw)
+        yaw += rate * 0.01
+        offsets.append(pursuit.offset)
+    return np.array(offsets[len(offsets) * 2 // 3:]), pursuit
+
+
+def test_pursuit_comes_back_to_a_straight():
+    offsets, _ = follow(Path([(30.0, 0.0)], closed=False), 0.0, 0.4, 0.3)
+    assert np.abs(offsets).max() < 1e-3
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pursuit_holds_a_circle_to_either_side(sign):
+    circle = Path([(2 * pi * 1.2, sign / 1.2)], closed=True)
+    offsets, pursuit = follow(circle, 0.0, 0.0, 0.0)
+    assert np.abs(offsets).max() < 0.02
+    assert pursuit.s > circle.length
+
+
+def test_on_the_circle_the_angle_is_ackermanns():
+    circle = Path([(2 * pi * 1.2, 1 / 1.2)], closed=True)
+    angle = PurePursuit(circle, WHEELBASE, delay=0.0).steer(Pose(0.0, 0.0, 0.0), 0.0, 0.0)
+    assert angle == pytest.approx(atan(WHEELBASE / 1.2), rel=0.02)
+
+
+def test_pursuit_follows_the_eight():
+    offsets, pursuit = follow(figure_of_eight(0.9), 0.0, 0.0, 0.0, seconds=40.0)
+    assert np.abs(offsets).max() < 0.06
+    assert pursuit.s > pursuit.path.length
