@@ -81,7 +81,7 @@ void edges_refresh() {
 }  // namespace dart
 
 // EdgeCounter::edge() by hand: avr-gcc saves 13 registers and needs 97 cycles
-// without and 130 with the glitch rule; this takes 63 and 105 (entry, jump
+// without and 130 with the glitch rule; this takes 67 and 107 (entry, jump
 // and reti included). r25:r24 is the stamp; r22, r23, r31 are borrowed only
 // by the rule. The stamp is read first: what follows may take its time.
 #define DART_EDGE_ISR(ring, bit, stamps_kept)                                 \
