@@ -33,8 +33,9 @@ docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (do
 	@$(BIN)/python -m sphinx -q -W -b html docs docs/build
 	@echo "open docs/build/index.html"
 
-firmware: toolchain ## build firmware, emulator bridge and native core, print the budgets
-	@if command -v avr-gcc >/dev/null; then $(MAKE) -s -C firmware hex native size; fi
+firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
+	@if command -v avr-gcc >/dev/null; then \
+	    $(MAKE) -s -C firmware hex native size PYTHON=$(CURDIR)/$(BIN)/python; fi
 
 # Compiler for the Nano and the emulator. Without them the mock takes over, visibly.
 .PHONY: toolchain
