@@ -1,0 +1,140 @@
+"""Closing is complete whatever goes wrong on the way: neutral first, then everything else."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.errors import BusError, LinkLost, NoHello, PcaMissing
+from dart_hal.links.base import Backend, Url, open_backend
+
+URL = "sim://?nano=mock"
+NEUTRAL_LAST = range(305, 309)
+
+
+def throttle_counts(bus) -> int:
+    pair = bytearray(2)
+    bus.writeto_then_readfrom(0x40, b"\x0c", pair)
+    return pair[0] | (pair[1] & 0x1F) << 8
+
+
+def driving(tmp_path, record=None):
+    backend = open_backend(URL)
+    closed, bus = [], backend.bus
+    backend.closers = (lambda: closed.append("bus"),)
+    car = Car.over(backend, cars=tmp_path, record=record)
+    backend.bus = bus  # a recording notes the bus, and ends with the car
+    car.arm()
+    for _ in car.states(duration=0.2):
+        car.drive(throttle=0.3, valid_for=0.5)
+    assert throttle_counts(backend.bus) > 320
+    return backend, car, closed
+
+
+def test_close_writes_neutral_and_lets_go(tmp_path):
+    backend, car, closed = driving(tmp_path)
+    car.close()
+    car.close()
+    assert throttle_counts(backend.bus) in NEUTRAL_LAST
+    assert closed == ["bus"]
+    assert car.mode == "CLOSED"
+
+
+def test_a_second_ctrl_c_while_closing_skips_nothing(tmp_path):
+    backend, car, closed = driving(tmp_path, tmp_path / "run.mcap")
+
+    def interrupted(seconds):
+        raise KeyboardInterrupt
+
+    car._engine.driver.actuator._sleep = interrupted        # between the two neutral frames
+    with pytest.raises(KeyboardInterrupt):
+        car.close()
+    assert throttle_counts(backend.bus) in NEUTRAL_LAST
+    assert closed == ["bus"]
+    with Car.open(f"replay://{tmp_path / 'run.mcap'}") as again:
+        assert not again.notices, "the recording has its end"
+
+
+def test_a_bus_that_fails_while_closing_does_not_keep_the_port(tmp_path):
+    backend, car, closed = driving(tmp_path)
+    backend.bus.nack = 10**9
+    car.close()
+    assert closed == ["bus"]
+    with pytest.raises(LinkLost):
+        backend.link.read(0.0)
+
+
+def test_an_error_in_the_block_passes_through_at_neutral(tmp_path):
+    backend, car, _ = driving(tmp_path)
+
+    def mistaken():
+        with car:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        mistaken()
+    assert throttle_counts(backend.bus) in NEUTRAL_LAST
+
+
+def test_no_pca9685_is_said_and_closes(tmp_path):
+    backend, closed = open_backend(URL), []
+    backend.closers = (lambda: closed.append("bus"),)
+    backend.bus.nack = 10**9
+    with pytest.raises(BusError) as caught:
+        Car.over(backend, cars=tmp_path)
+    assert isinstance(caught.value, PcaMissing) or caught.value.remedy
+    assert closed == ["bus"]
+
+
+def test_a_nano_that_says_nothing_leaves_the_pins_at_neutral(tmp_path):
+    backend, closed = open_backend(URL), []
+    backend.closers = (lambda: closed.append("bus"),)
+    read = backend.link.read
+    backend.link.read = lambda timeout: read(timeout) and None
+    with pytest.raises(NoHello):
+        Car.over(backend, cars=tmp_path)
+    assert closed == ["bus"]
+    assert throttle_counts(backend.bus) in NEUTRAL_LAST
+
+
+def test_ctrl_c_while_opening_closes(tmp_path):
+    backend, closed = open_backend(URL), []
+    backend.closers = (lambda: closed.append("bus"),)
+
+    def interrupted(timeout):
+        raise KeyboardInterrupt
+
+    backend.link.read = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        Car.over(backend, cars=tmp_path)
+    assert closed == ["bus"]
+
+
+def test_a_backend_closes_all_of_it_also_when_one_part_raises():
+    closed = []
+
+    class Link:
+        def close(self):
+            raise OSError("link")
+
+    backend = Backend(Url.parse(URL), Link(), None, None, False,
+                      closers=(lambda: closed.append(1), lambda: closed.append(2)))
+    with pytest.raises(OSError, match="link"):
+        backend.close()
+    assert closed == [1, 2]
+
+
+def test_leaving_by_an_exit_is_neutral(tmp_path):
+    """atexit: a program that forgets to close its car."""
+    import subprocess
+    import sys
+
+    code = ("from dart_hal.car import Car\nfrom dart_hal.links.base import open_backend\n"
+            "import atexit\n"
+            f"b = open_backend({URL!r}); pair = bytearray(2)\n"
+            "atexit.register(lambda: (b.bus.writeto_then_readfrom(0x40, b'\\x0c', pair),"
+            " print(pair[0] | pair[1] << 8)))\n"
+            f"car = Car.over(b, cars={str(tmp_path)!r})\ncar.arm()\n"
+            "for _ in car.states(duration=0.2): car.drive(throttle=0.3, valid_for=0.5)\n")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) in NEUTRAL_LAST

@@ -1,0 +1,50 @@
+"""Every example runs as it stands; the URL alone decides on which car."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+PROGRAMS = sorted(p for p in EXAMPLES.glob("*.py") if "def control(" not in p.read_text())
+SCRIPTS = sorted(p for p in EXAMPLES.glob("*.py") if "def control(" in p.read_text())
+URLS = ["sim://?seed=2&nano=mock"]
+
+
+def run(args, folder, url) -> str:
+    done = subprocess.run([sys.executable, *map(str, args)], capture_output=True, text=True,
+                          cwd=folder, env={**os.environ, "DART_HAL_URL": url}, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+def test_there_are_examples_of_both_kinds():
+    assert len(PROGRAMS) >= 2
+    assert SCRIPTS
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
+def test_a_program(program, tmp_path):
+    said = run([program], tmp_path, URLS[0])
+    assert any(c.isdigit() for c in said)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_a_script_for_drive(script, tmp_path):
+    result = json.loads(run(["-m", "dart_hal.cli.main", "drive", script, "--json"], tmp_path,
+                            URLS[0]))
+    assert result["summary"]["distance_m"] > 0.5
+    assert result["lost"] == 0
+
+
+@pytest.mark.emulator
+def test_an_example_on_the_firmware(tmp_path):
+    said = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
+    assert "turned" in said
+    assert float(said.rpartition("turned ")[2].split()[0]) > 2.0
