@@ -19,8 +19,8 @@ def test_the_papers_eight_rows_add_up_to_its_total():
 
 def test_every_row_is_complete():
     for row in rows():
-        missing = [k for k in ("tier", "part", "quantity", "unit_price_eur", "purpose", "search_for")
-                   if not row[k]]
+        wanted = ("tier", "part", "quantity", "unit_price_eur", "purpose", "search_for")
+        missing = [k for k in wanted if not row[k]]
         assert not missing, f"{row['part']}: {', '.join(missing)} missing"
 
 
