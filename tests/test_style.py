@@ -102,9 +102,11 @@ def test_every_class_is_in_the_catalogue_under_a_code_of_its_own():
     def below(cls):
         return [sub for c in cls.__subclasses__() for sub in (c, *below(c))]
 
+    import dart_hal.links.image  # noqa: F401 - a room with a refinement of its own
+
     ours = [c for c in below(DartHalError) if c.__module__.startswith("dart_hal.")]
-    assert len({c.code for c in ours}) == len(ours)
-    assert set(CATALOGUE.values()) == set(ours)
+    assert all(issubclass(c, CATALOGUE[c.code]) for c in ours), "a refinement keeps its code"
+    assert {c for c in ours if c.__module__ == "dart_hal.errors"} == set(CATALOGUE.values())
 
 
 def test_every_error_is_documented():

@@ -13,6 +13,9 @@ ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator), "pty"]
 NEUTRAL = range(305, 309)
 """Counts of 4.88 us around the neutral of 1500 us."""
 every_car = pytest.mark.parametrize("bench", ALL, indirect=True)
+every_car_in_time = pytest.mark.parametrize(
+    "bench", [*ALL[:2], pytest.param("pty", marks=pytest.mark.slow)], indirect=True)
+"""The same; the served car in the long suite alone."""
 
 
 @every_car
@@ -51,7 +54,7 @@ def test_left_circle_gives_positive_yaw_and_y(bench):
     assert bench.counts()[0] > 307
 
 
-@every_car
+@every_car_in_time
 def test_a_right_turn_gives_negative_yaw(bench):
     car = bench.ready()
     first = next(car.states())
@@ -80,7 +83,7 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
         assert "EXPIRED" in seen[-1].applied.limited
 
 
-@every_car
+@every_car_in_time
 def test_a_command_that_is_renewed_does_not_expire(bench):
     """The control of the test above."""
     car = bench.ready()

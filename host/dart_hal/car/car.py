@@ -31,6 +31,8 @@ from dart_hal.vehicle.speed_law import SpeedLaw
 DEFAULT_URL = "sim://"
 PERIOD = 0.01
 """s between two STATE frames."""
+RAW_PATIENCE = 1.0
+"""s that raw() waits for what comes by waiting: a clean half second of frames."""
 ARM_PATIENCE = 4.5
 """s: the ESC's 2 s of neutral, 0.5 s of good checks, 1.5 s for what comes by waiting."""
 
@@ -249,8 +251,9 @@ class Car:
     def _until_good(self) -> Iterator[State]:
         """States until clock and IMU have settled after the opening; 2 s at most."""
         for state in self.states(duration=2.0):
-            if self._engine.driver.settled(self._engine.now):
-                return
+            with self._engine.lock:
+                if self._engine.driver.settled(self._engine.now):
+                    return
             yield state
 
     @contextmanager
@@ -263,6 +266,10 @@ class Car:
         engine = self._engine
         for _ in self.states(duration=self.files.config.throttle.arm_neutral):
             pass
+        for _ in self.states(duration=RAW_PATIENCE):
+            with engine.lock:
+                if not engine.driver.raw_refusals(engine.now):
+                    break
         with engine.lock:
             engine.driver.open_raw(engine.now)
         try:

@@ -236,17 +236,21 @@ class Driver:
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open is there."""
         facts = self.facts(now)
-        return facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
+        return (facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
+                and (facts.guard_age is None or facts.guard_age <= STALE))
 
     def open_raw(self, now: float) -> None:
         """Enter RAW. Raises NotArmed unless link, firmware and bus are good."""
-        needless = ("NEUTRAL_TOO_SHORT",)
-        held = [name for name in refusals(self.facts(now), WAIVABLE) if name not in needless]
-        if held:
+        if held := self.raw_refusals(now):
             raise not_armed(held)
         self.event(Event.RAW_OPEN, now)
         if self.mode is not Mode.RAW:
             raise not_armed(("PCA_ABSENT",))
+
+    def raw_refusals(self, now: float) -> list[str]:
+        """Why RAW may not be entered now."""
+        needless = ("NEUTRAL_TOO_SHORT",)
+        return [name for name in refusals(self.facts(now), WAIVABLE) if name not in needless]
 
     def raw_pulses(self, steering_us: float, throttle_us: float) -> Applied:
         """Pulses in RAW. Raises BadCommand in any other state."""
