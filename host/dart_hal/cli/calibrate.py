@@ -10,10 +10,15 @@ import click
 from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
-from dart_hal.calibration.steering import calibrate_steering, plan
+from dart_hal.calibration.schedule import SPEEDS
+from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.options import PathsOption, car_options, json_option
 from dart_hal.cli.output import console, print_json, progress_bar
 from dart_hal.cli.session import opened
+from dart_hal.errors import UsageError
+
+LEAST_DIFFERENCE = 0.1
+"""m/s; closer speeds do not show how the tyres slip."""
 
 
 @click.group("calibrate")
@@ -29,9 +34,13 @@ def command() -> None:
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of map, data and residuals")
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask")
+@click.option("--speeds", nargs=2, type=click.FloatRange(0.15, 0.8), default=SPEEDS,
+              show_default=True, metavar="SLOW FAST",
+              help="m/s there and back; slower needs less floor, and both must differ")
 @json_option
 def steering(url: str | None, car_name: str, cars: Path | None, recordings: tuple[Path, ...],
-             dry_run: bool, plot: Path | None, yes: bool, as_json: bool) -> None:
+             dry_run: bool, plot: Path | None, yes: bool, speeds: tuple[float, float],
+             as_json: bool) -> None:
     """The map from steering command to road-wheel angle, with its standard errors.
 
     On a car: slow circles over the whole range, from both sides, about one
@@ -40,7 +49,7 @@ def steering(url: str | None, car_name: str, cars: Path | None, recordings: tupl
     if recordings:
         result = steering_from(recordings, car=car_name)
     else:
-        result = _drive(url, car_name, cars, dry_run, yes)
+        result = _drive(url, car_name, cars, dry_run, yes, speeds)
     if plot is not None:
         plot_steering(result, plot)
     if as_json:
@@ -51,29 +60,31 @@ def steering(url: str | None, car_name: str, cars: Path | None, recordings: tupl
             console.print(f"picture: {plot}")
 
 
-def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
-           yes: bool) -> SteeringResult:
-    with opened(url, car_name, cars) as car:
-        simulated = car.url.startswith("sim:")
-        if not simulated:
-            console.print(f"{car.files.config.name}: {plan(car.files)}")
+def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+           speeds: tuple[float, float]) -> SteeringResult:
+    if abs(speeds[1] - speeds[0]) < LEAST_DIFFERENCE:
+        raise UsageError("the two speeds must differ: they tell the slip of the tyres",
+                         found="--speeds {} {}".format(*speeds),
+                         expected=f"a difference of at least {LEAST_DIFFERENCE} m/s")
+    with opened(url, car_name, cars) as car, progress_bar() as bar:
+        task = bar.add_task("calibrating", total=1.0)
+
+        def progress(fraction: float, text: str) -> None:
+            bar.update(task, completed=fraction, description=text)
 
         def ask(question: str) -> bool:
-            if yes or simulated:
+            if yes or car.url.startswith("sim:"):
                 return True
+            bar.stop()
             if not sys.stdin.isatty():
                 console.print(f"{question}  (answer with --yes)")
                 return False
-            return click.confirm(question, err=True)
+            agreed = click.confirm(question, err=True)
+            bar.start()
+            return agreed
 
-        with progress_bar() as bar:
-            task = bar.add_task("calibrating", total=1.0)
-
-            def progress(fraction: float, text: str) -> None:
-                bar.update(task, completed=fraction, description=text)
-
-            return calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
-                                      source=car.url)
+        return calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
+                                  source=car.url, speeds=speeds)
 
 
 def show(result: SteeringResult) -> None:
