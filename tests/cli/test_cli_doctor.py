@@ -40,7 +40,7 @@ def spoilt(monkeypatch):
 
 
 def test_a_mock_is_no_firmware(verb):
-    found = verdicts(verb("doctor", "--url", MOCK, "--json"))
+    found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
     assert set(found) == set(TITLES)
     assert found.pop("hello") == "warn"
     assert found.pop("cutoff") == "warn"
@@ -50,7 +50,7 @@ def test_a_mock_is_no_firmware(verb):
 
 @pytest.mark.emulator
 def test_the_firmware_is_well(verb):
-    found = verdicts(verb("doctor", "--url", "sim://?nano=avr&cutoff=oe", "--json"))
+    found = verdicts(verb("doctor", "--url", "sim://?nano=avr&cutoff=oe", "--json", "--seconds", 1))
     assert found.pop("calibration") == "warn"
     assert set(found.values()) == {"ok"}
 
@@ -64,14 +64,14 @@ def test_in_words(verb):
 
 
 def test_no_port_skips_the_rest(verb):
-    found = verdicts(verb("doctor", "--url", "serial:///dev/ttyNONE", "--json"))
+    found = verdicts(verb("doctor", "--url", "serial:///dev/ttyNONE", "--json", "--seconds", 1))
     assert found.pop("port") == "fail"
     assert set(found.values()) == {"skip"}
 
 
 def test_no_imu(verb, spoilt):
     spoilt(lambda backend: world_of(backend).nano.set_imu_fault("off"))
-    done = verb("doctor", "--url", MOCK, "--json")
+    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["imu"] == "fail"
     assert done.json["verdict"] == "fail"
 
@@ -81,21 +81,21 @@ def test_no_pca9685_still_looks_at_the_rest(verb, spoilt):
         backend.bus.nack = 10**9
 
     spoilt(without)
-    found = verdicts(verb("doctor", "--url", MOCK, "--json"))
+    found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
     assert found["bus"] == "fail"
     assert found["imu"] == "ok"
     assert found["rate"] == "ok"
 
 
 def test_a_bad_line_is_seen_in_the_losses(verb):
-    found = verdicts(verb("doctor", "--url", MOCK + "&ber=3e-4", "--json"))
+    found = verdicts(verb("doctor", "--url", MOCK + "&ber=3e-4", "--json", "--seconds", 1))
     assert found["losses"] in ("warn", "fail")
     assert found["port"] == "ok"
 
 
 def test_a_url_without_a_bus_says_how_to_name_it(verb, spoilt):
     spoilt(lambda backend: dataclasses.replace(backend, bus=None))
-    done = verb("doctor", "--url", MOCK, "--json")
+    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["bus"] == "warn"
     bus = next(c for c in done.json["checks"] if c["id"] == "bus")
     assert "i2c=1" in bus["try"]
@@ -108,7 +108,7 @@ def test_turning_wheels_are_no_fault(verb, spoilt):
         nano.set_wheel = lambda rate: None
 
     spoilt(turned)
-    done = verb("doctor", "--url", MOCK, "--json")
+    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     encoder = next(c for c in done.json["checks"] if c["id"] == "encoder")
     assert encoder["verdict"] == "ok"
     assert not encoder["found"].startswith("0 edges")
@@ -116,5 +116,5 @@ def test_turning_wheels_are_no_fault(verb, spoilt):
 
 def test_an_unknown_car_is_a_file_that_is_missing(verb, spoilt):
     spoilt(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
-    done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json")
+    done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json", "--seconds", 1)
     assert verdicts(done)["files"] == "fail"

@@ -124,7 +124,8 @@ def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
 
 
 @every_car
-@pytest.mark.parametrize("bad", [{"throttle": math.nan}, {"steering": math.inf}])
+@pytest.mark.parametrize("bad", [{"throttle": math.nan}, pytest.param(
+    {"steering": math.inf}, marks=pytest.mark.slow)])
 def test_a_command_that_is_no_number_trips(bench, bad):
     car = bench.ready()
     for _ in car.states(duration=0.1, timeout=30.0):

@@ -178,6 +178,7 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm):
         assert car.mode != "ARMED"
 
 
+@pytest.mark.slow
 def test_an_error_in_the_block_leaves_neutral(served, arm):
     def mistaken():
         with served.open() as car:

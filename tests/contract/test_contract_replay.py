@@ -101,8 +101,11 @@ def test_two_runs_are_one_file(kind, tmp_path):
     assert other[1] != first[1]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("extra", ["", "&jitter=busy&ber=1e-5"])
+@pytest.mark.parametrize(("kind", "extra"), [
+    ("mock", ""), ("mock", "&jitter=busy&ber=1e-5"),
+    pytest.param("avr", "", marks=pytest.mark.emulator),
+    pytest.param("avr", "&jitter=busy&ber=1e-5", marks=[pytest.mark.emulator, pytest.mark.slow]),
+])
 def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
     url = f"sim://?seed=3&nano={kind}{extra}"
     first, *others = (closed_loop(url, tmp_path, slice_s=s, seconds=1.0)
