@@ -75,7 +75,8 @@ def driver(served):
 
 
 @pytest.mark.parametrize(("number", "code"), [
-    (signal.SIGINT, None), (signal.SIGTERM, 128 + signal.SIGTERM),
+    (signal.SIGTERM, 128 + signal.SIGTERM),
+    pytest.param(signal.SIGINT, None, marks=pytest.mark.slow),
     pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.slow),
 ])
 def test_a_signal_leaves_neutral(served, driver, number, code):

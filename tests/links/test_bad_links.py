@@ -143,7 +143,7 @@ def test_it_falls_back_to_the_rate_at_which_hello_comes(fake, hurried):
 
 
 @pytest.mark.emulator
-def test_a_nano_whose_parameter_is_115200_is_found(tmp_path):
+def test_a_nano_whose_parameter_is_115200_is_found(hurried):
     from dart_hal.links.emulator import EmulatedNano
     from dart_hal.links.image import find_image
     from dart_hal.links.pty import Pty

@@ -21,7 +21,7 @@ from dart_hal.car.recorder import start_recording
 from dart_hal.car.signals import stop_on_signals
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
-from dart_hal.errors import DartHalError, EndOfRecording, LinkLost
+from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, State
@@ -283,8 +283,8 @@ class Car:
         """Leave LOCKED (three trips in a minute); the reason is recorded."""
         with self._engine.lock:
             self._engine.driver.event(Event.UNLOCK, self._engine.now)
-        if self._recorder is not None:
-            self._recorder.note("unlock", {"reason": reason})
+            if self._recorder is not None:
+                self._recorder.note("unlock", {"reason": reason})
 
     # -- what is known -----------------------------------------------------------------
 
@@ -293,7 +293,7 @@ class Car:
         """Identity of the Nano that answered."""
         hello = self._engine.receiver.hello
         if hello is None:
-            raise DartHalError("the Nano has not said who it is")
+            raise NoHello("the Nano has not said who it is", found=self.url)
         return hello
 
     @property
