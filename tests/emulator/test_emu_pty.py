@@ -44,7 +44,7 @@ def test_each_open_resets(served):
             assert (boot[0], boot[2]) == (ord("B"), 0)
             assert boot[1] & 2  # external reset
             assert pty.opens == n
-        time.sleep(0.02)  # no program closes and opens faster
+        assert wait_for(lambda: not pty.is_open)
 
 
 def test_without_reset_on_open_the_program_runs_on(probe):
@@ -95,3 +95,17 @@ def test_a_failure_of_the_thread_is_raised_by_close(probe):
             ser.read(1)
         with pytest.raises(ZeroDivisionError):
             pty.close()
+
+
+def test_a_pacing_thread_that_dies_is_seen_and_its_failure_raised(nano):
+    def tick(t: float) -> None:
+        raise RuntimeError("the world ended")
+
+    port = Pty(nano, tick, reset_on_open=False)
+    port.start()
+    deadline = time.monotonic() + 10.0
+    while port.alive and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not port.alive
+    with pytest.raises(RuntimeError, match="the world ended"):
+        port.close()

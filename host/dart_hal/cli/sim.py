@@ -18,6 +18,9 @@ from dart_hal.sim.backend import OPTIONS
 from dart_hal.sim.serve import BusServer, PacedWorld
 from dart_hal.sim.truth import reveal
 
+LOOK_EVERY = 0.5
+"""s between two looks at whether the pacing thread still lives."""
+
 
 @click.command("sim")
 @url_option
@@ -89,7 +92,8 @@ def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None
             console.print(f"the car answers on {port.path}; from another terminal:\n"
                           f"  dart-hal top --car {name} --url '{address}'\nCtrl-C ends it",
                           soft_wrap=True)
-            done.wait()
+            while port.alive and not done.wait(LOOK_EVERY):
+                pass
     finally:
         if served is not None:
             served.close()

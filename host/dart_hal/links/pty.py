@@ -73,6 +73,8 @@ class Pty:
         self._stop = False
         self._speed = 0
         self.opens = 0
+        self.is_open = False
+        """Whether a program had the port open at the last look."""
         self.dropped = 0
 
     def __enter__(self) -> Pty:
@@ -104,6 +106,11 @@ class Pty:
         if failure is not None:
             raise failure
 
+    @property
+    def alive(self) -> bool:
+        """False once the pacing thread has ended; `close` raises what it died of."""
+        return self._thread is not None and self._thread.is_alive()
+
     def _guarded(self) -> None:
         try:
             self.serve()
@@ -112,10 +119,10 @@ class Pty:
 
     def serve(self) -> None:
         """Pace the Nano in the calling thread until `close` is called elsewhere."""
-        is_open = False
         start = time.monotonic() - self.nano.now
         while not self._stop:
-            was_open, is_open = is_open, self._slave_open()
+            was_open, self.is_open = self.is_open, self._slave_open()
+            is_open = self.is_open
             if is_open and not was_open:
                 self._opened()
             if not is_open and self._reset_on_open:
