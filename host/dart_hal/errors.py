@@ -36,7 +36,8 @@ class DartHalError(Exception):
         lines = [f"error {self.code}: {self.what}"]
         pairs = (("found", self.found), ("expected", self.expected), ("likely", self.likely),
                  ("try", self.remedy), ("read", self.read))
-        lines += [f"  {name:<8} : {text}" for name, text in pairs if text]
+        lines += [f"  {name:<8} : {text}".replace("\n", "\n" + " " * 13)
+                  for name, text in pairs if text]
         return "\n".join(lines)
 
     def as_json(self) -> dict[str, str]:
@@ -56,8 +57,8 @@ class PortMissing(DartHalError, OSError):
 
     code = "D-LINK-02"
     likely_default = "cable not plugged in, or another name after replugging"
-    remedy_default = ("dart-hal doctor --url serial://PORT ; "
-                      "ports are listed by `ls /dev/ttyUSB* /dev/ttyACM*`")
+    remedy_default = ("ls /dev/ttyUSB* /dev/ttyACM* ; then "
+                      "dart-hal doctor --url 'serial:///dev/ttyUSB0?i2c=1'")
 
 
 class PortBusy(DartHalError, OSError):

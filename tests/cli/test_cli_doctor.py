@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from dart_hal.cli import checks as checks_module
-from dart_hal.cli.checks import TITLES
+from dart_hal.cli.checks import TITLES, no_bus
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
@@ -93,12 +93,32 @@ def test_a_bad_line_is_seen_in_the_losses(verb):
     assert found["port"] == "ok"
 
 
-def test_a_url_without_a_bus_says_how_to_name_it(verb, spoilt):
+def test_without_a_bus_the_car_is_not_said_to_drive(verb, spoilt):
     spoilt(lambda backend: dataclasses.replace(backend, bus=None))
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
-    assert verdicts(done)["bus"] == "warn"
-    bus = next(c for c in done.json["checks"] if c["id"] == "bus")
-    assert "i2c=1" in bus["try"]
+    assert verdicts(done)["bus"] == verdicts(done)["arming"] == "warn"
+    plain = verb("doctor", "--url", MOCK, "--seconds", 1)
+    assert "not ready to drive" in plain.err
+
+
+def test_a_serial_url_without_a_bus_says_how_to_name_it():
+    assert no_bus("serial:///dev/ttyUSB0").remedy.endswith("ttyUSB0?i2c=1'")
+    assert no_bus("serial:///dev/ttyUSB0?baud=115200").remedy.endswith("115200&i2c=1'")
+
+
+def test_what_arm_would_refuse_is_told(verb, spoilt):
+    """A car whose clock nobody measured: the doctor says what arm() would say."""
+    def unmeasured(backend):
+        lines = backend.car_toml.splitlines()
+        kept = [line for line in lines if not line.startswith("oscillator_hz")]
+        return dataclasses.replace(backend, car_toml="\n".join(kept))
+
+    spoilt(unmeasured)
+    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
+    assert verdicts(done)["pwm"] == verdicts(done)["arming"] == "warn"
+    arming = next(c for c in done.json["checks"] if c["id"] == "arming")
+    assert "PWM_CLOCK_UNCALIBRATED" in arming["found"]
+    assert "--waive PWM_CLOCK_UNCALIBRATED" in arming["try"]
 
 
 def test_turning_wheels_are_no_fault(verb, spoilt):

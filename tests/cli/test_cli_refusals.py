@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -95,7 +96,7 @@ def test_a_broken_car_file_names_the_file(tmp_path, text):
 @pytest.mark.parametrize(("text", "line"), [
     ("def control(state):\n    return 1 / 0, 0\n", "line 2"),
     ("def control(state)\n", "line 1"),
-    ("import no_such_module\n", "line 1"),
+    ("import no_such_module\ndef control(state): ...\n", "line 1"),
     ("def control(state):\n    return 'left'\n", "returned"),
     ("def control(state):\n    return 0.1\n", "returned"),
 ])
@@ -105,6 +106,36 @@ def test_a_mistake_in_a_script_is_named_by_its_line(verb, tmp_path, text, line):
     error = verb("drive", script, "--url", MOCK, "--json").error
     assert error["code"] == "D-USE-02"
     assert line in error["found"]
+
+
+def test_a_program_of_its_own_is_not_run_by_drive(verb, tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text("import pathlib\npathlib.Path('moved').touch()\n")
+    error = verb("drive", script, "--url", MOCK, "--json").error
+    assert error["try"].endswith(f"python {script}")
+    assert not (tmp_path / "moved").exists()
+    assert not Path("moved").exists()
+
+
+def test_a_recording_or_a_desk_is_not_driven(verb, tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text("def control(state):\n    return 0.0, 0.0\n")
+    run = tmp_path / "run.mcap"
+    verb("record", "--url", MOCK, "--duration", 1, "--out", run)
+    error = verb("drive", script, "--url", f"replay://{run}", "--json").error
+    assert "nothing to drive" in error["what"]
+
+
+def test_a_new_recording_keeps_the_old_one(verb, tmp_path):
+    run = tmp_path / "run.mcap"
+    for _ in range(3):
+        verb("record", "--url", MOCK, "--duration", 1, "--out", run)
+    names = sorted(p.name for p in tmp_path.glob("*.mcap"))
+    assert names == ["run.1.mcap", "run.2.mcap", "run.mcap"]
+
+
+def test_a_misspelt_verb_names_the_nearest(verb):
+    assert verb("calibrat", "--json").error["try"] == "dart-hal calibrate"
 
 
 def test_a_script_without_control_lists_what_it_has(verb, tmp_path):
@@ -196,8 +227,10 @@ def test_flash_of_a_busy_port_names_who_has_it(verb, image):
 
 def test_flash_that_fails_says_what_avrdude_said(verb, image, tmp_path):
     fake = tmp_path / "avrdude"
-    fake.write_text("#!/bin/sh\necho 'stk500_getsync(): not in sync' >&2\nexit 1\n")
+    fake.write_text("#!/bin/sh\necho 'stk500_getsync(): not in sync' >&2\n"
+                    "echo 'avrdude done.  Thank you.' >&2\nexit 1\n")
     fake.chmod(0o755)
+    (tmp_path / "port").touch()
     error = verb("flash", image, "--port", tmp_path / "port", "--avrdude", fake, "--json").error
     assert "not in sync" in error["found"]
     assert error["code"] == "D-FLASH-01"

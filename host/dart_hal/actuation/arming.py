@@ -118,7 +118,7 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("PWM_CLOCK_UNCALIBRATED", "actuators",
             "the PCA9685's clock was never measured: neutral may be 100 us off",
             'measure a pulse with a scope and enter [pwm] oscillator_hz in car.toml, or '
-            'arm(waive=["PWM_CLOCK_UNCALIBRATED"])',
+            'arm(waive=["PWM_CLOCK_UNCALIBRATED"]), in a shell --waive PWM_CLOCK_UNCALIBRATED',
             lambda f: not f.clock_calibrated, waivable=True),
     Refusal("THROTTLE_NOT_NEUTRAL", "command", "a source asks for throttle",
             "release the throttle, then arm()", lambda f: f.throttle != 0.0),
@@ -137,7 +137,8 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("LATCHED", "process", "three trips in 60 s locked the car",
             'car.unlock("reason")', lambda f: f.latched),
     Refusal("CALIBRATION_MISSING", "files", "this car has no calibration.toml",
-            'dart-hal calibrate steering, or arm(waive=["CALIBRATION_MISSING"])',
+            'dart-hal calibrate steering, or arm(waive=["CALIBRATION_MISSING"]), in a shell '
+            '--waive CALIBRATION_MISSING',
             lambda f: f.calibration == "missing", waivable=True),
     Refusal("CALIBRATION_OTHER_CAR", "files", "calibration.toml belongs to another car",
             "dart-hal calibrate steering", lambda f: f.calibration == "other_car"),
@@ -185,7 +186,7 @@ def warnings(facts: Facts) -> tuple[str, ...]:
 def not_armed(names: Iterable[str]) -> NotArmed:
     """The error that lists every reason with its sentence and remedy."""
     known = [BY_NAME[name] for name in names]
-    found = "; ".join(f"{r.name}: {r.text}" for r in known)
-    remedy = " ; ".join(dict.fromkeys(r.remedy for r in known))
+    found = "\n".join(f"{r.name}: {r.text}" for r in known)
+    remedy = "\n".join(dict.fromkeys(r.remedy for r in known))
     return NotArmed("the car does not arm", reasons=tuple(r.name for r in known), found=found,
                     remedy=remedy)

@@ -17,7 +17,7 @@ from dart_hal.car.engine import Engine
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
-from dart_hal.car.recorder import start_recording
+from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.signals import stop_on_signals
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
@@ -29,6 +29,7 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.speed_law import SpeedLaw
 
 DEFAULT_URL = "sim://"
+DEFAULT_CAR = "dart-01"
 PERIOD = 0.01
 """s between two STATE frames."""
 RAW_PATIENCE = 1.0
@@ -60,12 +61,13 @@ class Car:
     # -- life ------------------------------------------------------------------
 
     @classmethod
-    def open(cls, url: str | None = None, *, car: str = "dart-01",
+    def open(cls, url: str | None = None, *, car: str | None = None,
              cars: str | Path | None = None, record: str | Path | None = None) -> Car:
         """Open a car and leave it at neutral and disarmed.
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
-        car; a simulated or recorded one brings its own. ``cars``: folder of
+        car, None: $DART_HAL_CAR, then dart-01; a simulated or recorded car
+        brings its own. ``cars``: folder of
         the cars' files. ``record``: MCAP file for everything that passes.
         Raises the errors of the catalogue: UnknownScheme, PortMissing,
         PortBusy, PortDenied, NoHello, PcaMissing, ConfigError, ...
@@ -74,17 +76,23 @@ class Car:
         return cls.over(open_backend(text), car=car, cars=cars, record=record)
 
     @classmethod
-    def over(cls, backend: Backend, *, car: str = "dart-01", cars: str | Path | None = None,
+    def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
              record: str | Path | None = None) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         folders = [cars] if cars else None
+        named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
         try:
             if backend.car_toml is not None:
                 files = parse_car(backend.car_toml, backend.url.text, folders)
+                if named not in (DEFAULT_CAR, files.config.name):
+                    backend.notices += (f"{backend.url.text} is the car {files.config.name}; "
+                                        f"the files of {named} are not used",)
             else:
-                files = load_car(backend.car or car, folders)
+                files = load_car(backend.car or named, folders)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)
+            if record and (kept := keep_old(record)):
+                backend.notices += (f"{record} was there; it is kept as {kept}",)
             opened = cls(backend, files, record)
         except BaseException:
             backend.close()
@@ -300,6 +308,16 @@ class Car:
     def mode(self) -> str:
         """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
         return self._engine.driver.mode.value
+
+    @property
+    def drives(self) -> bool:
+        """False where commands go nowhere: a recording, or a port without its I2C bus."""
+        return self._engine.backend.bus is not None
+
+    def refusals(self) -> tuple[str, ...]:
+        """Names of what would keep ``arm()`` from arming now, waiting apart."""
+        with self._engine.lock:
+            return self._engine.driver.arm_refusals(self._engine.now)
 
     @property
     def causes(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from collections import deque
 from dart_hal.actuation import Actuator, Event, Facts, Supervisor, not_armed, refusals
 from dart_hal.actuation import State as Mode
 from dart_hal.actuation.arming import WAIVABLE
+from dart_hal.actuation.supervisor import COMES_BY_WAITING
 from dart_hal.car.guarding import GuardPost
 from dart_hal.car.identity import Hello
 from dart_hal.car.receive import Receiver
@@ -234,9 +235,10 @@ class Driver:
         return not_armed(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
 
     def settled(self, now: float) -> bool:
-        """Whether everything that comes by waiting after an open is there."""
+        """Whether everything that comes by waiting after an open or a drive is there."""
         facts = self.facts(now)
         return (facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
+                and not facts.wheel_moves
                 and (facts.guard_age is None or facts.guard_age <= STALE))
 
     def open_raw(self, now: float) -> None:
@@ -246,6 +248,10 @@ class Driver:
         self.event(Event.RAW_OPEN, now)
         if self.mode is not Mode.RAW:
             raise not_armed(("PCA_ABSENT",))
+
+    def arm_refusals(self, now: float) -> tuple[str, ...]:
+        """What keeps the car from arming and does not come by waiting."""
+        return tuple(name for name in refusals(self.facts(now)) if name not in COMES_BY_WAITING)
 
     def raw_refusals(self, now: float) -> list[str]:
         """Why RAW may not be entered now."""

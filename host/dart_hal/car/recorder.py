@@ -12,6 +12,20 @@ from dart_hal.recording.run import RunWriter
 FILES = ("car.toml", "calibration.toml", "model.toml")
 
 
+def keep_old(path: str | Path) -> Path | None:
+    """Move a file that stands in the way of a new recording to run.1.mcap, run.2.mcap, ...
+
+    Returns its new name, None when there was none.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return None
+    number = 1
+    while (kept := path.with_suffix(f".{number}{path.suffix}")).exists():
+        number += 1
+    return path.rename(kept)
+
+
 def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWriter:
     """Begin an MCAP file of this run; ``engine`` writes into it from now on."""
     texts = {name: (files.folder / name).read_text(encoding="utf-8")

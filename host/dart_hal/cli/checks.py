@@ -46,7 +46,7 @@ TITLES = {
     "port": "port", "bus": "I2C and PCA9685", "files": "files of the car", "hello": "firmware",
     "schema": "message definitions", "rate": "frame rate", "losses": "losses",
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
-    "calibration": "calibration",
+    "pwm": "PWM clock", "calibration": "calibration", "arming": "arming",
 }
 
 
@@ -77,6 +77,7 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
     try:
         checks += _stream(car, seconds)
         checks += _car(car)
+        checks.append(_arming(car))
     except DartHalError as error:
         checks.append(_failed("rate", error))
     finally:
@@ -89,8 +90,7 @@ def _open(backend: Backend, url: str, car_name: str, cars: Path | None,
     """The car; without its I2C bus if that is the fault."""
     try:
         if backend.bus is None:
-            checks.append(Check("bus", TITLES["bus"], "warn", "no I2C bus in the URL",
-                                remedy=f"--url '{url}?i2c=1'"))
+            checks.append(no_bus(url))
         car = Car.over(backend, car=car_name, cars=cars)
     except BusError as error:
         checks.append(_failed("bus", error))
@@ -108,6 +108,15 @@ def _open(backend: Backend, url: str, car_name: str, cars: Path | None,
         checks.append(_check("bus", True, "PCA9685 read back well, throttle at "
                              f"{applied.throttle_us:.1f} us"))
     return car
+
+
+def no_bus(url: str) -> Check:
+    """The check of a URL that names no I2C bus."""
+    remedy = f"--url '{url}{'&' if '?' in url else '?'}i2c=1'"
+    if not url.startswith(("serial:", "hwgrep:")):
+        remedy = "nothing to do: this backend has no actuators"
+    return Check("bus", TITLES["bus"], "warn", "no I2C bus behind this URL", remedy=remedy,
+                 cause="commands are not sent")
 
 
 def _without_bus(backend: Backend, car_name: str, cars: Path | None,
@@ -190,12 +199,35 @@ def _car(car: Car) -> list[Check]:
         _check("cutoff", bool(fitted), "fitted" if fitted else
                "none: if the computer dies the car keeps its throttle", bad="warn",
                expected="/OE or multiplexer on the Nano",
-               remedy="see the handbook, hardware cut-off"),
+               remedy="hardware/README.md, section Hardware cut-off"),
+        _check("pwm", files.oscillator_hz is not None, "measured" if files.oscillator_hz else
+               "never measured: neutral may be 100 us off", bad="warn",
+               expected="[pwm] oscillator_hz in car.toml",
+               remedy=BY_NAME["PWM_CLOCK_UNCALIBRATED"].remedy),
         _check("calibration", map_ is not None, "steering map of this car" if map_ else
                "no steering map: the paper's is used", bad="warn",
                expected=str(files.folder / "calibration.toml"),
-               remedy=f"dart-hal calibrate steering --url '{car.url}'"),
+               remedy=f"dart-hal calibrate steering --url '{car.url}'{_car_option(car)}"),
     ]
+
+
+def _car_option(car: Car) -> str:
+    """What names this car on a command line; a simulated one brings its own files."""
+    return "" if car.url.startswith("sim:") else f" --car {car.files.config.name}"
+
+
+def _arming(car: Car) -> Check:
+    """Whether arm() would refuse, and why."""
+    if not car.drives:
+        return _check("arming", False, "nothing to arm: commands are not sent", bad="warn",
+                      remedy="see I2C above")
+    names = car.refusals()
+    waived = "".join(f" --waive {n}" for n in names if BY_NAME[n].waivable)
+    remedy = "cure the lines above" + (f", or drive with{waived}" if waived else "")
+    return _check("arming", not names, "arm() would arm" if not names else
+                  "arm() would refuse: " + ", ".join(names),
+                  bad="warn" if all(BY_NAME[n].waivable for n in names) else "fail",
+                  expected="no reason to refuse", remedy=remedy)
 
 
 def _skipped(checks: list[Check]) -> list[Check]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +44,18 @@ def command(url: str, out: Path, as_json: bool) -> None:
         raise UsageError("the demo needs a car whose truth is known", found=url,
                          expected="sim://?seed=N",
                          remedy="dart-hal calibrate steering --url " + url)
-    out.mkdir(parents=True, exist_ok=True)
+    if find_spec("matplotlib") is None:
+        raise UsageError("the demo draws its page with matplotlib, which is not installed",
+                         remedy="pip install 'dart-hal[plot]'")
+    number = parsed.options.get("seed", "0")
+    # the car's folder must be there, or a folder of that car elsewhere would be used
+    (out / "cars" / f"sim-{number}").mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     result, hello, said = calibrate(url, out)
     drive = eight(url, out)
     files = {"page": out / "index.html", "summary": out / "summary.png",
              "recording": out / "eight.mcap", "calibration": Path(result.written or "")}
-    known = reveal(int(parsed.options.get("seed", "0")))
+    known = reveal(int(number))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
     write_page(files["page"], url, hello, result, known, drive, numbers, said)

@@ -67,6 +67,7 @@ def write_page(path: Path, url: str, hello: dict[str, Any], result: SteeringResu
                                 for k, v in rows.items()) + "</table>"
     for title, draw in _drawings(result, known, drive).items():
         body += f"<h2>{title}</h2><img alt='{title}' src='{_picture(draw)}'>"
+    body += SIGMA
     path.write_text(PAGE.format(url=html.escape(url), body=body), encoding="utf-8")
 
 
@@ -160,6 +161,9 @@ def _error(axes: Any, drive: Drive) -> None:
     axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
+SIGMA = """<p>The stated sigma is that of a car whose wheel travel per edge and gyro scale nobody
+has measured: it must hold for every seed, and is often larger than the error of this one.</p>"""
+
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -179,7 +183,7 @@ code {{ background: #f2f2f2; padding: .1em .3em; border-radius: 4px }}
 <h1>A car in a box</h1>
 <p>The firmware ran in an emulated ATmega328P, its serial bytes were decoded by the HAL, commands
 went through ServoKit into a register model of the PCA9685, and a simulated car
-(<code>{url}</code>) moved. Nothing but the tables below knows what was hidden in it.</p>
+(<code>{url}</code>) moved. Only the table and the pictures below know what was hidden in it.</p>
 {body}
 </body></html>
 """

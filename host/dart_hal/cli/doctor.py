@@ -33,9 +33,18 @@ def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
     else:
         for check in checks:
             show(check)
-        console.print({"ok": "all well", "warn": "it will drive; see the warnings",
-                       "fail": "not ready; see above what to type"}[verdict])
+        console.print(closing(checks, verdict))
     return 1 if verdict == "fail" else 0
+
+
+def closing(checks: list[Check], verdict: str) -> str:
+    """The last line: whether the car would drive."""
+    arms = any(c.id == "arming" and c.verdict == "ok" for c in checks)
+    if verdict == "ok":
+        return "all well"
+    if verdict == "warn" and arms:
+        return "it will drive; see the warnings"
+    return "not ready to drive; see above what to type"
 
 
 def show(check: Check) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import runpy
 import traceback
 from collections.abc import Callable, Iterator
@@ -51,6 +52,10 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
     manual = None if script else Gamepad() if gamepad else Keyboard()
     with closing(manual) if manual else nullcontext(), opened(url, car_name, cars, record) as car:
         summary = Summary(car)
+        if not car.drives:
+            raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
+                             remedy="sim://, or serial:///dev/ttyUSB0?i2c=1; "
+                             "dart-hal replay runs a recording")
         car.arm(waive=waive)
         if control is not None:
             run_script(car, control, duration or 10.0)
@@ -70,11 +75,16 @@ def load(path: Path) -> Control:
     if not path.is_file():
         raise UsageError(f"there is no script {path}", expected="a Python file")
     with blamed(path):
+        names = defined(path.read_text(encoding="utf-8"))
+    if "control" not in names:  # looked at before anything of it runs and moves a car
+        raise UsageError(f"{path} defines no control(state)", found=", ".join(names),
+                         expected="def control(state): return steering_rad, throttle",
+                         remedy=f"a program of its own is run by: python {path}")
+    with blamed(path):
         space: dict[str, Any] = runpy.run_path(str(path))
-    control = space.get("control")
+    control = space["control"]
     if not callable(control):
-        raise UsageError(f"{path} defines no control(state)",
-                         found=", ".join(n for n in space if not n.startswith("_")),
+        raise UsageError(f"{path}: control is not a function", found=repr(control),
                          expected="def control(state): return steering_rad, throttle")
 
     def checked(state: State) -> tuple[float, float] | None:
@@ -83,6 +93,19 @@ def load(path: Path) -> Control:
             return None if wanted is None else (float(wanted[0]), float(wanted[1]))
 
     return checked
+
+
+def defined(source: str) -> list[str]:
+    """Names that a module binds at its top level. Raises SyntaxError."""
+    names: list[str] = []
+    for node in ast.parse(source).body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            names.append(node.name)
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            names += [alias.asname or alias.name for alias in node.names]
+        elif isinstance(node, ast.Assign):
+            names += [t.id for t in node.targets if isinstance(t, ast.Name)]
+    return names
 
 
 @contextmanager

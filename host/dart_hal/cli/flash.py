@@ -37,6 +37,8 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
     path = image or find_image().with_suffix(".hex")
     _check(path, avrdude)
     device = port or _only_port()
+    if not Path(device).exists():
+        raise PortMissing(f"there is no port {device}", found=_present())
     for pid, name in holders(device):
         raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",
                           remedy="close that program, then flash again")
@@ -73,9 +75,21 @@ def _only_port() -> str:
     ports = list(list_ports.grep(USB_BRIDGES))
     if len(ports) == 1:
         return str(ports[0].device)
-    names = ", ".join(f"{p.device} ({p.description})" for p in ports) or "none"
-    raise PortMissing("which port?", found=f"USB serial ports: {names}",
+    raise PortMissing("which port?", found=_present(),
                       remedy="dart-hal flash --port /dev/ttyUSB0")
+
+
+def _present() -> str:
+    ports = ", ".join(f"{p.device} ({p.description})" for p in list_ports.grep(USB_BRIDGES))
+    return f"USB serial ports: {ports or 'none'}"
+
+
+def _cause(report: str) -> str:
+    """The line of avrdude's report that says what went wrong: the last that complains."""
+    lines = [line.strip() for line in report.splitlines() if line.strip()]
+    bad = [line for line in lines if re.search(r"error|can.?t|cannot|not in sync|mismatch|"
+                                               r"not respond|no such|denied", line, re.I)]
+    return (bad or lines or ["it said nothing"])[-1]
 
 
 def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
@@ -90,7 +104,7 @@ def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
         except subprocess.TimeoutExpired:
             said = "no answer within 120 s"
             continue
-        said = run.stderr.strip().splitlines()[-1] if run.stderr.strip() else ""
+        said = _cause(run.stderr)
         verified = re.search(r"(\d+) bytes of flash verified", run.stderr)
         if run.returncode == 0 and verified:
             return baud, {"bytes": int(verified.group(1)), "verified": True}

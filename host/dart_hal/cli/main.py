@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from difflib import get_close_matches
 from importlib import import_module
 
 import click
@@ -40,6 +41,15 @@ class _Verbs(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(self, ctx: click.Context, args: list[str]
+                        ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in VERBS:
+            near = get_close_matches(args[0], VERBS, n=1)
+            raise UsageError(f"there is no verb {args[0]!r}", found=args[0],
+                             expected=", ".join(VERBS),
+                             remedy=f"dart-hal {near[0]}" if near else "dart-hal --help")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Verbs"):
             formatter.write_dl(list(VERBS.items()))
@@ -58,6 +68,9 @@ def main(args: list[str] | None = None) -> None:
     try:
         sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
     except DartHalError as error:
+        verb = next((word for word in argv if word in VERBS), "")
+        if verb and error.remedy == UsageError.remedy_default:
+            error.remedy = f"dart-hal {verb} --help"
         _fail(error, as_json)
     except click.ClickException as error:
         _refuse(error, argv, as_json)

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
+DEFAULT_CAR = "dart-01"
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -20,8 +21,9 @@ def url_option(command: F) -> F:
 
 def car_options(command: F) -> F:
     """``--url``, ``--car`` and ``--cars``: which car and where its files are."""
-    command = click.option("--car", "car_name", default="dart-01", show_default=True,
-                           help="name of the car whose files are used")(command)
+    command = click.option("--car", "car_name", default=DEFAULT_CAR, envvar="DART_HAL_CAR",
+                           show_default=True, help="name of the car whose files are used "
+                           "(also: $DART_HAL_CAR)")(command)
     return url_option(cars_option(command))
 
 

@@ -59,7 +59,8 @@ def _reveal(url: Url, as_json: bool) -> None:
         print_json(truth)
         return
     for name, value in truth["sensors"].items():
-        console.print(f"{name:32} {value}")
+        shown = value if isinstance(value, list) else [value]
+        console.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))
     steering = truth["steering"]
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         console.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
@@ -90,7 +91,8 @@ def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None
             if as_json:
                 print_json({"url": address, "pty": port.path, "bus": bus, "car": name})
             console.print(f"the car answers on {port.path}; from another terminal:\n"
-                          f"  dart-hal top --car {name} --url '{address}'\nCtrl-C ends it",
+                          f"  export DART_HAL_URL='{address}' DART_HAL_CAR={name}\n"
+                          "  dart-hal top\nCtrl-C ends it",
                           soft_wrap=True)
             while port.alive and not done.wait(LOOK_EVERY):
                 pass

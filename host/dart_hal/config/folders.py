@@ -18,6 +18,10 @@ from dart_hal.config.quantity import Quantity
 from dart_hal.config.write import save
 from dart_hal.errors import ConfigError
 
+EXAMPLE = "dart-01"
+PACKAGED = Path(__file__).resolve().parents[1] / "cars" / EXAMPLE / "car.toml"
+"""The example car inside an installed package (absent in a checkout)."""
+
 Folders = Sequence[str | os.PathLike[str]]
 
 
@@ -89,11 +93,16 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
         if (folder / "car.toml").is_file():
             config = parse_config(_read(folder / "car.toml"), str(folder / "car.toml"))
             return _with_measurements(config, folder, str(folder / "car.toml"), name)
+    home = cars_home(cars_dirs) / name
+    if name == EXAMPLE and PACKAGED.is_file():
+        return _with_measurements(parse_config(_read(PACKAGED), str(PACKAGED)), home,
+                                  str(PACKAGED), name)
     searched = ", ".join(str(folder.parent) for folder in folders)
+    example = PACKAGED if PACKAGED.is_file() else Path("cars") / EXAMPLE / "car.toml"
     raise ConfigError(f"there is no car {name}", found=_existing(cars_dirs),
                       expected=f"{name}/car.toml in {searched}",
-                      remedy=f"copy the folder cars/dart-01 to {cars_home(cars_dirs) / name} and "
-                      "edit its car.toml, or name another folder with --cars")
+                      remedy=f"mkdir -p {home} ; cp {example} {home} ; then edit its name and what "
+                      "differs, or name another folder with --cars")
 
 
 def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFiles:

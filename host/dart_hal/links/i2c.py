@@ -23,13 +23,18 @@ TIMEOUT = 1.0
 """s: a transfer takes 1 ms; a server that is silent for longer is gone."""
 
 
+def check_bus(spec: str) -> None:
+    """Refuse what names no bus before anything is opened. Raises UsageError."""
+    if not spec.startswith("unix:") and not (spec.isascii() and spec.isdigit()):
+        raise UsageError(f"i2c={spec} names no bus", expected="i2c=1 or i2c=unix:/path/of/socket")
+
+
 def open_bus(spec: str) -> Bus:
     """Open the bus that a URL names. Raises BusError, UsageError."""
+    check_bus(spec)
     if spec.startswith("unix:"):
         return SocketBus(spec[len("unix:"):])
-    if spec.isdecimal():
-        return SmbusBus(int(spec))
-    raise UsageError(f"i2c={spec} names no bus", expected="i2c=1 or i2c=unix:/path/of/socket")
+    return SmbusBus(int(spec))
 
 
 def receive(connection: socket.socket, n: int) -> bytes:

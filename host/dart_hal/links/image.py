@@ -126,7 +126,8 @@ def load_image(path: str | os.PathLike[str]) -> bytes:
         blob = path.read_bytes()
     except OSError as error:
         raise EmulatorMissing(f"firmware image {path} cannot be read", found=str(error.strerror),
-                              remedy="make firmware") from error
+                              likely="a wrong path",
+                              remedy="avr://default runs the firmware of this version") from None
     if blob[:4] == b"\x7fELF":
         return parse_elf(blob, str(path))
     try:

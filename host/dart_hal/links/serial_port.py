@@ -26,7 +26,7 @@ from serial.tools import list_ports
 from dart_hal.actuation.bus import SmbusBus
 from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.links.base import Backend, Chunk, Url
-from dart_hal.links.i2c import SocketBus, open_bus
+from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""
@@ -74,7 +74,7 @@ class SerialLink:
             self._port.baudrate = baud
             self._port.open()
         except serial.SerialException as error:
-            raise _open_error(device, error) from error
+            raise _open_error(device, error) from None
         except (ValueError, OverflowError) as error:
             raise UsageError(f"{device} cannot run at {baud} baud", found=str(error),
                              expected=" or ".join(map(str, RATES))) from error
@@ -180,6 +180,8 @@ def open_serial(url: Url) -> Backend:
     if not rate.isascii() or not rate.isdigit() or int(rate) == 0:
         raise UsageError(f"baud={rate!r} is not a line rate", found=url.text,
                          expected=" or ".join(map(str, RATES)))
+    if "i2c" in url.options:
+        check_bus(url.options["i2c"])
     link = SerialLink(device, int(rate))
     try:
         bus = open_bus(url.options["i2c"]) if "i2c" in url.options else None
