@@ -250,3 +250,35 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
     said = capsys.readouterr()
     assert "stopped" in said.err
     assert said.out == ""
+
+
+@pytest.mark.parametrize(("text", "code"), [
+    ("print('hello')\ndef control(state):\n    print('there')\n    return 0.0, 0.0\n", None),
+    ("import sys\ndef control(state):\n    sys.exit(3)\n", "D-USE-02"),
+])
+def test_a_script_cannot_spoil_the_one_json_object(verb, tmp_path, text, code):
+    script = tmp_path / "mine.py"
+    script.write_text(text)
+    done = verb("drive", script, "--url", MOCK, "--duration", 1, "--json")
+    if code:
+        assert done.error["code"] == code
+    else:
+        assert done.json["frames"] > 50
+        assert "there" in done.err
+
+
+@pytest.mark.parametrize("args", [
+    ("top", "--duration", "nan"), ("record", "--duration", "inf"),
+    ("top", "--url", "sim://?seed=1&seed=2"), ("top", "--url", "sim://?ber=nan"),
+    ("top", "--url", "sim://?ber=-1"),
+])
+def test_numbers_that_are_none_and_options_given_twice(verb, args):
+    assert verb(*args, "--json").error["code"] == "D-USE-01"
+
+
+def test_the_bus_socket_takes_no_file_of_the_user(verb, tmp_path):
+    precious = tmp_path / "precious.txt"
+    precious.write_text("mine")
+    error = verb("sim", "--url", MOCK, "--pty", "--bus", precious, "--json").error
+    assert "not a socket" in error["what"]
+    assert precious.read_text() == "mine"

@@ -41,9 +41,9 @@ quantity = st.builds(Quantity, finite, st.floats(0, 1e6), st.text(
 @st.composite
 def maps(draw: st.DrawFn) -> SteeringTable:
     n = draw(st.integers(2, 12))
-    steps = st.lists(st.floats(1e-3, 1.0), min_size=n, max_size=n)
+    steps = st.lists(st.floats(1e-3, 0.1), min_size=n, max_size=n)
     sign, pulses = draw(st.sampled_from((1.0, -1.0))), accumulate(draw(steps), initial=10.0)
-    angles = accumulate(draw(steps), initial=-1.0)
+    angles = accumulate(draw(steps), initial=-0.6)
     return SteeringTable(pulse_us=tuple(100 * p for p in pulses),
                          angle_rad=tuple(sign * a for a in angles),
                          std_rad=(0.0, *draw(steps)))

@@ -36,7 +36,7 @@ def calibration(text: str) -> object:
 def test_the_base_text_of_these_tests_is_accepted() -> None:
     car("")
     calibration('car = "a"')
-    calibration(MAP.format("[1, 2, 3]", "[3, 2, 1]"))
+    calibration(MAP.format("[1001, 1002, 1003]", "[0.3, 0.2, 0.1]"))
 
 
 @pytest.mark.parametrize(("line", "key", "near"), [

@@ -109,3 +109,12 @@ def test_a_pacing_thread_that_dies_is_seen_and_its_failure_raised(nano):
     assert not port.alive
     with pytest.raises(RuntimeError, match="the world ended"):
         port.close()
+
+
+def test_a_served_car_rolls_on_while_nobody_has_the_port_open(probe):
+    with EmulatedNano(probe) as nano, Pty(nano, always=True) as pty:
+        assert wait_for(lambda: nano.now > 0.05)
+        with serial.Serial(pty.path, 500_000, timeout=5) as ser:
+            assert ser.read(3)[0] == ord("B")  # and an open still resets
+        then = nano.now
+        assert wait_for(lambda: nano.now > then + 0.05)

@@ -24,9 +24,16 @@ HELD_FOR = 1.0
 PATIENCE = 1.5
 """s beyond the ESC's neutral time that ARMING waits for what comes by waiting."""
 
-COMES_BY_WAITING = frozenset({"NEUTRAL_TOO_SHORT", "LINK_NOT_GOOD_500MS", "CLOCK_NOT_SYNCED"})
+COMES_BY_WAITING = frozenset({"NEUTRAL_TOO_SHORT", "LINK_NOT_GOOD_500MS", "CLOCK_NOT_SYNCED",
+                              "IMU_STALE"})
+"""IMU_STALE too: a calibrated BNO055 at rest has its offsets read out once, 70 ms."""
 LIMIT_OF = {"LINK_STALE": "STALE_LINK", "COMMAND_EXPIRED": "EXPIRED"}
 """How a trip reads in ``Applied.limited``, beside NOT_ARMED."""
+
+
+def _told(lasting: Collection[str], refused: Collection[str]) -> tuple[str, ...]:
+    """Reasons as the user is told them: a stale IMU may heal, but not unsaid."""
+    return (*lasting, *(n for n in refused if n == "IMU_STALE" and n not in lasting))
 
 
 class Supervisor:
@@ -97,8 +104,8 @@ class Supervisor:
             lasting += [c for c in self.causes if c in ("COMMAND_INVALID", "PCA_WRITE_FAILED")]
             lasting = lasting or ["LINK_NOT_GOOD_500MS"]
         if lasting:
-            self.reasons = tuple(lasting)
-            raise not_armed(lasting)
+            self.reasons = _told(lasting, refused)
+            raise not_armed(self.reasons)
         self.event(Event.ARM, now)
 
     def raw_called(self, now: float) -> None:
@@ -135,7 +142,7 @@ class Supervisor:
         late = now - self.since > self._arm_neutral + GOOD_FOR + PATIENCE
         lasting = [name for name in refused if late or name not in COMES_BY_WAITING]
         if lasting:
-            self.event(Event.REFUSED, now, lasting)
+            self.event(Event.REFUSED, now, _told(lasting, refused))
         elif self._held(not refused, now, GOOD_FOR) and neutral:
             self.event(Event.CHECKED, now)
 

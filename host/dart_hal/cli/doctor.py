@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from dart_hal.cli.checks import Check, examine
-from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 
 COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
@@ -15,7 +15,7 @@ COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
 
 @click.command("doctor")
 @car_options
-@click.option("--seconds", type=click.FloatRange(min=1.0), default=3.0, show_default=True,
+@click.option("--seconds", type=Number(min=1.0), default=3.0, show_default=True,
               help="how long to listen to the stream")
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, seconds: float,

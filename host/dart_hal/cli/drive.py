@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import ast
 import runpy
+import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.session import in_real_time, opened, with_progress
 from dart_hal.cli.summary import Summary
@@ -32,9 +33,9 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.argument("script", required=False, type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
 @click.option("--gamepad", is_flag=True, help="/dev/input/js0, right bumper held")
-@click.option("--duration", type=click.FloatRange(min=0.1), default=None,
+@click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time (a script: 10)")
-@click.option("--max-throttle", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True,
+@click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
               help="scale of keyboard and gamepad")
 @click.option("--waive", multiple=True, type=click.Choice(WAIVE),
               help="arm although this is missing")
@@ -80,7 +81,7 @@ def load(path: Path) -> Control:
         raise UsageError(f"{path} defines no control(state)", found=", ".join(names),
                          expected="def control(state): return steering_rad, throttle",
                          remedy=f"a program of its own is run by: python {path}")
-    with blamed(path):
+    with blamed(path), redirect_stdout(sys.stderr):
         space: dict[str, Any] = runpy.run_path(str(path))
     control = space["control"]
     if not callable(control):
@@ -88,7 +89,7 @@ def load(path: Path) -> Control:
                          expected="def control(state): return steering_rad, throttle")
 
     def checked(state: State) -> tuple[float, float] | None:
-        with blamed(path):
+        with blamed(path), redirect_stdout(sys.stderr):
             wanted = control(state)
             return None if wanted is None else (float(wanted[0]), float(wanted[1]))
 
@@ -115,7 +116,7 @@ def blamed(path: Path) -> Iterator[None]:
         yield
     except DartHalError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__)
                  if f.filename == str(path)]
         line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.session import opened, with_progress
 from dart_hal.cli.summary import Summary
@@ -14,7 +14,7 @@ from dart_hal.cli.summary import Summary
 
 @click.command("record")
 @car_options
-@click.option("--duration", type=click.FloatRange(min=0.1), default=60.0, show_default=True,
+@click.option("--duration", type=Number(min=0.1), default=60.0, show_default=True,
               help="seconds of the car's time")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
               default=Path("runs/run.mcap"), show_default=True, help="file to write")

@@ -86,7 +86,7 @@ def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None
     signal.signal(signal.SIGINT, lambda *_: done.set())
     served = BusServer(backend, paced, bus) if bus else None
     try:
-        with Pty(paced) as port:
+        with Pty(paced, always=True) as port:
             address = f"serial://{port.path}" + (f"?i2c=unix:{bus}" if bus else "")
             if as_json:
                 print_json({"url": address, "pty": port.path, "bus": bus, "car": name})

@@ -9,7 +9,7 @@ from rich.live import Live
 from rich.table import Table
 
 from dart_hal.car import Car
-from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.session import in_real_time, opened
 from dart_hal.cli.summary import Summary
@@ -21,15 +21,15 @@ EVERY = 10
 
 @click.command("top")
 @car_options
-@click.option("--duration", type=click.FloatRange(min=0.1), default=float("inf"),
+@click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time; without it until Ctrl-C")
 @json_option
-def command(url: str | None, car_name: str, cars: Path | None, duration: float,
+def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             as_json: bool) -> None:
     """Watch a car: speed, yaw rate, pose, pins, flags, losses. The car is not driven."""
     with opened(url, car_name, cars) as car:
         summary = Summary(car)
-        states = in_real_time(car.states(duration=duration))
+        states = in_real_time(car.states(duration=duration or float("inf")))
         if as_json:
             for _ in states:
                 pass

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.config.parse import check_std, parse, require
+from dart_hal.config.parse import PER_EDGE, check_std, parse, require
 from dart_hal.config.quantity import Quantities, Quantity, Table
 from dart_hal.errors import ConfigError, NotMonotone, OtherCar
 
@@ -153,6 +153,9 @@ QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
               "latency.sensor_to_host")
 """Names of the measured quantities, as the verbs print them."""
 
+MAX_ANGLE = 0.8
+"""rad, 46 deg: no steering linkage of this size turns the wheels further."""
+
 _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
              "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale"}
 
@@ -175,6 +178,10 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> 
     hertz = cal.pwm.oscillator_hz
     require(hertz is None or 15e6 < hertz.value < 35e6, origin, "pwm.oscillator_hz.value",
             hertz and hertz.value, "15 to 35 MHz (nominal 25 MHz)")
+    metres = cal.encoder.metres_per_edge
+    require(metres is None or PER_EDGE[0] <= metres.value <= PER_EDGE[1], origin,
+            "encoder.metres_per_edge.value", metres and metres.value,
+            "0.0002 to 0.05 m; are these millimetres?")
     ring = cal.encoder.ring
     require(ring is None or abs(sum(ring.value) - len(ring.value)) < 1e-3 * len(ring.value),
             origin, "encoder.ring.value", ring and sum(ring.value),
@@ -194,6 +201,12 @@ def _check_map(table: SteeringTable, origin: str) -> None:
     require(min(table.std_rad) >= 0, origin, "steering.map.std_rad", min(table.std_rad), ">= 0")
     _refuse_turn("pulse_us", table.pulse_us, origin, falling=False)
     _refuse_turn("angle_rad", table.angle_rad, origin, falling=True)
+    steepest = max(map(abs, table.angle_rad))
+    require(steepest <= MAX_ANGLE, origin, "steering.map.angle_rad", steepest,
+            f"at most {MAX_ANGLE} rad; are these degrees?")
+    lowest, highest = min(table.pulse_us), max(table.pulse_us)
+    require(lowest >= 500 and highest <= 2500, origin, "steering.map.pulse_us",
+            f"{lowest} to {highest}", "500 to 2500 us")
 
 
 def _refuse_turn(key: str, column: Sequence[float], origin: str, *, falling: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from dart_hal.config.parse import check_std, parse, require
+from dart_hal.config.parse import PER_EDGE, check_std, parse, require
 from dart_hal.config.quantity import Quantity, Table
 
 SCHEMA = "dart-hal/car/1"
@@ -157,7 +157,14 @@ def parse_config(text: str, origin: str) -> CarConfig:
     _check_geometry(car, origin)
     _check_actuators(car, origin)
     _check_limits(car, origin)
-    check_std(car.encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
+    encoder = car.encoder
+    check_std(encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
+    require(PER_EDGE[0] <= encoder.metres_per_edge.value <= PER_EDGE[1], origin,
+            "encoder.metres_per_edge.value", encoder.metres_per_edge.value,
+            "0.0002 to 0.05 m; are these millimetres?")
+    for key in ("edges_per_rev", "edges_per_rev_b"):
+        require(2 <= getattr(encoder, key) <= 64, origin, f"encoder.{key}", getattr(encoder, key),
+                "2 to 64, as the firmware takes it")
     check_std(car.pwm.oscillator_hz, "pwm.oscillator_hz", origin, positive=True)
     require(bool(car.name) and "/" not in car.name and car.name not in (".", ".."), origin,
             "name", repr(car.name), "a folder name")

@@ -19,6 +19,9 @@ _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>.*)`)?$", re.DOTALL)
 _MISSING = re.compile(r"missing required field `(?P<name>\w+)`")
 _NOT_A_TABLE = re.compile(r"Expected `object(?: \| null)?`, got `(?:int|float|array)`")
 
+PER_EDGE = (0.0002, 0.05)
+"""m: from a fine optical ring to one magnet per turn of a large gear."""
+
 
 def parse(text: str, cls: type[S], origin: str) -> S:
     """Read ``text`` (TOML) as a ``cls``; ``origin`` is the file's name.

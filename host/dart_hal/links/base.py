@@ -98,8 +98,13 @@ class Url:
             raise UnknownScheme(f"{text!r} is not a backend URL", found=str(error)) from error
         if not parts.scheme or "://" not in text:
             raise UnknownScheme(f"{text!r} is not a backend URL", found="no scheme://")
-        return cls(text, parts.scheme, parts.netloc + parts.path,
-                   dict(parse_qsl(parts.query, keep_blank_values=True)))
+        pairs = parse_qsl(parts.query, keep_blank_values=True)
+        options = dict(pairs)
+        if len(options) < len(pairs):
+            twice = sorted({k for k, _ in pairs if [n for n, _ in pairs].count(k) > 1})
+            raise UsageError(f"{', '.join(twice)} is given twice", found=text,
+                             expected="every option once")
+        return cls(text, parts.scheme, parts.netloc + parts.path, options)
 
     def known(self, *names: str) -> None:
         """Refuse options that the backend does not have (raises UsageError)."""

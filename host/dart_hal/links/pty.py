@@ -2,7 +2,7 @@
 
 The one place where an emulated Nano meets the wall clock: a thread paces the
 world and carries bytes between it and the pty. Opening the pty resets the
-Nano, as DTR does on the board; while nobody has it open, time stands still.
+Nano, as DTR does on the board.
 """
 
 from __future__ import annotations
@@ -51,17 +51,20 @@ class Pty:
 
     ``tick(t)`` is called before each step of at most 1 ms, to turn the wheel
     or move the world. ``reset_on_open``: False leaves the firmware running
-    through opens, and time runs all the while. The rate that the program set
-    on its port becomes the host's rate of a Nano that has ``set_baud``.
+    through opens. Time stands still while nobody has the port open, unless
+    ``always`` says that it goes on, as it does for a car that rolls. The rate
+    that the program set on its port becomes the host's rate of a Nano that has
+    ``set_baud``.
     Use as a context manager, or `start` and `close`; the thread's failure is
     raised by `close`.
     """
 
     def __init__(self, nano: PacedNano, tick: Callable[[float], None] | None = None, *,
-                 reset_on_open: bool = True) -> None:
+                 reset_on_open: bool = True, always: bool = False) -> None:
         self.nano = nano
         self._tick = tick
         self._reset_on_open = reset_on_open
+        self._always = always or not reset_on_open
         self._master, slave = os.openpty()
         self.path = os.ttyname(slave)
         tty.setraw(slave)
@@ -125,7 +128,7 @@ class Pty:
             is_open = self.is_open
             if is_open and not was_open:
                 self._opened()
-            if not is_open and self._reset_on_open:
+            if not is_open and not self._always:
                 self._wait(IDLE, listen=False)
                 start = time.monotonic() - self.nano.now
                 continue

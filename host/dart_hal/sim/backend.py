@@ -11,6 +11,8 @@ of the kinematic model, 10 ms.
 
 from __future__ import annotations
 
+import math
+
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
@@ -100,8 +102,13 @@ def _choice(url: Url, name: str, *allowed: str) -> str | None:
 
 
 def _number(url: Url, name: str, default: float) -> float:
+    """A share from 0 to 1."""
     text = url.options.get(name)
     try:
-        return default if text is None else float(text)
+        value = default if text is None else float(text)
     except ValueError:
-        raise UsageError(f"{name}={text!r} is not a number", found=url.text) from None
+        value = math.nan
+    if not 0.0 <= value <= 1.0:
+        raise UsageError(f"{name}={text!r} is not a share", found=url.text,
+                         expected="a number from 0 to 1")
+    return value

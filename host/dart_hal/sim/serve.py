@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import stat
 import threading
 from pathlib import Path
 
@@ -54,6 +55,26 @@ class PacedWorld:
             self._world.nano.reset(cause)
 
 
+def _make_room(path: Path) -> None:
+    """Remove the socket that a killed server left; anything else is somebody's.
+
+    Raises UsageError for a file, and for a socket that is being served.
+    """
+    if not path.exists():
+        return
+    if not stat.S_ISSOCK(path.stat().st_mode):
+        raise UsageError(f"{path} is a file, not a socket of ours", expected="a path that is free",
+                         remedy="name another path with --bus")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(os.fspath(path))
+        except OSError:
+            path.unlink()
+            return
+    raise UsageError(f"{path} is served by another car", expected="a path that is free",
+                     remedy="name another path with --bus")
+
+
 class BusServer:
     """Serves a simulated car's I2C bus on a unix socket; a context manager."""
 
@@ -61,8 +82,7 @@ class BusServer:
         self.path = path
         self._bus = backend.bus
         self._paced = paced
-        with contextlib.suppress(FileNotFoundError):
-            path.unlink()
+        _make_room(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.bind(os.fspath(path))
         self._socket.listen()
