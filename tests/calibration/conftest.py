@@ -61,6 +61,7 @@ class BenchCar:
     applied: Applied = NEUTRAL
     push: float = 0.0
     stops: int = 0
+    refused: tuple[str, ...] = ()
     armed: bool = False
     farthest: float = 0.0
     max_speed_seen: float = 0.0
@@ -79,6 +80,9 @@ class BenchCar:
 
     def arm(self, *, waive: tuple[str, ...] = ()) -> None:
         self.armed = True
+
+    def refusals(self) -> tuple[str, ...]:
+        return self.refused
 
     def stop(self) -> None:
         self.stops += 1

@@ -93,6 +93,13 @@ def test_run_of_the_procedure_gives_the_same_map_as_a_recording(tmp_path):
     at = np.interp(read.command, driven.command, driven.angle)
     assert np.degrees(np.sqrt(np.mean((read.angle - at) ** 2))) < 0.6
     assert any("slow" in note for note in read.notes)
+    assert read.car == "sim-4"
+    inside = np.abs(read.command) < 1.0
+    pulse = np.interp(read.command, driven.command, driven.pulse_us)
+    assert read.pulse_us[inside] == pytest.approx(pulse[inside], abs=0.01)
+    assert read.written is None
+    assert "nothing written" in read.unwritten
+    assert read.unwritten in read.to_json()["notes"]
 
 
 def test_file_that_is_no_run_is_refused(tmp_path):

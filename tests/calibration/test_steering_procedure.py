@@ -96,11 +96,23 @@ def test_nothing_moves_without_consent(bench):
         questions.append(question)
         return False
 
-    with pytest.raises(CalibrationFailed, match="not started"):
+    with pytest.raises(CalibrationFailed, match="not agreed") as caught:
         calibrate_steering(car, ask=refuse)
+    assert "--yes" in caught.value.remedy
+    assert "clear the floor" not in str(caught.value)
     assert car.t == 0.0
     assert "m/s" in questions[0]
     assert "floor" in questions[0]
+
+
+def test_notes_hold_what_raw_mode_did_not_ask_for(bench):
+    clock = "PWM clock of this car was never measured"
+    known = calibrate_steering(bench(), dry_run=True)
+    assert not any("waived" in note for note in known.notes)
+    unknown = calibrate_steering(bench(refused=("PWM_CLOCK_UNCALIBRATED", "LINK_NOT_GOOD_500MS")),
+                                 dry_run=True)
+    assert sum("waived" in note for note in unknown.notes) == 1
+    assert any(clock in note and "PWM_CLOCK_UNCALIBRATED" in note for note in unknown.notes)
 
 
 def test_ctrl_c_stops_the_car(bench, files):

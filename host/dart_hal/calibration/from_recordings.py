@@ -18,7 +18,10 @@ from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.types import FloatArray
 
+from .groups import Group, cautions, groups_of
+from .notes import FileNote, grouped
 from .result import SteeringResult
+from .run_pulses import servo_of
 from .samples import IntArray, Samples, approach, blocks, concatenate
 from .steering_fit import SETTLED, SteeringFit, fit_steering
 
@@ -27,6 +30,15 @@ FAST, SLOW = 0.8, 0.3  # m/s
 FAST_SHARE = 0.1  # of the moving rows must be fast, else the recording counts as slow
 MAX_LATERAL = 4.0  # m/s2; beyond it the tyres slip by degrees, the angle is no steering angle
 MIN_FOR_LAG, MAX_LAG = 40, 0.4  # samples, s
+STANDING = "standing or slow"
+SLIPPING = f"above {MAX_LATERAL} m/s2 of lateral acceleration (tyres slip)"
+COUNTED = (STANDING, SLIPPING)  # kinds of notes that the sentence on dropped samples sums up
+PURPOSE = ("the map is for comparing cars, days and floors, and for the paper's form; "
+           "`dart-hal calibrate steering` on the car measures and writes")
+WITHOUT_PULSES = ("nothing written to a car's calibration.toml: recordings hold commands (-1..1), "
+                  f"not pulses; {PURPOSE}")
+WITH_PULSES = ("nothing written to a car's calibration.toml: these runs hold pulses, but neither "
+               f"tyre slip nor backlash is taken out of the map; {PURPOSE}")
 THIN = 10  # every tenth sample of the 100 Hz grid, as often as a sensor message
 
 
@@ -38,60 +50,87 @@ def steering_from(paths: Iterable[str | Path], *, car: str = "dart-01",
     when the commands cover too little.
     """
     recordings, skipped = read_any(paths)
-    notes = [f"{file}: skipped: {reason}" for file, reason in skipped]
+    notes = [FileNote(file, f"skipped, {reason}", f"skipped: {reason}") for file, reason in skipped]
     return steering_from_recordings(recordings, car=car, wheelbase=wheelbase, notes=notes)
 
 
 def steering_from_recordings(recordings: Sequence[Recording], *, car: str = "dart-01",
                              wheelbase: float = WHEELBASE,
-                             notes: Sequence[str] = ()) -> SteeringResult:
-    """The same from recordings that are already read."""
-    parts: list[Samples] = []
+                             notes: Sequence[FileNote] = ()) -> SteeringResult:
+    """The same from recordings that are already read. Runs of one car give its name and pulses."""
+    parts: list[tuple[Recording, Samples]] = []
     said = list(notes)
-    used: list[str] = []
     for recording in recordings:
         samples, more = samples_of(recording, wheelbase)
-        said += [f"{recording.name}: {text}" for text in more]
-        said += [f"{recording.name}: {note}" for note in recording.notes if note.rows]
+        said += more
+        said += [FileNote(recording.name, note.why, str(note), note.rows)
+                 for note in recording.notes if note.rows]
         if len(samples):
-            parts.append(samples)
-            used.append(str(recording.path))
+            parts.append((recording, samples))
     if not parts:
         raise CalibrationFailed("no recording holds a sample that can be used",
                                 found=f"{len(recordings)} recording(s), none above {SLOW} m/s",
                                 expected="driving at more than 0.3 m/s",
                                 remedy="give recordings in which the car drives and steers")
-    samples = concatenate(parts)
+    samples = concatenate([part for _, part in parts])
     fitted = fit_steering(samples)
-    said += _cautions(samples, fitted)
+    servo = servo_of([recording for recording, _ in parts])
+    general = [*_cautions(samples, fitted), *cautions(_groups(parts, fitted)), *servo.notes]
+    unwritten = WITH_PULSES if servo.pulse is not None else WITHOUT_PULSES
     return SteeringResult(
-        car=car, source=tuple(used), n=len(samples),
+        car=servo.car or car, source=tuple(str(r.path) for r, _ in parts), n=len(samples),
         duration=float(sum(r.duration for r in recordings)), command=fitted.command,
-        angle=fitted.angle, angle_std=fitted.angle_std, pulse_us=None,
+        angle=fitted.angle, angle_std=fitted.angle_std,
+        pulse_us=None if servo.pulse is None else servo.pulse(fitted.command),
         paper_form=fitted.form.as_dict(), residual_rms=fitted.residual_rms,
-        backlash=fitted.backlash, notes=tuple(said),
-        samples=(samples.command, samples.angle, samples.direction))
+        backlash=fitted.backlash, notes=(*map(str, said), *general, unwritten),
+        samples=(samples.command, samples.angle, samples.direction),
+        brief=(*grouped([n for n in said if n.kind not in COUNTED]), *general),
+        dropped=_dropped(said), unwritten=unwritten)
 
 
-def samples_of(recording: Recording, wheelbase: float) -> tuple[Samples, list[str]]:
+def _groups(parts: Sequence[tuple[Recording, Samples]], fitted: SteeringFit) -> list[Group]:
+    ends = np.cumsum([len(samples) for _, samples in parts])[:-1]
+    return groups_of([(recording, samples.command, residual) for (recording, samples), residual
+                      in zip(parts, np.split(fitted.residual, ends), strict=True)])
+
+
+def _dropped(notes: Sequence[FileNote]) -> str:
+    """One sentence: how many samples were left out, and why."""
+    count = {kind: sum(n.rows for n in notes if n.kind == kind) for kind in COUNTED}
+    out = ", ".join(f"{n} {kind}" for kind, n in count.items() if n)
+    return f"samples left out: {out}" if out else "no sample left out"
+
+
+def samples_of(recording: Recording, wheelbase: float) -> tuple[Samples, list[FileNote]]:
     """Steering samples of one recording and what was left out of it."""
-    t, speed, yaw_rate, command, segment, notes = _motion(recording)
+    t, speed, yaw_rate, command, segment, said = _motion(recording)
+    name = recording.name
+    notes = [FileNote(name, text) for text in said]
     moving = np.isfinite(speed) & np.isfinite(yaw_rate) & (speed > SLOW)
     fast = moving & (speed > FAST)
     use = fast
     if fast.sum() <= FAST_SHARE * moving.sum():
         use = moving
         if moving.any():
-            notes.append(f"slow: at most {np.nanmax(speed):.2f} m/s, so samples above {SLOW} m/s "
-                         f"are used instead of above {FAST} m/s")
+            top = float(np.nanmax(speed))
+            used = f"so samples above {SLOW} m/s are used instead of above {FAST} m/s"
+            notes.append(FileNote(name, f"slow, {used}", f"slow: at most {top:.2f} m/s, {used}",
+                                  value=top, value_unit="m/s at most"))
     slipping = use & (np.abs(speed * yaw_rate) > MAX_LATERAL)
     if slipping.any():
-        notes.append(f"{int(slipping.sum())} sample(s) above {MAX_LATERAL} m/s2 of lateral "
-                     "acceleration dropped (tyres slip)")
+        n = int(slipping.sum())
+        notes.append(FileNote(name, SLIPPING, f"{n} sample(s) above {MAX_LATERAL} m/s2 of lateral "
+                              "acceleration dropped (tyres slip)", n))
         use = use & ~slipping
-    notes.append(f"{int(use.sum())} of {len(use)} samples used, the others stood or were slower")
+    notes.append(FileNote(name, STANDING, f"{int(use.sum())} of {len(use)} samples used, the "
+                          "others stood, were slower or slipped", int((~use & ~slipping).sum())))
     command, more = _answered(t, command, wheelbase * yaw_rate / np.where(use, speed, 1.0), use)
-    notes += more
+    if more:
+        kind = "commands change all the time, taken as much earlier as fits best (delay and lag)"
+        notes.append(FileNote(name, kind, f"commands change all the time: taken {more:.2f} s "
+                              "earlier, where they fit best (delay and lag of servo and recorder)",
+                              value=more, value_unit="s"))
     angle = np.arctan2(wheelbase * yaw_rate[use], speed[use])
     direction, age = approach(command, t)
     return Samples(command[use], angle, direction[use], age[use], np.ones(int(use.sum())),
@@ -99,15 +138,16 @@ def samples_of(recording: Recording, wheelbase: float) -> tuple[Samples, list[st
 
 
 def _answered(t: FloatArray, command: FloatArray, slope: FloatArray, use: BoolArray
-              ) -> tuple[FloatArray, list[str]]:
-    """The command that the wheels were answering, where commands change all the time.
+              ) -> tuple[FloatArray, float]:
+    """(command that the wheels were answering, how much earlier it was given [s]).
 
-    slope (n,): l W/v. With held levels the command stays as it is: there the
-    lag touches few samples, and the published figures contain them.
+    Only where commands change all the time: with held levels the command stays
+    as it is, because there the lag touches few samples, and the published
+    figures contain them. slope (n,): l W/v.
     """
     _, age = approach(command, t)
     if use.sum() < MIN_FOR_LAG or np.mean(age[use] < SETTLED) < 0.5:
-        return command, []
+        return command, 0.0
     lags = np.arange(0.0, MAX_LAG + 1e-9, 0.01)
     errors = []
     for lag in lags:
@@ -117,10 +157,8 @@ def _answered(t: FloatArray, command: FloatArray, slope: FloatArray, use: BoolAr
         errors.append(float(np.sum((slope[use] - fitted) ** 2)))
     best = float(lags[int(np.argmin(errors))])
     if best == 0.0:
-        return command, []
-    return np.interp(t - best, t, command), [
-        f"commands change all the time: taken {best:.2f} s earlier, where they fit best "
-        "(delay and lag of servo and recorder)"]
+        return command, 0.0
+    return np.interp(t - best, t, command), best
 
 
 def _motion(recording: Recording

@@ -21,7 +21,8 @@ from .result import SteeringResult
 
 NINETY = 1.645  # standard errors of a 90 % interval
 RISING, FALLING, FIRST = "#0072b2", "#d55e00", "#888888"
-MAP, PAPER_LINE = "#222222", "#009e73"
+MAP, PAPER_LINE, FORM_LINE = "#222222", "#56d364", "#ff4fc3"
+FORM_IS_MAP = 1e-9  # rad; out of recordings the form is the map
 MANY = 500  # points; above it they are drawn small and pale
 
 
@@ -41,6 +42,8 @@ def plot_steering(result: SteeringResult, path: str | Path) -> Path:
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
     _draw_map(top, result)
     _draw_residuals(bottom, result)
+    # below the panels: inside, data may lie under it wherever it stands
+    figure.legend(fontsize=8, loc="outside lower center", ncols=3, markerscale=1.5)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     return path
@@ -48,19 +51,18 @@ def plot_steering(result: SteeringResult, path: str | Path) -> Path:
 
 def _draw_map(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, np.zeros_like, labelled=True)
-    fine = np.linspace(result.command[0], result.command[-1], 201)
-    axes.plot(fine, np.degrees(make_steering(PAPER.steering, np)(fine)), "--", color=PAPER_LINE,
-              lw=1.2, label="map of the paper's code")
-    axes.plot(result.command, np.degrees(result.angle), color=MAP, lw=1.6,
+    axes.plot(result.command, np.degrees(result.angle), color=MAP, lw=2.4,
               label="this car, middle of the backlash")
     band = NINETY * result.angle_std
     axes.fill_between(result.command, np.degrees(result.angle - band),
                       np.degrees(result.angle + band), color=MAP, alpha=0.18, lw=0,
                       label="90 % interval")
+    fine = np.linspace(result.command[0], result.command[-1], 201)
+    axes.plot(fine, np.degrees(make_steering(PAPER.steering, np)(fine)), color=PAPER_LINE,
+              lw=1.1, dashes=(6, 4), zorder=5, label="map of the paper's code")
     axes.set_ylabel("road-wheel angle [deg], + = left")
     axes.set_title(_title(result), loc="left", fontsize=10)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="upper left")
 
 
 def _draw_residuals(axes: Any, result: SteeringResult) -> None:
@@ -68,13 +70,14 @@ def _draw_residuals(axes: Any, result: SteeringResult) -> None:
     band = np.degrees(NINETY * result.angle_std)
     axes.fill_between(result.command, -band, band, color=MAP, alpha=0.18, lw=0)
     form = make_steering(Steering(**result.paper_form), np)(result.command)
-    axes.plot(result.command, np.degrees(form - result.angle), ":", color=MAP, lw=1.2,
-              label="five-parameter form")
-    axes.axhline(0.0, color=MAP, lw=0.8)
+    same = np.abs(form - result.angle).max() < FORM_IS_MAP
+    axes.axhline(0.0, color=MAP, lw=2.0)
+    axes.plot(result.command, np.degrees(form - result.angle), color=FORM_LINE, lw=1.3,
+              dashes=(3, 3), zorder=5,
+              label="five-parameter form" + (" (is the map)" if same else ""))
     axes.set_xlabel("steering command, +1 = full left")
     axes.set_ylabel("data - map [deg]")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="lower right")
 
 
 def _points(axes: Any, result: SteeringResult, baseline: Any,

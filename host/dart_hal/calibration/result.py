@@ -15,10 +15,13 @@ class SteeringResult:
 
     command (k,) -1..1 increasing, angle (k,) rad increasing: middle of the
     backlash loop; angle_std (k,) rad; covariance (k, k) rad2 or None; pulse_us
-    (k,) or None (recordings hold no pulses); paper_form by name; residual_rms
+    (k,) or None (only our own runs hold pulses); paper_form by name; residual_rms
     rad; backlash rad: width of the loop, None when the data cannot tell.
     n samples used; duration s of driving; source: URL or list of files.
     ``samples``: (command, angle, direction) of what was fitted, for the plot.
+    For a terminal: ``brief``, the notes with those of files grouped by kind
+    (empty: the notes); ``dropped``, what was not used; ``unwritten``, why
+    nothing is written. The notes hold all of it.
     """
 
     car: str
@@ -37,6 +40,9 @@ class SteeringResult:
     covariance: FloatArray | None = None
     samples: tuple[FloatArray, FloatArray, FloatArray] | None = field(default=None, repr=False)
     extra: dict[str, Any] = field(default_factory=dict)
+    brief: tuple[str, ...] = ()
+    dropped: str = ""
+    unwritten: str = ""
 
     def with_written(self, path: str) -> SteeringResult:
         """The same result, saying where it was written."""

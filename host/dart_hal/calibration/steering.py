@@ -56,6 +56,12 @@ UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
 STANDING = 0.02  # m/s
 MAX_BIAS = 0.15  # rad/s
 BATCHES = 5
+WAIVED_BY_RAW = {
+    "PWM_CLOCK_UNCALIBRATED": "the PWM clock of this car was never measured; the map absorbs it "
+                              "as long as the clock stays (after another PCA9685 or an entry "
+                              "[pwm] oscillator_hz calibrate again)",
+    "CALIBRATION_MISSING": "this car had no calibration.toml",
+}
 
 Progress = Callable[[float, str], None]
 Ask = Callable[[str], bool]
@@ -94,7 +100,9 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
     files = car.files
     route = plan(files, levels=levels, speeds=speeds)
     if not ask(f"This {route}. Is the floor free?"):
-        raise CalibrationFailed("not started: the floor is not free", remedy="clear the floor")
+        raise CalibrationFailed("not started: it was not agreed to",
+                                remedy="agree once the floor is free; in a script: --yes")
+    waived = _waived(car)
     try:
         with car.raw():  # type: ignore[attr-defined]
             windows, bias = drive(car, route, progress)
@@ -102,7 +110,7 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
         car.stop()
     progress(0.97, "fitting")
     fit = fit_loop(windows, files.config.geometry.wheelbase, _systematic(files, bias))
-    result = _result(files, source or files.config.name, windows, fit, bias)
+    result = _result(files, source or files.config.name, windows, fit, bias, waived)
     return result if dry_run else write(files, result)
 
 
@@ -217,8 +225,8 @@ def _systematic(files: CarFiles, bias: Estimate) -> Systematic:
                       bias.std)
 
 
-def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, bias: Estimate
-            ) -> SteeringResult:
+def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, bias: Estimate,
+            waived: tuple[str, ...]) -> SteeringResult:
     command = np.linspace(-1.0, 1.0, len(fit.command))
     pulse, angle, covariance = resample(fit, command)
     std = np.sqrt(np.diag(covariance))
@@ -231,6 +239,7 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
         f"gyro bias at standstill {bias.value:+.5f} rad/s, removed",
         f"of angle_std_rad the wheel travel per edge (+-{metres.std / metres.value:.1%}) is common "
         "to all points; a taped distance entered as [encoder] metres_per_edge narrows it",
+        *waived,
     )
     return SteeringResult(
         car=files.config.name, source=source, n=sum(w.n for w in windows),
@@ -242,6 +251,12 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
                  np.array([w.direction for w in windows])),
         extra={"understeer": {"value": fit.kappa.value, "std": fit.kappa.std, "unit": "s2/m2"},
                "speeds_m_s": sorted({round(w.speed, 2) for w in windows})})
+
+
+def _waived(car: DrivableCar) -> tuple[str, ...]:
+    """What arm() would have refused and raw() does not ask for, and what it means for the map."""
+    return tuple(f"{name} waived by raw mode: {text}" for name, text in WAIVED_BY_RAW.items()
+                 if name in car.refusals())
 
 
 def _without_slip(windows: list[Window], fit: LoopFit) -> FloatArray:

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import click
+from rich.table import Table
 
 from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.calibration.plot import plot_steering
@@ -15,8 +16,10 @@ from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.options import PathsOption, car_options, json_option
 from dart_hal.cli.output import console, print_json, progress_bar
 from dart_hal.cli.session import opened
-from dart_hal.errors import UsageError
+from dart_hal.errors import CalibrationFailed, UsageError
 
+MOST_ROWS = 13
+"""Rows of the map on a terminal, so that the result does not scroll away."""
 LEAST_DIFFERENCE = 0.1
 """m/s; closer speeds do not show how the tyres slip."""
 
@@ -29,11 +32,12 @@ def command() -> None:
 @command.command("steering")
 @car_options
 @click.option("--from", "recordings", cls=PathsOption, metavar="FILES",
-              help="fit recordings (files or folders) instead of driving")
+              help="fit recordings (files or folders) instead of driving; to compare, and for the "
+                   "paper's form: nothing is written to calibration.toml")
 @click.option("--dry-run", is_flag=True, help="measure and show, write nothing")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of map, data and residuals")
-@click.option("--yes", is_flag=True, help="the floor is free: do not ask")
+@click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
 @click.option("--speeds", nargs=2, type=click.FloatRange(0.15, 0.8), default=SPEEDS,
               show_default=True, metavar="SLOW FAST",
               help="m/s there and back; slower needs less floor, and both must differ")
@@ -44,7 +48,9 @@ def steering(url: str | None, car_name: str, cars: Path | None, recordings: tupl
     """The map from steering command to road-wheel angle, with its standard errors.
 
     On a car: slow circles over the whole range, from both sides, about one
-    minute. With --from: recordings of a car, MCAP or the DART CSV files.
+    minute. With --from: recordings of a car, MCAP or the DART CSV files. They
+    hold commands (-1..1), not pulses (our MCAP runs: both), and their map is
+    never written.
     """
     if recordings:
         result = steering_from(recordings, car=car_name)
@@ -55,9 +61,7 @@ def steering(url: str | None, car_name: str, cars: Path | None, recordings: tupl
     if as_json:
         print_json(result.to_json())
     else:
-        show(result)
-        if plot is not None:
-            console.print(f"picture: {plot}")
+        show(result, plot)
 
 
 def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
@@ -73,40 +77,68 @@ def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes
             bar.update(task, completed=fraction, description=text)
 
         def ask(question: str) -> bool:
-            if yes or car.url.startswith("sim:"):
+            if car.url.startswith("sim:"):
                 return True
             bar.stop()
-            if not sys.stdin.isatty():
-                console.print(f"{question}  (answer with --yes)")
+            if not _agreed(question, yes):
                 return False
-            agreed = click.confirm(question, err=True)
             bar.start()
-            return agreed
+            return True
 
         return calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
                                   source=car.url, speeds=speeds)
 
 
-def show(result: SteeringResult) -> None:
-    """Table of the map and the sentences that belong to it."""
-    from rich.table import Table
+def _agreed(question: str, yes: bool) -> bool:
+    """Show the plan once, then ask for a yes. Errors: CalibrationFailed without a terminal."""
+    console.print(f"{question}{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise CalibrationFailed("not started: nobody agreed to it", found="no terminal to ask at",
+                                remedy="once the floor is free: the same command with --yes")
+    return click.confirm("start", err=True)
 
-    table = Table(title=f"steering map of {result.car}")
-    for column in ("command", "pulse", "angle", "one sigma"):
-        table.add_column(column, justify="right")
-    pulses = result.pulse_us if result.pulse_us is not None else [None] * len(result.command)
-    for command_, pulse, angle, std in zip(result.command, pulses, result.angle,
-                                           result.angle_std, strict=True):
-        table.add_row(f"{command_:+.3f}", "-" if pulse is None else f"{pulse:.1f} us",
-                      f"{angle:+.4f} rad", f"{std:.4f} rad")
-    console.print(table)
+
+def show(result: SteeringResult, plot: Path | None = None) -> None:
+    """Some rows of the map, what there is to say about the data, and the result last."""
+    console.print(_table(result))
+    for note in result.brief or result.notes:
+        style = "yellow" if note.startswith("caution:") else "dim"
+        console.print(f"  {note}", style=style, markup=False, highlight=False)
     form = ", ".join(f"{name} {value:.4f}" for name, value in result.paper_form.items())
     console.print(f"five-parameter form: {form}")
     backlash = result.backlash
     console.print("backlash: not known from these data" if backlash is None else
                   f"backlash {backlash.value:.4f} +- {backlash.std:.4f} rad")
     console.print(f"residual {result.residual_rms:.5f} rad rms over {result.n} samples")
-    for note in result.notes:
-        console.print(f"  {note}", style="dim", markup=False, highlight=False)
-    if result.written:
-        console.print(f"written: {result.written}")
+    if result.dropped:
+        console.print(result.dropped)
+    if plot is not None:
+        console.print(f"picture: {plot}")
+    why = result.unwritten or "nothing written: a dry run"
+    console.print(f"written: {result.written}" if result.written else why, markup=False)
+
+
+def _table(result: SteeringResult) -> Table:
+    rows = rows_shown(len(result.command))
+    some = "" if len(rows) == len(result.command) else (
+        f", {len(rows)} of {len(result.command)} points (--json has all)")
+    table = Table(title=f"steering map of {result.car}{some}")
+    for column in ("command", "pulse", "angle", "one sigma"):
+        table.add_column(column, justify="right")
+    for i in rows:
+        pulse = "-" if result.pulse_us is None else f"{result.pulse_us[i]:.1f} us"
+        table.add_row(f"{result.command[i]:+.3f}", pulse, f"{result.angle[i]:+.4f} rad",
+                      f"{result.angle_std[i]:.4f} rad")
+    return table
+
+
+def rows_shown(points: int) -> list[int]:
+    """At most MOST_ROWS indices of 0..points-1, evenly where that works, both ends included."""
+    last = points - 1
+    least = max(1, -(-last // (MOST_ROWS - 1)))
+    even = [step for step in range(least, 2 * least + 1) if last % step == 0]
+    if even:
+        return list(range(0, points, even[0]))
+    return sorted({round(i * last / (MOST_ROWS - 1)) for i in range(MOST_ROWS)})

@@ -1,0 +1,98 @@
+"""What `calibrate steering` asks and prints for a person."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dart_hal.calibration.result import SteeringResult
+from dart_hal.cli import calibrate
+from dart_hal.cli.calibrate import rows_shown
+from dart_hal.errors import CalibrationFailed
+
+PLAN = "This drives 26 m. Is the floor free?"
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def result():
+    command = np.linspace(-1.0, 1.0, 41)
+    return SteeringResult("dart-01", ("a.csv",), 100, 10.0, command, 0.3 * command,
+                          np.full(41, 0.01), None, {"k_left": 1.0}, 0.02, None,
+                          notes=("a.csv: long", "b.csv: long", "general"), brief=("grouped",),
+                          dropped="samples left out: 5", unwritten="nothing written: because")
+
+
+@pytest.fixture
+def on_a_car(verb, monkeypatch, result):
+    """``on_a_car(*options, stdin=...)``: the verb with a real car's URL, which asks PLAN."""
+    @contextlib.contextmanager
+    def opened(*args, **kwargs):
+        yield SimpleNamespace(url="serial:///dev/ttyUSB0")
+
+    def procedure(car, *, ask, **kwargs):
+        if not ask(PLAN):
+            raise CalibrationFailed("not started: it was not agreed to", remedy="--yes")
+        return result
+
+    monkeypatch.setattr(calibrate, "opened", opened)
+    monkeypatch.setattr(calibrate, "calibrate_steering", procedure)
+
+    def run(*options, stdin):
+        monkeypatch.setattr("sys.stdin", stdin)
+        return verb("calibrate", "steering", *options)
+    return run
+
+
+@pytest.mark.parametrize(("options", "stdin", "code"), [
+    ((), io.StringIO(), 2), ((), Terminal("n\n"), 2), ((), Terminal("what\ny\n"), 0),
+    (("--yes",), io.StringIO(), 0)])
+def test_the_plan_is_printed_once_and_agreement_decides(on_a_car, options, stdin, code):
+    done = on_a_car(*options, stdin=stdin)
+    assert done.code == code
+    assert (done.out + done.err).count("drives 26 m") == 1
+    assert "the floor is not free" not in done.err
+    assert ("not started" in done.err) == (code == 2)
+
+
+def test_without_a_terminal_the_remedy_is_the_option(on_a_car):
+    error = on_a_car("--json", stdin=io.StringIO()).error
+    assert error["found"] == "no terminal to ask at"
+    assert "--yes" in error["try"]
+
+
+def test_the_result_comes_last_and_fits_a_screen(on_a_car):
+    lines = on_a_car("--yes", stdin=io.StringIO()).err.splitlines()
+    assert len(lines) <= 26
+    assert lines[-1] == "nothing written: because"
+    assert lines[-2] == "samples left out: 5"
+    grouped = next(i for i, line in enumerate(lines) if "grouped" in line)
+    assert grouped < next(i for i, line in enumerate(lines) if "five-parameter" in line)
+    assert not any("a.csv: long" in line for line in lines)
+
+
+def test_json_keeps_every_row_and_note(on_a_car):
+    shown = on_a_car("--yes", "--json", stdin=io.StringIO()).json
+    assert len(shown["map"]["command"]) == 41
+    assert len(shown["notes"]) == 3
+
+
+@pytest.mark.parametrize("points", [*range(2, 60), 101, 1000])
+def test_rows_shown_are_few_and_hold_both_ends(points):
+    rows = rows_shown(points)
+    assert len(rows) <= 13
+    assert len(rows) >= min(points, 6)
+    assert (rows[0], rows[-1]) == (0, points - 1)
+    assert rows == sorted(set(rows))
+
+
+def test_help_says_that_recordings_write_nothing(verb):
+    assert "nothing is written" in " ".join(verb("calibrate", "steering", "--help").out.split())
