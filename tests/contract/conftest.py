@@ -132,6 +132,8 @@ def bench(request, tmp_path_factory):
         served = Served(folder, arm_neutral=0.2)
         try:
             with served.open() as car:
+                for _ in car.states(duration=2.5, timeout=PATIENCE):
+                    pass  # the ESC wants its 2 s of neutral once; later arming is quick
                 yield Bench(kind, car, open_bus(served.url.partition("i2c=")[2]), False)
         finally:
             served.close()
