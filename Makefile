@@ -17,7 +17,7 @@ test: $(VENV)/.dev toolchain ## run every test (about five minutes)
 	@$(BIN)/python -m pytest -n 2 -m "not slow" $(ARGS)
 	@echo "All good: tests, types, style and floors hold."
 
-test-slow: $(VENV)/.dev toolchain ## the long suites: 20 hidden cars, soak, flashing
+test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
 	@$(BIN)/python -m pytest -m slow $(ARGS)
 
 lint: $(VENV)/.dev ## style, types and import floors
