@@ -16,6 +16,7 @@ from .marker import marker_grid
 from .mocap import mocap as read_mocap
 from .model import Mocap, Note, Recording, freeze
 from .quantum import encoder_quantum
+from .ranges import check_units, check_values
 from .schema import NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
 from .table import keep_finite, parse
@@ -38,6 +39,7 @@ def read(path: str | Path) -> Recording:
     if bad:
         notes.append(Note("rows with an empty or non-finite cell", bad))
     check_commands(columns, file)
+    check_values(columns, file)
     if schema != "C":
         idle = not_started(columns, schema)
         if idle.all():
@@ -47,6 +49,7 @@ def read(path: str | Path) -> Recording:
         if idle.any():
             notes.append(Note("rows before the first sensor message", int(idle.sum())))
         columns = {c: v[~idle] for c, v in columns.items()}
+    check_units(columns, file)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return _assemble(path, schema, columns, notes, digest)
 
