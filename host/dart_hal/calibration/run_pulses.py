@@ -14,10 +14,12 @@ from dart_hal.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """car: its name if all runs are of one; pulse: command (n,) -> us, None if not known."""
+    """car: its name if all runs are of one; pulse: command (n,) -> us, None if not
+    known; wheelbase [m] of that car."""
 
     car: str | None = None
     pulse: Callable[[FloatArray], FloatArray] | None = None
+    wheelbase: float | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -38,12 +40,13 @@ def servo_of(recordings: Sequence[Recording]) -> Servo:
         return Servo(notes=(f"caution: one map out of runs of several cars: {', '.join(names)}",))
     if len({(c.steering.center_us, c.steering.span_us, c.steering.direction)
             for c in configs}) > 1:
-        return Servo(names[0], notes=("no pulses: [steering] center_us, span_us or direction "
-                                      "changed between the runs",))
+        return Servo(names[0], wheelbase=configs[0].geometry.wheelbase,
+                     notes=("no pulses: [steering] center_us, span_us or direction changed "
+                            "between the runs",))
     steering = configs[0].steering
     centre, span = steering.center_us, steering.direction * steering.span_us
 
     def pulse(command: FloatArray) -> FloatArray:
         return centre + span * command
 
-    return Servo(names[0], pulse)
+    return Servo(names[0], pulse, configs[0].geometry.wheelbase)

@@ -19,9 +19,10 @@ from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.recording.dart import Messages, Note, Recording, read
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
-from dart_hal.types import State
+from dart_hal.types import FloatArray, State
 
 EVERY = 10  # frames of 10 ms
+COUNT_US = 4.88  # us, 122 cycles of 25 MHz
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
@@ -52,6 +53,21 @@ def read_run(path: str | Path) -> Recording:
                      hashlib.sha256(path.read_bytes()).hexdigest(), tuple(notes))
 
 
+def undithered(command: FloatArray, count: float) -> FloatArray:
+    """Held levels out of dithered ones, (n,): the mean of every stretch within a count.
+
+    The quantiser alternates between two counts to hold a pulse between them;
+    the servo holds its mean. count: one PCA9685 count as a share of the command.
+    """
+    out = np.empty_like(command)
+    start = 0
+    for i in range(1, len(command) + 1):
+        if i == len(command) or abs(command[i] - command[start:i].mean()) > 0.75 * count:
+            out[start:i] = command[start:i].mean()
+            start = i
+    return out
+
+
 def _messages(states: Sequence[State], files: CarFiles) -> Messages:
     n = len(states) // EVERY * EVERY
     used = states[:n]
@@ -64,8 +80,9 @@ def _messages(states: Sequence[State], files: CarFiles) -> Messages:
         return np.array(list(values)).reshape(-1, EVERY)[:, -1]
 
     steering, throttle = files.config.steering, files.config.throttle
-    command = (last(s.applied.steering_us for s in used) - steering.center_us) / (
-        steering.direction * steering.span_us)
+    span = steering.direction * steering.span_us
+    command = (mean(s.applied.steering_us for s in used) - steering.center_us) / span
+    command = undithered(command, COUNT_US / steering.span_us)
     tau = (last(s.applied.throttle_us for s in used) - files.neutral_us) / throttle.span_us
     t = last(s.t for s in used)
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])
