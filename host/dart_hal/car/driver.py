@@ -261,7 +261,9 @@ class Driver:
     def raw_pulses(self, steering_us: float, throttle_us: float) -> Applied:
         """Pulses in RAW. Raises BadCommand in any other state."""
         if self.mode is not Mode.RAW:
-            raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}",
+            causes = ", ".join(self.supervisor.causes)
+            raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
+                             + (f" since {causes}" if causes else ""),
                              remedy="with car.raw(): car.pulses(...)")
         return self.actuator.pulses(steering_us, throttle_us)
 
