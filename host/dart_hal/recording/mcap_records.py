@@ -1,12 +1,11 @@
-"""Reads the records of an MCAP file, up to the last whole one.
+"""Reads the records of an MCAP file: all that is whole, also behind a damage.
 
-A run that was killed has no footer and may end inside a record. What stands
-before is good: records carry their length, so the cut is found exactly.
+A run that was killed has no footer and may end inside a record; a copy may
+have lost a sector in the middle. ``mcap_walk`` says which records to trust.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -16,10 +15,17 @@ from typing import NamedTuple
 from mcap.exceptions import McapError
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.mcap_walk import (
+    CHANNEL,
+    CHUNK,
+    MAGIC,
+    MESSAGE,
+    METADATA,
+    PREFIX,
+    Damage,
+    walk,
+)
 
-MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 1, 2, 4, 5, 6, 0x0C, 0x0F
-_PREFIX = Struct("<BQ")
 _MESSAGE = Struct("<HIQQ")
 _U16, _U32 = Struct("<H"), Struct("<I")
 
@@ -37,14 +43,16 @@ class Message(NamedTuple):
 class McapFile:
     """Content of a file: messages in file order, metadata by name, channel topics.
 
-    ``complete``: the closing magic is there; ``length``, ``used``: bytes of
-    the file and bytes in whole records.
+    ``complete``: the footer and the closing magic are there; ``length``,
+    ``used``: bytes of the file and up to the last whole record; ``damages``:
+    what was skipped before that.
     """
 
     path: Path
     length: int
     used: int = 0
     complete: bool = False
+    damages: list[Damage] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -57,20 +65,19 @@ def read_mcap(path: Path) -> McapFile:
 
 def parse_mcap(path: Path, data: bytes) -> McapFile:
     """The same of bytes that begin with the magic; ``path`` is for messages."""
-    found = McapFile(path, len(data), len(MAGIC))
-    try:
-        for opcode, start, end in _records(data):
-            if opcode == CHUNK:
-                _chunk(found, data[start:end])
+    trusted = walk(data)
+    found = McapFile(path, len(data), trusted.used, trusted.complete, trusted.damages)
+    for record in trusted.records:
+        body = data[record.start:record.end]
+        try:
+            if record.opcode == CHUNK:
+                _chunk(found, body)
             else:
-                _enter(found, opcode, data[start:end])
-            found.used = end
-            if opcode == FOOTER:
-                found.complete = data[end:] == MAGIC
-                break
-    except (error, ValueError, LookupError, EOFError, McapError) as why:
-        raise RecordingError(f"{path}: a record is damaged", found=repr(why), read=str(path),
-                             likely="the file was changed or copied badly") from why
+                _enter(found, record.opcode, body)
+        except (error, ValueError, LookupError, EOFError, McapError):
+            start = record.start - PREFIX.size
+            found.damages.append(Damage(start, record.end - start))
+    found.damages.sort()
     return found
 
 
@@ -87,18 +94,6 @@ def _bytes_of(path: Path) -> bytes:
                              likely="another kind of file, or a run that was killed at once",
                              remedy="dart-hal record --out run.mcap")
     return data
-
-
-def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """(opcode, start, end) of every whole record of the data section."""
-    at, size = len(MAGIC), len(data)
-    while at + _PREFIX.size <= size:
-        opcode, length = _PREFIX.unpack_from(data, at)
-        start = at + _PREFIX.size
-        at = start + length
-        if at > size:
-            return
-        yield opcode, start, at
 
 
 def _enter(found: McapFile, opcode: int, body: bytes) -> None:
@@ -119,11 +114,11 @@ def _chunk(found: McapFile, body: bytes) -> None:
     from mcap.records import Chunk
     from mcap.stream_reader import breakup_chunk
 
-    for record in breakup_chunk(Chunk.read(ReadDataStream(BytesIO(body)))):
+    for record in breakup_chunk(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True):
         builder = RecordBuilder()
         record.write(builder)
         raw: bytes = builder.end()  # type: ignore[no-untyped-call]
-        _enter(found, raw[0], raw[_PREFIX.size:])
+        _enter(found, raw[0], raw[PREFIX.size:])
 
 
 def _string(body: bytes, at: int) -> tuple[str, int]:

@@ -16,19 +16,20 @@ from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, cast
 
 from mcap.writer import Writer
 
 from dart_hal.errors import RecordingError
 from dart_hal.links.base import Chunk
 from dart_hal.recording import cdr, stamp
-from dart_hal.recording.mcap_records import read_mcap
+from dart_hal.recording.mcap_records import McapFile, read_mcap
 from dart_hal.recording.schemas import definition
+from dart_hal.recording.seals import SEAL_TEXT, SealedFile
 from dart_hal.types import Applied, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
-LIBRARY = "dart-hal recording 1"
+LIBRARY = "dart-hal recording 2"
 """Fixed: a version of a library here would change the bytes of a run."""
 
 FLUSH = 0.05
@@ -80,22 +81,23 @@ class RunWriter:
                  files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
-        self._file = self.path.open("wb", buffering=1 << 16)
-        self._writer = Writer(self._file, use_chunking=False)
+        self._file = SealedFile(self.path.open("wb", buffering=1 << 16))
+        self._writer = Writer(cast("BinaryIO", self._file), use_chunking=False)
         self._writer.start(profile="ros2", library=LIBRARY)
-        self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
+        schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))
+                   for _, kind in _CHANNELS]
+        self._writer.add_metadata("seals", {"record": SEAL_TEXT})
+        self._file.seal()  # all that a damage up to here costs is text for other readers
+        self._channels = {topic: int(self._writer.register_channel(topic, "cdr", schema))
+                          for (topic, _), schema in zip(_CHANNELS, schemas, strict=True)}
         self._writer.add_metadata("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
             "proto": str(PROTO), **dict(versions or {})})
         if files:
             self._writer.add_metadata("files", dict(files))
-        self._file.flush()
+        self._file.seal()
         self._flushed = float("-inf")
         self._closed = False
-
-    def _channel(self, topic: str, kind: str) -> int:
-        schema = self._writer.register_schema(kind, "ros2msg", definition(kind))
-        return int(self._writer.register_channel(topic, "cdr", schema))
 
     def rx(self, data: bytes, t: float) -> None:
         """Bytes from the Nano; t: arrival of the last of them."""
@@ -144,13 +146,14 @@ class RunWriter:
         ns, rest = stamp.split(t)
         self._writer.add_message(self._channels[topic], ns, data, ns, rest)
         if not self._flushed <= t < self._flushed + FLUSH:
-            self._file.flush()
+            self._file.seal()
             self._flushed = t
 
     def close(self) -> None:
         """Write the footer; idempotent."""
         if not self._closed:
             self._closed = True
+            self._file.seal()
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close()
 
@@ -166,24 +169,33 @@ class RunReader:
     """Reads a run. Raises RecordingError naming the file.
 
     meta: the "run" metadata (url, car, start, schema, versions); files: texts
-    of the car's files; complete: False when the end is missing; notices:
-    sentences that the user must see.
+    of the car's files; complete: False when the end is missing; damaged: True
+    when something before the end was skipped; notices: sentences that the user
+    must see.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self._mcap = found = read_mcap(self.path)
-        if found.topics and "rx" not in found.topics.values():
-            raise RecordingError(f"{path}: is not a run of this library", read=str(path),
-                                 found="channels " + ", ".join(sorted(found.topics.values())),
-                                 expected="a channel rx with the bytes of the Nano")
+        self.damaged = bool(found.damages)
+        if "rx" not in found.topics.values():
+            self._refuse(found)
         self.complete = found.complete
         self.meta = found.metadata.get("run", {})
         self.files = found.metadata.get("files", {})
-        self.notices: tuple[str, ...] = ()
-        if not self.complete:
-            self.notices = (f"{self.path}: the end is missing; read {len(found.messages)} whole "
-                            f"messages, {found.length - found.used} bytes were cut off",)
+        self.notices: tuple[str, ...] = _notices(found)
+
+    def _refuse(self, found: McapFile) -> None:
+        """No channel of the Nano's bytes: another kind of file, a damaged or an empty one."""
+        if self.damaged:
+            raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),
+                                 found=f"no channel rx, damaged at byte {found.damages[0].at}",
+                                 likely="the file was changed or copied badly")
+        if found.topics:
+            raise RecordingError(f"{self.path}: is not a run of this library",
+                                 read=str(self.path),
+                                 found="channels " + ", ".join(sorted(found.topics.values())),
+                                 expected="a channel rx with the bytes of the Nano")
 
     @property
     def start(self) -> float:
@@ -247,6 +259,20 @@ class RunReader:
             except (StructError, ValueError, LookupError, TypeError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
                                      found=repr(why), read=str(self.path)) from why
+
+
+def _notices(found: McapFile) -> tuple[str, ...]:
+    """What the user must know about a file that is not as it was written."""
+    told, read = [], f"read {len(found.messages)} whole messages"
+    if found.damages:
+        places = len(found.damages)
+        more = f" and at {places - 1} more place(s)" if places > 1 else ""
+        told.append(f"{found.path}: damaged at byte {found.damages[0].at}{more}, "
+                    f"{sum(d.skipped for d in found.damages)} bytes skipped; {read}")
+    if not found.complete:
+        told.append(f"{found.path}: the end is missing; {read}, "
+                    f"{found.length - found.used} bytes were cut off")
+    return tuple(told)
 
 
 def _chunk(t: float, data: bytes) -> Chunk:
