@@ -148,6 +148,19 @@ def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
     assert s.state is State.TRIPPED, "unlock starts the count anew"
 
 
+@pytest.mark.parametrize(("apart", "locks"), [(10.0, True), (29.0, True), (30.5, False)])
+def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(apart, locks) -> None:
+    s, t = at(State.ARMED)
+    s.event(Event.TRIP, t, ("LINK_STALE",))
+    for _ in range(2):
+        t = run(s, t, apart - 0.6)
+        s.arm(t)
+        t = run(s, t, 0.6)
+        assert s.state is State.ARMED
+        s.event(Event.TRIP, t, ("LINK_STALE",))
+    assert s.state is (State.LOCKED if locks else State.TRIPPED)
+
+
 def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
     s, t = at(State.ARMED)
     for _ in range(4):

@@ -1,0 +1,48 @@
+"""JSON that every reader of JSON takes: a number that is none is null."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dart_hal.cli.output import plain, print_json
+
+NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf"),
+              np.array(np.nan)]
+
+
+def no_constants(name: str) -> None:
+    raise AssertionError(f"{name} is no JSON")
+
+
+def printed(value, capsys):
+    print_json(value)
+    out, err = capsys.readouterr()
+    assert err == ""
+    return json.loads(out, parse_constant=no_constants)
+
+
+@pytest.mark.parametrize("value", NOT_FINITE, ids=repr)
+def test_what_is_no_number_is_null(value, capsys):
+    assert plain(value) is None
+    assert printed({"speed": value}, capsys) == {"speed": None}
+
+
+@pytest.mark.parametrize("value", NOT_FINITE, ids=repr)
+def test_so_it_is_however_deep(value, capsys):
+    nested = {"a": [1.5, (value, {"b": [value]})], "c": np.array([1.0, np.nan]), "d": {3: value},
+              "e": np.array([[np.inf], [2.0]]), "f": frozenset([math.nan])}
+    assert printed(nested, capsys) == {
+        "a": [1.5, [None, {"b": [None]}]], "c": [1.0, None], "d": {"3": None},
+        "e": [[None], [2.0]], "f": [None]}
+
+
+def test_what_is_a_number_stays_one(capsys):
+    value = {"i": np.int64(3), "f": np.float64(0.1), "b": np.bool_(True), "n": None, "big": 1e300,
+             "a": np.arange(3), "p": Path("runs") / "a", 7: -0.5}
+    assert printed(value, capsys) == {"i": 3, "f": 0.1, "b": True, "n": None, "big": 1e300,
+                                      "a": [0, 1, 2], "p": "runs/a", "7": -0.5}
