@@ -12,6 +12,7 @@ import os
 from typing import Any
 
 from dart_hal.errors import BusError
+from dart_hal.links.busio import TransferBus
 
 NACK = (errno.EREMOTEIO, errno.ENXIO, errno.EIO)
 """Error numbers with which drivers report a missing acknowledge."""
@@ -46,7 +47,7 @@ def explain(error: OSError, address: int | None, where: str) -> BusError:
     return named
 
 
-class SmbusBus:
+class SmbusBus(TransferBus):
     """``/dev/i2c-N`` for Adafruit's drivers and for the opening sequence.
 
     Not thread-safe by itself: callers take ``try_lock``. Raises BusError.
@@ -56,61 +57,10 @@ class SmbusBus:
         from smbus2 import SMBus
 
         self.where = f"/dev/i2c-{number}"
-        self._locked = False
         try:
             self._smbus: Any = SMBus(number)
         except OSError as error:
             raise explain(error, None, self.where) from error
-
-    def try_lock(self) -> bool:
-        """Take the bus; False when it is taken."""
-        if self._locked:
-            return False
-        self._locked = True
-        return True
-
-    def unlock(self) -> None:
-        """Give the bus back."""
-        self._locked = False
-
-    def scan(self) -> list[int]:
-        """Addresses that acknowledge a one-byte read."""
-        found = []
-        for address in range(0x08, 0x78):
-            try:
-                self.readfrom_into(address, bytearray(1))
-            except BusError:
-                continue
-            found.append(address)
-        return found
-
-    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
-                end: int | None = None) -> None:
-        """Write ``buffer[start:end]`` and a STOP."""
-        from smbus2 import i2c_msg
-
-        self._transfer(address, i2c_msg.write(address, bytes(buffer[start:end])))
-
-    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
-                      end: int | None = None) -> None:
-        """Fill ``buffer[start:end]`` with bytes read from ``address``."""
-        from smbus2 import i2c_msg
-
-        place = range(len(buffer))[start:end]
-        message = i2c_msg.read(address, len(place))
-        self._transfer(address, message)
-        buffer[place.start:place.stop] = bytes(message)
-
-    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
-                              out_start: int = 0, out_end: int | None = None,
-                              in_start: int = 0, in_end: int | None = None) -> None:
-        """Write, repeated START, read: the way to read a register."""
-        from smbus2 import i2c_msg
-
-        place = range(len(in_buffer))[in_start:in_end]
-        read = i2c_msg.read(address, len(place))
-        self._transfer(address, i2c_msg.write(address, bytes(out_buffer[out_start:out_end])), read)
-        in_buffer[place.start:place.stop] = bytes(read)
 
     def close(self) -> None:
         """Close the device; the PCA9685 keeps its last pulses."""
@@ -120,11 +70,17 @@ class SmbusBus:
         """The name that ``busio`` has for it."""
         self.close()
 
-    def _transfer(self, address: int, *messages: Any) -> None:
+    def transfer(self, address: int, data: bytes, n: int) -> bytes:
+        """One transaction. Raises BusError."""
+        from smbus2 import i2c_msg
+
+        read = i2c_msg.read(address, n)
+        messages = [i2c_msg.write(address, data)] if data or not n else []
         try:
-            self._smbus.i2c_rdwr(*messages)
+            self._smbus.i2c_rdwr(*messages, *([read] if n else []))
         except OSError as error:
             raise explain(error, address, self.where) from error
+        return bytes(read) if n else b""
 
 
 def bus_name(bus: object) -> str:

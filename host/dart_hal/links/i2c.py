@@ -9,7 +9,6 @@ The socket carries the bus of a simulated car to other programs
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import struct
@@ -17,6 +16,7 @@ import struct
 from dart_hal.actuation.bus import SmbusBus, explain
 from dart_hal.errors import BusError, UsageError
 from dart_hal.links.base import Bus
+from dart_hal.links.busio import TransferBus
 
 REQUEST = struct.Struct("<BHH")
 TIMEOUT = 1.0
@@ -48,13 +48,12 @@ def receive(connection: socket.socket, n: int) -> bytes:
     return data
 
 
-class SocketBus:
+class SocketBus(TransferBus):
     """Client side of a simulated car's I2C bus, in the shape of ``busio.I2C``."""
 
     def __init__(self, path: str) -> None:
         self.where = f"unix:{path}"
         self._path = path
-        self._locked = False
         self._socket: socket.socket | None = self._connect()
 
     def _connect(self) -> socket.socket:
@@ -68,46 +67,14 @@ class SocketBus:
                            remedy=f"dart-hal sim --pty --bus {self._path}") from error
         return connection
 
-    def try_lock(self) -> bool:
-        if self._locked:
-            return False
-        self._locked = True
-        return True
-
-    def unlock(self) -> None:
-        self._locked = False
-
-    def scan(self) -> list[int]:
-        found = []
-        for address in range(0x08, 0x78):
-            with contextlib.suppress(BusError):
-                self._transfer(address, b"", 1)
-                found.append(address)
-        return found
-
-    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
-                end: int | None = None) -> None:
-        self._transfer(address, bytes(buffer[start:end]), 0)
-
-    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
-                      end: int | None = None) -> None:
-        place = range(len(buffer))[start:end]
-        buffer[place.start:place.stop] = self._transfer(address, b"", len(place))
-
-    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
-                              out_start: int = 0, out_end: int | None = None,
-                              in_start: int = 0, in_end: int | None = None) -> None:
-        place = range(len(in_buffer))[in_start:in_end]
-        data = self._transfer(address, bytes(out_buffer[out_start:out_end]), len(place))
-        in_buffer[place.start:place.stop] = data
-
     def close(self) -> None:
         """Let go of the socket; a later transfer connects again."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _transfer(self, address: int, data: bytes, n: int) -> bytes:
+    def transfer(self, address: int, data: bytes, n: int) -> bytes:
+        """One request and its answer. Raises BusError."""
         if self._socket is None:
             self._socket = self._connect()
         try:

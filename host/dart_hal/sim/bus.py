@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from dart_hal.links.busio import TransferBus
+
 GENERAL_CALL, SWRST = 0x00, 0x06
 
 
@@ -37,7 +39,7 @@ class Transaction:
     error: int = 0
 
 
-class VirtualBus:
+class VirtualBus(TransferBus):
     """I2C bus with devices, wire time, faults and a log.
 
     Faults: ``nack`` counts down transactions that nobody acknowledges;
@@ -54,16 +56,6 @@ class VirtualBus:
         self._now = now
         self._bit = 1.0 / rate_hz
         self._free = 0.0
-        self._locked = False
-
-    def try_lock(self) -> bool:
-        if self._locked:
-            return False
-        self._locked = True
-        return True
-
-    def unlock(self) -> None:
-        self._locked = False
 
     def scan(self) -> list[int]:
         """Addresses 0x08..0x77 that acknowledge."""
@@ -71,26 +63,8 @@ class VirtualBus:
             return []
         return [a for a in range(0x08, 0x78) if any(d.answers(a) for d in self.devices)]
 
-    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
-                end: int | None = None) -> None:
-        """Write ``buffer[start:end]``. Raises OSError 121 or 110."""
-        self._transfer(address, bytes(buffer[start:end]), 0)
-
-    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
-                      end: int | None = None) -> None:
-        """Fill ``buffer[start:end]``. Raises OSError 121 or 110."""
-        end = len(buffer) if end is None else end
-        buffer[start:end] = self._transfer(address, b"", end - start)
-
-    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
-                              out_start: int = 0, out_end: int | None = None,
-                              in_start: int = 0, in_end: int | None = None) -> None:
-        """Write, repeated START, read. Raises OSError 121 or 110."""
-        in_end = len(in_buffer) if in_end is None else in_end
-        in_buffer[in_start:in_end] = self._transfer(
-            address, bytes(out_buffer[out_start:out_end]), in_end - in_start)
-
-    def _transfer(self, address: int, data: bytes, n: int) -> bytes:
+    def transfer(self, address: int, data: bytes, n: int) -> bytes:
+        """One transaction on the wire. Raises OSError 121 or 110."""
         begin = max(self._now(), self._free)
         first = begin + self._bit * 10.0          # START, address byte and its ACK
         if self.stuck:
