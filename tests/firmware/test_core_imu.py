@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes as c
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from imu_model import (
     AFTER_RESET,
@@ -230,6 +230,7 @@ def test_a_part_that_refuses_our_offsets_runs_on_its_own(core: c.CDLL) -> None:
 EVENTS = st.sampled_from(["nack", "hang", "sda", "scl", "reset", "brownout", "garbage", "slow"])
 
 
+@example(faults=[("nack", 1, 45), ("brownout", 1, 0)], start=0)
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(EVENTS, st.integers(1, 40), st.integers(0, 120)), max_size=6),
        st.integers(0, 2**32 - 1))
@@ -251,6 +252,7 @@ def test_it_always_comes_back_and_never_blocks(
         part.fault, part.stretch = "ok", 360
         part.reg[0] = 0xA0
         part.slots(after)
+    part.slots(125)  # a part that fell back to CONFIG is seen by the 1 s poll, not before
     for _ in range(850):  # a back-off of 5 s and a start
         view = part.slots(1)
         if view.valid:
