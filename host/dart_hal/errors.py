@@ -69,13 +69,6 @@ class PortBusy(DartHalError, OSError):
     remedy_default = "close that program, then run the command again"
 
 
-class SchemaMismatch(DartHalError, RuntimeError):
-    """The firmware speaks another definition of the messages."""
-
-    code = "D-LINK-04"
-    remedy_default = "dart-hal flash"
-
-
 class NoHello(DartHalError, TimeoutError):
     """No identification came at any baud rate."""
 

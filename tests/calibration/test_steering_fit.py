@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, resample
 from dart_hal.calibration.paper_form import curve, fit, jacobian
 from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
 from dart_hal.calibration.samples import Samples, approach, blocks, concatenate
-from dart_hal.calibration.schedule import count_us, make_plan, make_steps
+from dart_hal.calibration.schedule import make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
 from dart_hal.errors import CalibrationFailed
 
@@ -194,7 +195,7 @@ def test_resampling_between_levels_keeps_the_curve():
 @pytest.mark.parametrize("hertz", [24.25e6, 25e6, 26.1e6])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_pulses_are_whole_counts(hertz, direction):
-    count = count_us(hertz, 50.0)
+    count = count_us(prescale_for(50.0), hertz)
     steps = make_steps(center_us=1560.0, span_us=375.0, direction=direction, count=count)
     ticks = np.array([s.pulse_us for s in steps]) / count
     assert ticks == pytest.approx(np.round(ticks), abs=1e-9)

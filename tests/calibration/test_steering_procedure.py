@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from dart_hal.calibration.schedule import count_us
+from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.steering import calibrate_steering, plan
 from dart_hal.config import load_car
 from dart_hal.errors import CalibrationFailed
@@ -35,7 +35,7 @@ def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     calibrate_steering(car, dry_run=True)
     assert car.t <= min(route.time + 5.0, 120.0)
     assert car.max_speed_seen <= 1.15 * route.speed
-    ticks = np.array(car.pulses_sent) / count_us(25e6, 50.0)
+    ticks = np.array(car.pulses_sent) / count_us(prescale_for(50.0), 25e6)
     assert ticks == pytest.approx(np.round(ticks), abs=1e-6)
 
 

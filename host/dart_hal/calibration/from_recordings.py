@@ -19,6 +19,7 @@ from dart_hal.recording.dart import Recording, grid, reference_for
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.sets import PAPER
 
 from .groups import Group, cautions, groups_of
 from .loop import KAPPA_PRIOR
@@ -28,7 +29,6 @@ from .run_pulses import servo_of
 from .samples import IntArray, Samples, approach, blocks, concatenate
 from .steering_fit import SETTLED, SteeringFit, fit_steering
 
-WHEELBASE = 0.175  # m, of the car of the recordings
 FAST, SLOW = 0.8, 0.3  # m/s
 FAST_SHARE = 0.1  # of the moving rows must be fast, else the recording counts as slow
 MAX_LATERAL = 4.0  # m/s2; beyond it the tyres slip by degrees, the angle is no steering angle
@@ -48,7 +48,7 @@ THIN = 10  # every tenth sample of the 100 Hz grid, as often as a sensor message
 
 
 def steering_from(paths: Iterable[str | Path], *, car: str = "dart-01",
-                  wheelbase: float = WHEELBASE) -> SteeringResult:
+                  wheelbase: float = PAPER.body.wheelbase) -> SteeringResult:
     """Read files or folders and fit. wheelbase [m].
 
     Errors: RecordingError for a file that cannot be read, CalibrationFailed
@@ -60,7 +60,7 @@ def steering_from(paths: Iterable[str | Path], *, car: str = "dart-01",
 
 
 def steering_from_recordings(recordings: Sequence[Recording], *, car: str = "dart-01",
-                             wheelbase: float = WHEELBASE,
+                             wheelbase: float = PAPER.body.wheelbase,
                              notes: Sequence[FileNote] = ()) -> SteeringResult:
     """The same from recordings that are already read. Runs of one car give its name and pulses."""
     parts: list[tuple[Recording, Samples]] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from dart_hal.types import Estimate, FloatArray
@@ -43,10 +43,6 @@ class SteeringResult:
     brief: tuple[str, ...] = ()
     dropped: str = ""
     unwritten: str = ""
-
-    def with_written(self, path: str) -> SteeringResult:
-        """The same result, saying where it was written."""
-        return replace(self, written=path)
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``calibrate steering``; plain types, null for what is not known."""

@@ -68,12 +68,6 @@ class Plan:
         return self.steps[len(self.steps) // 2:]
 
 
-def count_us(oscillator_hz: float, frequency: float) -> float:
-    """Width of one PCA9685 count [us] at ``frequency`` [Hz]; prescale as the driver rounds it."""
-    prescale = int(25e6 / 4096.0 / frequency + 0.5)
-    return prescale * 1e6 / oscillator_hz
-
-
 def make_steps(*, center_us: float, span_us: float, direction: int, count: float,
                levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS) -> tuple[Step, ...]:
     """From full right to full left slowly, and back faster.

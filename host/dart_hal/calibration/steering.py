@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 import msgspec
 import numpy as np
 
+from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.config import (
     Calibration,
     CarFiles,
@@ -42,7 +43,6 @@ from .schedule import (
     STANDSTILL,
     Plan,
     Step,
-    count_us,
     legs_of,
     make_plan,
     make_steps,
@@ -50,7 +50,6 @@ from .schedule import (
     return_futures,
 )
 
-NOMINAL_OSCILLATOR = 25e6
 UNKNOWN_GYRO_SCALE = 0.006  # one sigma of an uncalibrated BNO055 (data sheet: 1 % typical)
 UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
 STANDING = 0.02  # m/s
@@ -81,7 +80,7 @@ def plan(files: CarFiles, *, levels: int = LEVELS,
     """What ``calibrate_steering`` will do with this car: time, floor, speed."""
     steering, pwm = files.config.steering, files.config.pwm
     oscillator = files.oscillator_hz
-    count = count_us(oscillator.value if oscillator else NOMINAL_OSCILLATOR, pwm.frequency)
+    count = count_us(prescale_for(pwm.frequency), oscillator.value if oscillator else NOMINAL_HZ)
     steps = make_steps(center_us=steering.center_us, span_us=steering.span_us,
                        direction=steering.direction, count=count, levels=levels, speeds=speeds)
     return make_plan(steps, files.config.geometry.wheelbase)

@@ -47,7 +47,6 @@ class Telemetry:
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
         self.last_dev = 0.0
-        self.restarts = 0
 
     def set_byte_time(self, byte_time: float) -> None:
         """The line runs at another rate: [s] per byte."""
@@ -63,7 +62,6 @@ class Telemetry:
         """Turn one STATE frame into a State (``skipped`` is left at 0)."""
         sample = self._frames.read(frame.values(), t_arrival)
         if sample.restarted:
-            self.restarts += 1
             self.clock.restart()
             self.odometry.restart()
         self.clock.add_frame(sample.t_dev, t_arrival, self._wire_time, bytes_behind)

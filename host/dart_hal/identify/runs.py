@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
@@ -22,7 +23,6 @@ from dart_hal.recording.dart.sensors import GAP
 from dart_hal.types import FloatArray, State
 
 EVERY = 10  # frames of 10 ms
-COUNT_US = 4.88  # us, 122 cycles of 25 MHz
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
@@ -82,7 +82,9 @@ def _messages(states: Sequence[State], files: CarFiles) -> Messages:
     steering, throttle = files.config.steering, files.config.throttle
     span = steering.direction * steering.span_us
     command = (mean(s.applied.steering_us for s in used) - steering.center_us) / span
-    command = undithered(command, COUNT_US / steering.span_us)
+    clock, pwm = files.oscillator_hz, files.config.pwm
+    count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
+    command = undithered(command, count / steering.span_us)
     tau = (last(s.applied.throttle_us for s in used) - files.neutral_us) / throttle.span_us
     t = last(s.t for s in used)
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])

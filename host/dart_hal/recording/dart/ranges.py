@@ -13,6 +13,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.sets import PAPER
 
 from .mocap import MIN_ADVANCE
 from .schema import SENSOR_TIME
@@ -45,7 +46,7 @@ SHORTEST_MOCAP = MIN_ADVANCE  # s
 LONGEST_PAUSE = 86_400.0  # s; no recorder waits for a day
 YAW_JUMP = 50.0  # rad from one mocap row to the next
 MOCAP_SPEED, MOCAP_SHARE = 30.0, 0.2  # m/s in a fifth of the rows: no tracking error, a unit
-WHEELBASE = 0.175  # m
+WHEELBASE = PAPER.body.wheelbase
 TIGHTEST = 2.0 * 0.684  # twice tan(0.6 rad): no steering angle turns the car that tightly
 MOVING, MOVING_ROWS, TURN_SHARE = 0.3, 10, 0.2  # m/s; rows; share of them
 
