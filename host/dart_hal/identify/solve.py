@@ -1,0 +1,133 @@
+"""Least squares with bounds, and standard errors that respect autocorrelation.
+
+Samples of a drive are not independent: what disturbs the car now disturbs it
+a quarter of a second later too. Errors that count samples are several times
+too small; here they come from blocks (whole recordings, or stretches of some
+seconds) that are taken as independent, however their inside is correlated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+
+EDGE = 1e-6
+"""Share of the interval at whose ends a parameter counts as stopped there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """x (k,), residual (n,) and Jacobian (n, k) there, both without robust weights.
+
+    weight (n,): 1 for least squares, less for what a robust loss holds down.
+    """
+
+    x: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
+    weight: FloatArray
+    converged: bool
+    at_bound: NDArray[np.bool_]
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the plain residuals."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[float],
+                  bounds: tuple[Sequence[float], Sequence[float]], *,
+                  jacobian: Callable[[FloatArray], FloatArray] | None = None,
+                  robust: float | None = None, tolerance: float = 1e-12) -> Solution:
+    """Minimise the sum of squares of residual(x) (n,) within bounds.
+
+    jacobian(x) (n, k), None = three-point differences; robust: residual size
+    beyond which a soft L1 loss takes over from the square, None = never.
+    """
+    from scipy.optimize import least_squares as scipy_least_squares
+
+    low, high = (np.asarray(b, dtype=np.float64) for b in bounds)
+    result = scipy_least_squares(
+        residual, np.clip(x0, low, high), jac=jacobian or "3-point", bounds=(low, high),
+        x_scale="jac", loss="linear" if robust is None else "soft_l1", f_scale=robust or 1.0,
+        xtol=tolerance, ftol=tolerance, gtol=tolerance)
+    r = np.asarray(residual(result.x), dtype=np.float64)
+    jac = np.asarray(jacobian(result.x) if jacobian
+                     else _differences(residual, result.x, low, high))
+    weight = np.ones(len(r)) if robust is None else 1.0 / np.sqrt(1.0 + (r / robust)**2)
+    span = high - low
+    edge = (result.x - low < EDGE * span) | (high - result.x < EDGE * span)
+    return Solution(np.asarray(result.x), r, jac, weight, bool(result.status > 0),
+                    np.asarray(edge))
+
+
+def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray,
+                 high: FloatArray) -> FloatArray:
+    """Central differences inside the bounds, (n, k)."""
+    columns = []
+    for i, value in enumerate(x):
+        step = 1e-6 * max(abs(float(value)), 1e-3 * float(high[i] - low[i]))
+        up, down = x.copy(), x.copy()
+        up[i], down[i] = min(value + step, high[i]), max(value - step, low[i])
+        columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
+    return np.stack(columns, axis=1)
+
+
+def plain_covariance(s: Solution) -> FloatArray:
+    """Covariance (k, k) that takes the residuals as independent, as the paper's would."""
+    n, k = s.jacobian.shape
+    variance = float(s.residual @ s.residual) / max(n - k, 1)
+    return np.asarray(variance * _inverse(s.jacobian.T @ s.jacobian))
+
+
+def block_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
+    """Covariance (k, k) by the sandwich over independent blocks (n,) of samples.
+
+    H^-1 (sum over blocks of g g') H^-1 with g the block's gradient and the
+    small-sample factor B / (B - 1). With fewer than two blocks: infinite.
+    """
+    weighted = s.jacobian * s.weight[:, None]
+    hessian = _inverse(weighted.T @ s.jacobian)
+    labels, index = np.unique(block, return_inverse=True)
+    if len(labels) < 2:
+        return np.full((s.jacobian.shape[1],) * 2, np.inf)
+    gradient = np.zeros((len(labels), s.jacobian.shape[1]))
+    np.add.at(gradient, index, weighted * s.residual[:, None])
+    meat = gradient.T @ gradient * len(labels) / (len(labels) - 1)
+    return np.asarray(hessian @ meat @ hessian)
+
+
+def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray[np.int64]:
+    """Block (n,) of each sample: stretches of ``length`` [s], never across groups."""
+    out = np.zeros(len(t), dtype=np.int64)
+    count = 0
+    for label in np.unique(group):
+        rows = group == label
+        inside = ((t[rows] - t[rows][0]) // length).astype(np.int64)
+        out[rows] = inside + count
+        count += int(inside.max()) + 1
+    return out
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Pseudo-inverse scaled to unit diagonal first: units must not decide the rank."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inner = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    return np.asarray(inner / np.outer(scale, scale))
+
+
+def collinearity(s: Solution) -> FloatArray:
+    """Share (k,) of each parameter's effect that no other parameter can take over, 0..1.
+
+    1: on its own; 0.05: a change of it looks like a change of the others but
+    for a twentieth.
+    """
+    jac = s.jacobian * np.sqrt(s.weight)[:, None]
+    gram = jac.T @ jac
+    inverse = np.diag(_inverse(gram))
+    return np.asarray(np.sqrt(1.0 / np.maximum(np.diag(gram) * inverse, 1.0)))
