@@ -101,7 +101,7 @@ def roll_out(vehicle, slip):
     held = (*make_motor_gains(vehicle.motor)(0.25), 0.0, math.cos(delta), math.sin(delta))
     state = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     for _ in range(800):
-        state = step(*state, 2.5e-3, *held)
+        state = step(*state, 2.5e-3, held, held, held)
     x, y, eta, vx, vy, om = state
     return vx, vy, om, x, y, eta
 
@@ -120,10 +120,10 @@ def test_dynamic_roll_out_upstream():
 def test_kinematic_roll_out():
     step = make_kinematic_step(make_kinematic(PAPER))
     td = math.tan(make_steering(PAPER.steering)(0.5))
-    k0, k1 = make_motor_gains(PAPER.motor)(0.25)
+    held = (*make_motor_gains(PAPER.motor)(0.25), 0.0, td)
     state = (0.0, 0.0, 0.0, 1.0)
     for _ in range(800):
-        state = step(*state, 2.5e-3, k0, k1, 0.0, td)
+        state = step(*state, 2.5e-3, held, held, held)
     x, y, eta, v = state
     om = v * td / PAPER.body.wheelbase
     got = (v, PAPER.body.l_r * om, om, x, y, eta)

@@ -70,9 +70,9 @@ class DynamicMotion:
         if angle != self._angle:
             self._angle, self._cos, self._sin = angle, math.cos(angle), math.sin(angle)
         u, v, r, f = self.v_x, self.v_y, self.omega, self._per_dt
+        held = (drive.k0, drive.k1, brake, self._cos, self._sin)
         self.x, self.y, self.eta, vx, vy, om = self._advance(
-            self.x, self.y, self.eta, u, v, r, self._dt, drive.k0, drive.k1, brake,
-            self._cos, self._sin)
+            self.x, self.y, self.eta, u, v, r, self._dt, held, held, held)
         self.v_x, self.v_y, self.omega = vx, vy, om
         mean_u, mean_v, mean_r = 0.5 * (u + vx), 0.5 * (v + vy), 0.5 * (r + om)
         return Felt(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
@@ -94,8 +94,9 @@ class KinematicMotion:
         drive, f, tan = self._drive, self._per_dt, math.tan(angle)
         drive.set(throttle)
         u, v, r = self.v_x, self.v_y, self.omega
+        held = (drive.k0, drive.k1, brake, tan)
         self.x, self.y, self.eta, vx = self._advance(
-            self.x, self.y, self.eta, u, self._dt, drive.k0, drive.k1, brake, tan)
+            self.x, self.y, self.eta, u, self._dt, held, held, held)
         om = vx * tan / self._wheelbase
         vy = self._l_r * om
         self.v_x, self.v_y, self.omega = vx, vy, om

@@ -7,7 +7,9 @@ numpy)`` takes arrays of cars, ``make_dynamic(PAPER, casadi)`` symbols.
 
 from __future__ import annotations
 
+from dart_hal.vehicle.batch import Batch, rollout
 from dart_hal.vehicle.bicycle import make_acceleration, make_dynamic, make_kinematic
+from dart_hal.vehicle.flat import stack
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.integrate import make_dynamic_step, make_kinematic_step
 from dart_hal.vehicle.motor import make_dead_band, make_motor, make_motor_gains
@@ -25,13 +27,14 @@ from dart_hal.vehicle.parameters import (
 )
 from dart_hal.vehicle.sets import PAPER, PAPER_PRINTED, SETS, UPSTREAM_2024, vehicle_set
 from dart_hal.vehicle.steering import check_monotone, make_steering, make_steering_inverse
+from dart_hal.vehicle.step import make_car_step, make_motion_step
 from dart_hal.vehicle.tyres import make_slip, make_tyres
 
 __all__ = [
     "ARRAY", "GRAVITY", "PAPER", "PAPER_PRINTED", "SCALAR", "SETS", "UPSTREAM_2024",
-    "AxleTyres", "Body", "Delay", "Friction", "Motor", "Namespace", "PaperTyres", "Steering",
-    "Vehicle", "adapt", "check_monotone", "make_acceleration", "make_dead_band", "make_dynamic",
-    "make_dynamic_step", "make_friction", "make_kinematic", "make_kinematic_step", "make_motor",
-    "make_motor_gains", "make_slip", "make_steering", "make_steering_inverse", "make_tyres",
-    "vehicle_set",
+    "AxleTyres", "Batch", "Body", "Delay", "Friction", "Motor", "Namespace", "PaperTyres",
+    "Steering", "Vehicle", "adapt", "check_monotone", "make_acceleration", "make_car_step",
+    "make_dead_band", "make_dynamic", "make_dynamic_step", "make_friction", "make_kinematic",
+    "make_kinematic_step", "make_motion_step", "make_motor", "make_motor_gains", "make_slip",
+    "make_steering", "make_steering_inverse", "make_tyres", "rollout", "stack", "vehicle_set",
 ]

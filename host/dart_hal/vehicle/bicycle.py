@@ -21,11 +21,12 @@ from dart_hal.vehicle.tyres import make_slip, make_tyres
 Rates = tuple[Value, Value, Value, Value, Value, Value]
 
 
-def make_dynamic(p: Vehicle, xp: Any = math, slip: str = "all_speeds") -> Callable[..., Rates]:
+def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callable[..., Rates]:
     """``rates(eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d)``: d(state)/dt.
 
     Returns (x', y', eta', v_x', v_y', omega'). Body-frame accelerations are
-    v_x' - omega v_y and v_y' + omega v_x.
+    v_x' - omega v_y and v_y' + omega v_x. slip: form of the slip angles, None
+    = the vehicle's own.
     """
     f = adapt(xp)
     sin, cos = f.sin, f.cos
@@ -33,7 +34,7 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str = "all_speeds") -> Callab
     per_mass, per_inertia = 1.0 / p.body.mass, 1.0 / p.body.yaw_inertia
     share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
     friction = make_friction(p.friction, f)
-    angles = make_slip(p.body, f, slip)
+    angles = make_slip(p.body, f, slip or p.slip)
     front, rear = make_tyres(p.tyres, p.body, f)
 
     def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
@@ -74,7 +75,7 @@ def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Val
 
 
 def make_acceleration(p: Vehicle, xp: Any = math,
-                      slip: str = "all_speeds") -> Callable[..., tuple[Value, Value, Value]]:
+                      slip: str | None = None) -> Callable[..., tuple[Value, Value, Value]]:
     """``acceleration(v_x, v_y, omega, tau, delta) -> (v_x', v_y', omega')``.
 
     The same equations with the commands as they are named in the paper:

@@ -1,4 +1,10 @@
-"""Runge-Kutta of fourth order, unrolled: no loop and no list in the inner step."""
+"""Runge-Kutta of fourth order, unrolled, and Euler: no loop, no list in the inner step.
+
+Inputs of ``rates`` come as a tuple each for the start, the middle and the end
+of the step, so that what an actuator does meanwhile is integrated to the same
+order; held inputs are passed three times. Position does not act back on the
+motion, so it is only summed.
+"""
 
 from __future__ import annotations
 
@@ -9,25 +15,26 @@ from dart_hal.vehicle.namespace import Value
 
 State6 = tuple[Value, Value, Value, Value, Value, Value]
 State4 = tuple[Value, Value, Value, Value]
+Inputs = tuple[Value, ...]
 
 
 def make_dynamic_step(rates: Callable[..., Any]) -> Callable[..., State6]:
-    """``step(x, y, eta, v_x, v_y, omega, dt, *held) -> state`` after dt [s].
+    """``step(x, y, eta, v_x, v_y, omega, dt, start, middle, end) -> state`` after dt [s].
 
-    ``rates`` is that of ``bicycle.make_dynamic``; ``held`` are its inputs,
-    constant over the step. Position does not act back, so it is only summed.
+    ``rates`` is that of ``bicycle.make_dynamic``; the last three are its inputs
+    (k0, k1, brake, cos d, sin d).
     """
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
-             k0: Value, k1: Value, brake: Value, cd: Value, sd: Value) -> State6:
+             start: Inputs, middle: Inputs, end: Inputs) -> State6:
         h, s = 0.5 * dt, dt / 6.0
-        a0, a1, a2, a3, a4, a5 = rates(eta, vx, vy, om, k0, k1, brake, cd, sd)
+        a0, a1, a2, a3, a4, a5 = rates(eta, vx, vy, om, *start)
         b0, b1, b2, b3, b4, b5 = rates(eta + h * a2, vx + h * a3, vy + h * a4, om + h * a5,
-                                       k0, k1, brake, cd, sd)
+                                       *middle)
         c0, c1, c2, c3, c4, c5 = rates(eta + h * b2, vx + h * b3, vy + h * b4, om + h * b5,
-                                       k0, k1, brake, cd, sd)
+                                       *middle)
         d0, d1, d2, d3, d4, d5 = rates(eta + dt * c2, vx + dt * c3, vy + dt * c4, om + dt * c5,
-                                       k0, k1, brake, cd, sd)
+                                       *end)
         return (x + s * (a0 + 2.0 * (b0 + c0) + d0), y + s * (a1 + 2.0 * (b1 + c1) + d1),
                 eta + s * (a2 + 2.0 * (b2 + c2) + d2), vx + s * (a3 + 2.0 * (b3 + c3) + d3),
                 vy + s * (a4 + 2.0 * (b4 + c4) + d4), om + s * (a5 + 2.0 * (b5 + c5) + d5))
@@ -36,16 +43,42 @@ def make_dynamic_step(rates: Callable[..., Any]) -> Callable[..., State6]:
 
 
 def make_kinematic_step(rates: Callable[..., Any]) -> Callable[..., State4]:
-    """``step(x, y, eta, v, dt, k0, k1, brake, tan d) -> state`` after dt [s]."""
+    """``step(x, y, eta, v, dt, start, middle, end) -> state`` after dt [s].
 
-    def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, k0: Value, k1: Value,
-             brake: Value, td: Value) -> State4:
+    ``rates`` is that of ``bicycle.make_kinematic``, inputs (k0, k1, brake, tan d).
+    """
+
+    def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
+             end: Inputs) -> State4:
         h, s = 0.5 * dt, dt / 6.0
-        a0, a1, a2, a3 = rates(eta, v, k0, k1, brake, td)
-        b0, b1, b2, b3 = rates(eta + h * a2, v + h * a3, k0, k1, brake, td)
-        c0, c1, c2, c3 = rates(eta + h * b2, v + h * b3, k0, k1, brake, td)
-        d0, d1, d2, d3 = rates(eta + dt * c2, v + dt * c3, k0, k1, brake, td)
+        a0, a1, a2, a3 = rates(eta, v, *start)
+        b0, b1, b2, b3 = rates(eta + h * a2, v + h * a3, *middle)
+        c0, c1, c2, c3 = rates(eta + h * b2, v + h * b3, *middle)
+        d0, d1, d2, d3 = rates(eta + dt * c2, v + dt * c3, *end)
         return (x + s * (a0 + 2.0 * (b0 + c0) + d0), y + s * (a1 + 2.0 * (b1 + c1) + d1),
                 eta + s * (a2 + 2.0 * (b2 + c2) + d2), v + s * (a3 + 2.0 * (b3 + c3) + d3))
+
+    return step
+
+
+def make_dynamic_euler(rates: Callable[..., Any]) -> Callable[..., State6]:
+    """As ``make_dynamic_step``, first order: four times cheaper, error in proportion to dt."""
+
+    def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
+             start: Inputs, middle: Inputs, end: Inputs) -> State6:
+        a0, a1, a2, a3, a4, a5 = rates(eta, vx, vy, om, *start)
+        return (x + dt * a0, y + dt * a1, eta + dt * a2, vx + dt * a3, vy + dt * a4,
+                om + dt * a5)
+
+    return step
+
+
+def make_kinematic_euler(rates: Callable[..., Any]) -> Callable[..., State4]:
+    """As ``make_kinematic_step``, first order."""
+
+    def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
+             end: Inputs) -> State4:
+        a0, a1, a2, a3 = rates(eta, v, *start)
+        return x + dt * a0, y + dt * a1, eta + dt * a2, v + dt * a3
 
     return step

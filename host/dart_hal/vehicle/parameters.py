@@ -138,9 +138,17 @@ class AxleTyres(Checked):
     rear_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
 
 
+KINDS = ("dynamic", "kinematic")
+SLIPS = ("all_speeds", "paper", "upstream")
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One complete parameter set."""
+    """One complete parameter set.
+
+    ``kind``: the bicycle that moves it, "dynamic" or "kinematic"; ``slip``: the
+    form of its slip angles, see ``tyres.make_slip``.
+    """
 
     name: str
     body: Body
@@ -149,3 +157,12 @@ class Vehicle:
     steering: Steering
     tyres: PaperTyres | AxleTyres
     delay: Delay = field(default_factory=Delay)
+    kind: str = "dynamic"
+    slip: str = "all_speeds"
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("kind", self.kind, KINDS), ("slip", self.slip, SLIPS)):
+            if value not in known:
+                raise ConfigError(f"Vehicle.{name} = {value!r} is not known",
+                                  found=repr(value), expected=" or ".join(known),
+                                  remedy="check the spelling in model.toml")

@@ -72,6 +72,7 @@ UPSTREAM_2024 = Vehicle(
                     front_B=8.598039627075195, rear_D=0.8546739816665649,
                     rear_C=0.959108829498291, rear_B=11.54928207397461),
     delay=Delay(steering_lag_s=0.12851488590240479, throttle_lag_s=0.0843319296836853),
+    slip="upstream",
 )
 
 SETS = {v.name: v for v in (PAPER, PAPER_PRINTED, UPSTREAM_2024)}

@@ -11,7 +11,7 @@ from typing import Any
 
 from dart_hal.errors import UsageError
 from dart_hal.vehicle.namespace import Value, adapt
-from dart_hal.vehicle.parameters import AxleTyres, Body, PaperTyres
+from dart_hal.vehicle.parameters import SLIPS, AxleTyres, Body, PaperTyres
 
 Slip = Callable[[Value, Value, Value, Value, Value], tuple[Value, Value]]
 Force = Callable[[Value], Value]
@@ -20,21 +20,29 @@ Force = Callable[[Value], Value]
 def make_slip(body: Body, xp: Any = math, form: str = "all_speeds") -> Slip:
     """``slip(v_x, v_y, omega, cos d, sin d) -> (alpha_f, alpha_r)`` [rad].
 
-    form: "all_speeds" (valid at rest and in reverse), "paper" or "upstream"
-    (as published, for v_x > 0). Raises UsageError for another one.
+    form: "all_speeds" (the paper's, made valid at rest and in reverse),
+    "upstream" (that of the later set, likewise; its regularisation reaches up
+    to 1 m/s and belongs to its tyre values), "paper" (as published, v_x > 0
+    only). Raises UsageError for another one.
     """
-    forms = {"all_speeds": _all_speeds, "paper": _paper, "upstream": _upstream}
-    if form not in forms:
-        raise UsageError(f"no slip angles of form {form!r}", expected=", ".join(forms))
-    return forms[form](body, adapt(xp))
+    f = adapt(xp)
+    if form == "all_speeds":
+        return _regularised(body, f, 0.1, 100.0)
+    if form == "upstream":
+        return _regularised(body, f, 1.0, 3.0)
+    if form == "paper":
+        return _paper(body, f)
+    raise UsageError(f"no slip angles of form {form!r}", expected=", ".join(SLIPS))
 
 
-def _all_speeds(body: Body, f: Any) -> Slip:
-    """Equal to the paper's above 0.3 m/s (to 1e-4 rad), odd in time, zero at rest.
+def _regularised(body: Body, f: Any, amount: float, decay: float) -> Slip:
+    """Slip angles that are odd in time and zero at rest.
 
     The paper adds its regularisation to the velocity itself, so that a standing
     car with turned wheels has slip and begins to rotate. Here it only keeps the
-    divisor away from zero: |v| + 0.1 exp(-100 v^2), which is monotone in |v|.
+    divisor away from zero: |v| + amount exp(-decay v^2). With 0.1, 100 they
+    equal the paper's above 0.3 m/s to 1e-4 rad; with 1, 3 upstream's wherever
+    the wheels roll forward, exactly.
     """
     l_f, l_r = body.l_f, body.l_r
     atan2, exp, fabs = f.atan2, f.exp, f.fabs
@@ -42,8 +50,8 @@ def _all_speeds(body: Body, f: Any) -> Slip:
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         b = vy + l_f * om
         along = vx * cd + b * sd
-        front = atan2(vx * sd - b * cd, fabs(along) + 0.1 * exp(-100.0 * along * along))
-        rear = atan2(l_r * om - vy, fabs(vx) + 0.1 * exp(-100.0 * vx * vx))
+        front = atan2(vx * sd - b * cd, fabs(along) + amount * exp(-decay * along * along))
+        rear = atan2(l_r * om - vy, fabs(vx) + amount * exp(-decay * vx * vx))
         return front, rear
 
     return slip
@@ -56,20 +64,6 @@ def _paper(body: Body, f: Any) -> Slip:
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         v = vx + 0.1 * exp(-100.0 * vx * vx)
         return atan2(sd, cd) - atan2(vy + l_f * om, v), -atan((vy - l_r * om) / v)
-
-    return slip
-
-
-def _upstream(body: Body, f: Any) -> Slip:
-    l_f, l_r = body.l_f, body.l_r
-    atan2, exp = f.atan2, f.exp
-
-    def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
-        b = vy + l_f * om
-        along = vx * cd + b * sd
-        front = -atan2(b * cd - vx * sd, along + exp(-3.0 * along * along))
-        rear = -atan2(vy - l_r * om, vx + exp(-3.0 * vx * vx))
-        return front, rear
 
     return slip
 
@@ -102,7 +96,8 @@ def _paper_rear(p: PaperTyres, f: Any) -> Force:
     def capped(alpha: Value) -> Value:
         return fmax(-limit, fmin(limit, stiffness * alpha))
 
-    return linear if math.isinf(limit) else capped
+    # an array or a symbol is not the float inf: it gets the cap
+    return linear if isinstance(limit, float) and math.isinf(limit) else capped
 
 
 def _axle(p: AxleTyres, body: Body, f: Any) -> tuple[Force, Force]:
