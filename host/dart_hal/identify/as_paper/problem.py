@@ -1,0 +1,108 @@
+"""One sub-model as a least-squares problem, and its solution as a ``Fit``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.solve import Solution, least_squares, plain_covariance
+from dart_hal.types import FloatArray
+
+from .curves import Curve
+
+DOUBT = 0.5
+"""A standard error above this share of the value: the data do not tell it."""
+THIN = 400
+"""Samples that are enough to find a first guess."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """target (n,) in ``unit`` = curve(x, *inputs) + residual, x (k,) in [low, high].
+
+    names and units (k,) as in ``model.toml``; paper (k,): the values of the
+    paper's code, None where it has no such sub-model. grid: candidates of the
+    parameters that do not enter linearly, by position; amplitudes are the rest.
+    """
+
+    submodel: str
+    curve: Callable[..., Curve]
+    inputs: tuple[FloatArray, ...]
+    target: FloatArray
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    unit: str
+    grid: Mapping[int, tuple[float, ...]]
+    paper: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """Model minus data, (n,)."""
+        return self.curve(x, *self.inputs)[0] - self.target
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """d residual / d x, (n, k)."""
+        return self.curve(x, *self.inputs)[1]
+
+    def rmse(self, x: FloatArray) -> float:
+        """Root mean square of the residuals at x."""
+        return float(np.sqrt(np.mean(self.residual(x)**2)))
+
+    @property
+    def paper_rmse(self) -> float | None:
+        """Root mean square of the residuals with the paper's values."""
+        return None if self.paper is None else self.rmse(np.array(self.paper))
+
+
+def first_guess(p: Problem) -> FloatArray:
+    """Start values (k,) out of the data: a coarse grid, amplitudes by linear least squares.
+
+    At given values of the others a curve is linear in its amplitudes, so that
+    its Jacobian there is all that the best amplitudes need.
+    """
+    every = max(1, len(p.target) // THIN)
+    inputs, target = tuple(v[::every] for v in p.inputs), p.target[::every]
+    low, high = np.array(p.low), np.array(p.high)
+    middle = 0.5 * (low + high)
+    linear = [i for i in range(len(middle)) if i not in p.grid]
+    best, least = middle, np.inf
+    for values in product(*p.grid.values()):
+        x = middle.copy()
+        x[list(p.grid)] = values
+        value, slopes = p.curve(x, *inputs)
+        columns = slopes[:, linear]
+        rest = target - value + columns @ x[linear]
+        x[linear] = np.linalg.lstsq(columns, rest, rcond=None)[0]
+        x = np.clip(x, low, high)
+        cost = float(np.mean((p.curve(x, *inputs)[0] - target)**2))
+        if cost < least:
+            best, least = x, cost
+    return best
+
+
+def solve(p: Problem) -> Fit:
+    """Plain least squares; errors as if the residuals were independent, as in the paper."""
+    start = time.process_time()
+    solution = least_squares(p.residual, first_guess(p).tolist(), (p.low, p.high),
+                             jacobian=p.jacobian)
+    return as_fit(p, solution, time.process_time() - start)
+
+
+def as_fit(p: Problem, s: Solution, cpu_s: float) -> Fit:
+    """The result with its standard errors and what they are worth."""
+    covariance = plain_covariance(s)
+    std = np.sqrt(np.diag(covariance))
+    edge = tuple(n for n, stopped in zip(p.names, s.at_bound, strict=True) if stopped)
+    parameters = {
+        name: Estimate(float(value), float(error), unit,
+                       bool(name not in edge and error < DOUBT * abs(value)))
+        for name, value, error, unit in zip(p.names, s.x, std, p.units, strict=True)}
+    return Fit(p.submodel, parameters, covariance, len(p.target), s.rmse, p.unit, s.converged,
+               edge, cpu_s, p.notes)
