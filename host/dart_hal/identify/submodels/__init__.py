@@ -1,0 +1,56 @@
+"""The sub-models of the paper identified from any recordings, each the right way.
+
+Per recording and never across the joins of files; standard errors from blocks
+that are taken as independent, because the samples of a drive are not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from dart_hal.errors import UsageError
+from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.submodels.driving import drive
+from dart_hal.identify.submodels.longitudinal import longitudinal_fit, vars_of
+from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger, untold
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.vehicle import PAPER, Vehicle
+
+SUBMODELS = tuple(UNITS)
+"""friction, motor, steering, delay, tyres."""
+
+__all__ = ["SUBMODELS", "FileReport", "fit_submodels"]
+
+
+def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMODELS, *,
+                  base: Vehicle = PAPER, mass: Estimate | None = None,
+                  reference: Reference | None = None
+                  ) -> tuple[dict[str, Fit], dict[str, FileReport]]:
+    """(fits by name in the order asked for, report by file).
+
+    base: geometry, mass and every value that is not fitted; mass [kg] instead
+    of the base's, its std enters the errors of all forces; reference: where
+    the markers sat, None = by date. What the recordings cannot tell comes back
+    as the base's values, not identifiable, not converged, with the reason in
+    its notes. Errors: UsageError for an unknown name or no recording.
+    """
+    unknown = [n for n in names if n not in SUBMODELS]
+    if unknown or not names:
+        raise UsageError(f"no sub-model {unknown[0]!r}" if unknown else "no sub-model named",
+                         expected=", ".join(SUBMODELS))
+    if not recordings:
+        raise UsageError("no recording to fit", expected="at least one recording")
+    ledger = Ledger()
+    fits: dict[str, Fit] = {}
+    if {"friction", "motor", "delay"} & set(names):
+        begin = time.process_time()
+        found = drive(recordings, reference, base, mass, ledger,
+                      only_friction=not {"motor", "delay"} & set(names))
+        cpu = time.process_time() - begin
+        fits |= {n: longitudinal_fit(n, found, base, mass, cpu) for n in names
+                 if n in ("friction", "motor")}
+    for name in names:
+        if name not in fits:
+            fits[name] = untold(name, vars_of(base, name), ["not fitted yet"])
+    return {n: fits[n] for n in names}, ledger.reports()

@@ -1,0 +1,136 @@
+"""Straight driving out of recordings: speed samples in runs, and the throttle before them.
+
+Speed is the mocap's where there is one, else the encoder's. Left out: turning
+(the front wheels brake by l_r omega^2, and the sub-models know no turning),
+standstill (static friction is no sub-model either), braking, bad mocap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.errors import RecordingError
+from dart_hal.identify.submodels.commands import DT, Staircase
+from dart_hal.identify.submodels.report import Ledger
+from dart_hal.recording.dart import Grid, Recording, Reference, grid
+from dart_hal.recording.dart.model import BoolArray, IntArray
+from dart_hal.types import FloatArray
+
+MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
+MAX_STEERING = 0.25  # of the command
+MIN_SPEED = 0.08  # m/s, and two counts of the encoder
+SETTLE = 0.5  # s before a sample in which the throttle must not have been negative
+EVERY = 10  # samples of the mocap grid: 0.1 s, the span of its derivative
+MIN_RUN = 4  # samples in a row
+WINDOW = 0.1  # s, over which the encoder counts
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """What a speed sensor reads: sum of weight (j,) [1/s] times the way covered until t + offset."""
+
+    offset: FloatArray
+    weight: FloatArray
+
+
+def _kernel_mocap(half: int) -> Kernel:
+    i = np.arange(-half, half + 1, dtype=np.float64)
+    return Kernel(i * DT, i / float(i @ i) / DT)
+
+
+ENCODER = Kernel(np.array([-WINDOW, 0.0]), np.array([-1.0, 1.0]) / WINDOW)
+MOCAP, MOCAP_SLOW = _kernel_mocap(7), _kernel_mocap(12)
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """Straight driving of one recording: t (n,) s, v (n,) m/s, run (n,): samples in a row."""
+
+    name: str
+    t: FloatArray
+    v: FloatArray
+    run: IntArray
+    throttle: Staircase
+    kernel: Kernel
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def mocap_grid(recording: Recording, reference: Reference | None) -> Grid | None:
+    """The grid, or None without mocap. Errors: RecordingError as ``grid``."""
+    return None if recording.mocap is None else grid(recording, reference)
+
+
+def speeds_of(recording: Recording, reference: Reference | None, ledger: Ledger) -> Speeds | None:
+    """Straight driving of one recording; None when there is none, said in the ledger."""
+    m = recording.messages
+    if recording.mocap is None and recording.encoder in ("dead", "none", "zero"):
+        what = ("the car never moved" if recording.encoder == "zero"
+                else "no speed: encoder dead, no mocap")
+        ledger.add(recording.name, 0, len(m), [what])
+        return None
+    try:
+        motion = mocap_grid(recording, reference)
+    except RecordingError as err:
+        if recording.encoder != "ok":
+            ledger.add(recording.name, 0, len(m), [err.what])
+            return None
+        motion = None
+    found = _from_encoder(recording) if motion is None else _from_mocap(recording, motion)
+    total = len(found)
+    keep = np.flatnonzero(found.run >= 0)
+    said = [f"speed from the {found.source}"]
+    said += [] if len(keep) else [f"no straight driving (|yaw rate| < {MAX_YAW_RATE} rad/s, "
+                                  f"|steering| < {MAX_STEERING}, throttle >= 0)"]
+    ledger.add(recording.name, len(keep), total - len(keep), said)
+    if not len(keep):
+        return None
+    return Speeds(found.name, found.t[keep], found.v[keep], found.run[keep], found.throttle,
+                  found.kernel, found.source)
+
+
+def _from_encoder(recording: Recording) -> Speeds:
+    m = recording.messages
+    least = max(MIN_SPEED, 2.0 * (recording.quantum or 0.0) - 0.015)
+    moves = np.isfinite(m.speed) & (m.speed >= least)
+    near = ~moves
+    # the window of a first and of a last sample may hold a part of the standstill
+    moves = moves & ~np.append(False, near[:-1]) & ~np.append(near[1:], False)
+    straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE) & (np.abs(m.steering) < MAX_STEERING)
+    use = moves & straight & ~_braked(m.t, m.throttle, m.t)
+    return Speeds(recording.name, m.t, m.speed, _runs(use, np.diff(m.segment) != 0),
+                  Staircase(m.t, m.throttle), ENCODER, "encoder")
+
+
+def _from_mocap(recording: Recording, g: Grid) -> Speeds:
+    slow = recording.mocap is not None and float(np.median(np.diff(recording.mocap.t))) > 0.03
+    t, v = g.t[::EVERY], g.v_x[::EVERY]
+    good = ~np.maximum.reduceat(g.bad, np.arange(0, len(g), EVERY))
+    turning = np.maximum.reduceat(np.abs(g.omega), np.arange(0, len(g), EVERY))
+    use = (good & (v > MIN_SPEED) & (turning < MAX_YAW_RATE)
+           & (np.abs(g.steering[::EVERY]) < MAX_STEERING)
+           & ~_braked(recording.messages.arrival, recording.messages.throttle, t))
+    held = Staircase(recording.messages.arrival, recording.messages.throttle)
+    return Speeds(recording.name, t, v, _runs(use, np.zeros(len(t) - 1, dtype=bool)), held,
+                  MOCAP_SLOW if slow else MOCAP, "mocap")
+
+
+def _braked(t: FloatArray, throttle: FloatArray, at: FloatArray) -> BoolArray:
+    """Where the throttle was negative within the last 0.5 s: the sub-models know no braking."""
+    brake = t[throttle < 0.0]
+    before = np.searchsorted(brake, at, side="right")
+    last = np.where(before > 0, brake[np.maximum(before - 1, 0)] if len(brake) else -np.inf,
+                    -np.inf)
+    return np.asarray(at - last < SETTLE)
+
+
+def _runs(use: BoolArray, cut: BoolArray) -> IntArray:
+    """Number (n,) of the run of used samples without a cut between them; -1: not used."""
+    start = use & ~np.append(False, use[:-1] & ~cut)
+    run = np.where(use, np.cumsum(start) - 1, -1)
+    label, count = np.unique(run[run >= 0], return_counts=True)
+    return np.where(np.isin(run, label[count >= MIN_RUN]), run, -1)

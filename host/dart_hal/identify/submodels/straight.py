@@ -1,0 +1,146 @@
+"""Friction, motor and throttle timing together, by simulating the speed of straight driving.
+
+m dv/dt = F_m(tau, v) + F_f(v), tau delayed and lagged; what is compared is
+what the sensor reads (the encoder the mean of the last 0.1 s, the mocap its
+derivative's window), not a derivative of a quantised speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from dart_hal.identify.solve import Solution, block_covariance, collinearity
+from dart_hal.identify.submodels.commands import DT
+from dart_hal.identify.submodels.shooting import Predict, Problem, shoot
+from dart_hal.identify.submodels.speeds import Speeds
+from dart_hal.identify.submodels.stretches import Stretches
+from dart_hal.types import FloatArray
+from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
+
+NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")
+LOW = np.array([0.05, 1.0, 0.0, 1.0, 0.0, -0.5, -0.15, 0.0])
+HIGH = np.array([10.0, 100.0, 5.0, 150.0, 50.0, 0.0, 0.4, 0.5])
+STEP = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.008, 0.008])
+FORCE = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+"""Which parameters scale with the mass."""
+
+
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """x (8,) in the order of NAMES; ``free`` were fitted, the others held.
+
+    covariance (8, 8), zero where held, mass included; independent (8,) as
+    ``collinearity``, 1 where held; residuals in ``solution`` [m/s].
+    """
+
+    free: tuple[str, ...]
+    x: FloatArray
+    covariance: FloatArray
+    independent: FloatArray
+    solution: Solution
+    stretches: Stretches
+
+    def value(self, name: str) -> float:
+        """Value of a parameter."""
+        return float(self.x[NAMES.index(name)])
+
+    def std(self, name: str) -> float:
+        """One standard error; 0 where held."""
+        i = NAMES.index(name)
+        return float(np.sqrt(max(self.covariance[i, i], 0.0)))
+
+    def at_bound(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Which of ``names`` stopped at the edge of their interval."""
+        stopped = {n for n, edge in zip(self.free, self.solution.at_bound, strict=True) if edge}
+        return tuple(n for n in names if n in stopped)
+
+
+def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatArray,
+                   free: Sequence[str], mass: float, mass_std: float) -> Straight:
+    """Fit the ``free`` parameters from x0 (8,); mass [kg] scales the forces.
+
+    q and the reverse gain are those of ``base``.
+    """
+    rows = [NAMES.index(n) for n in free]
+
+    def predict(p: FloatArray, starts: FloatArray) -> FloatArray:
+        full = np.tile(x0, (len(p), 1))
+        full[:, rows] = p
+        return simulate(series, s, base, full, starts, mass)
+
+    problem = Problem(_checked(predict), s.v, s.stretch, LOW[rows], HIGH[rows], STEP[rows])
+    first = np.searchsorted(s.stretch, np.arange(len(s)))
+    solution, _ = shoot(problem, x0[rows], s.v[first])
+    x = x0.copy()
+    x[rows] = solution.x
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    covariance[np.ix_(rows, rows)] = block_covariance(solution, s.block)
+    independent = np.ones(len(NAMES))
+    independent[rows] = collinearity(solution)
+    scaling = np.where(np.isin(np.arange(len(NAMES)), rows), FORCE * x, 0.0) * mass_std / mass
+    return Straight(tuple(free), x, covariance + np.outer(scaling, scaling), independent,
+                    solution, s)
+
+
+def _checked(predict: Predict) -> Predict:
+    """Overflowing trial steps become large residuals, not NaN."""
+    def safe(p: FloatArray, starts: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(np.nan_to_num(predict(p, starts), nan=1e3, posinf=1e3, neginf=-1e3))
+    return safe
+
+
+def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArray,
+             starts: FloatArray, mass: float) -> FloatArray:
+    """Readings (P, n) [m/s] for parameters p (P, 8) and start speeds (P, S) [m/s]."""
+    columns = {n: p[:, i, None] for i, n in enumerate(NAMES)}
+    friction = make_friction(_group(columns, "abc", q=base.friction.q), np)
+    gains = make_motor_gains(_group({n: v[..., None] for n, v in columns.items()}, "deg",
+                                    reverse=base.motor.reverse), np)
+    push, drag = gains(throttle_of(series, s, p[:, 6], p[:, 7]))
+    push, drag = np.moveaxis(push / mass, -1, 0), np.moveaxis(drag / mass, -1, 0)
+    v = np.array(np.broadcast_to(starts, (len(p), len(s))))
+    way = np.zeros((*v.shape, s.steps + 1))
+    for i in range(s.steps):
+        rate = push[i] - drag[i] * v + friction(v) / mass
+        middle = v + 0.5 * DT * rate
+        v = v + DT * (push[i] - drag[i] * middle + friction(middle) / mass)
+        way[..., i + 1] = way[..., i] + DT * middle
+    return s.reading(way)
+
+
+def _group(columns: dict[str, FloatArray], names: str, **more: float) -> Any:
+    """Parameters as arrays of variants in the shape of the vehicle's dataclasses."""
+    return SimpleNamespace(**{n: columns[n] for n in names}, **more)
+
+
+def throttle_of(series: Sequence[Speeds], s: Stretches, delay: FloatArray, lag: FloatArray
+                ) -> FloatArray:
+    """Throttle (P, S, steps) at the motor for delays and lags (P,) [s]."""
+    pairs, index = np.unique(np.stack([delay, lag], axis=1), axis=0, return_inverse=True)
+    out = np.empty((len(pairs), len(s), s.steps))
+    for j, (one_delay, one_lag) in enumerate(pairs):
+        for r, recording in enumerate(series):
+            lanes = np.flatnonzero(s.series == r)
+            if not len(lanes):
+                continue
+            stairs = recording.throttle
+            begin = float(stairs.t[0])
+            n = int(np.ceil((float(s.start[lanes].max()) - begin) / DT)) + s.steps + 1
+            grid = stairs.on_grid(begin, max(n, 1), float(one_delay), float(one_lag))
+            out[j, lanes] = _between(grid, (s.start[lanes] - begin) / DT, s.steps)
+    return np.asarray(out[np.reshape(index, -1)])
+
+
+def _between(grid: FloatArray, place: FloatArray, steps: int) -> FloatArray:
+    """Means (S, steps) of steps that begin at fractional grid positions ``place`` (S,)."""
+    whole = np.floor(place).astype(np.int64)
+    part = (place - whole)[:, None]
+    at = whole[:, None] + np.arange(steps + 1)
+    cells = grid[np.clip(at, 0, len(grid) - 1)]
+    return np.asarray((1.0 - part) * cells[:, :-1] + part * cells[:, 1:])
