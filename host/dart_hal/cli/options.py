@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
+from dart_hal.recording.dart.reference import Reference
+
 DEFAULT_CAR = "dart-01"
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -52,6 +54,28 @@ class Number(click.FloatRange):
         if not isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
         return number
+
+
+class ReferenceType(click.ParamType):  # type: ignore[type-arg]
+    """LX,THETA,LY (m, rad, m): where the mocap markers sat, from the rear axle."""
+
+    name = "reference"
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Reference:
+        if isinstance(value, Reference):
+            return value
+        try:
+            lx, theta, ly = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not LX,THETA,LY: three numbers, m, rad, m", param, ctx)
+        if not (abs(lx) < 1.0 and abs(theta) < 7.0 and abs(ly) < 1.0):
+            self.fail(f"{value!r}: LX and LY are metres from the rear axle, THETA radians",
+                      param, ctx)
+        return Reference(lx, theta, ly, "given by --reference")
+
+
+REFERENCE = ReferenceType()
 
 
 class PathsOption(click.Option):

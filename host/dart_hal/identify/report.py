@@ -1,7 +1,8 @@
-"""What became of one file in an identification: rows used, rows left out, and why."""
+"""What became of each file in an identification, and the published values beside a fit."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,3 +22,11 @@ class FileReport:
     def to_json(self) -> dict[str, Any]:
         """As ``dart-hal identify --json`` prints it."""
         return {"used": self.used, "dropped": self.dropped, "why": list(self.why)}
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """The paper's own values: by name, and the rmse they leave on the same rows, if known."""
+
+    values: Mapping[str, float]
+    rmse: float | None = None

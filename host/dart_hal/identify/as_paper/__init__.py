@@ -8,6 +8,6 @@ settings made by hand. ``dart_hal.identify.submodels`` does it right.
 from __future__ import annotations
 
 from .folders import FOLDERS, Rows, read_folder
-from .run import NAMES, AsPaper, Published, fit_as_paper
+from .run import NAMES, AsPaper, fit_as_paper
 
-__all__ = ["FOLDERS", "NAMES", "AsPaper", "Published", "Rows", "fit_as_paper", "read_folder"]
+__all__ = ["FOLDERS", "NAMES", "AsPaper", "Rows", "fit_as_paper", "read_folder"]

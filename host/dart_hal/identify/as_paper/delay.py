@@ -71,7 +71,7 @@ def _vertex(value: FloatArray) -> float:
     if not 0 < i < len(value) - 1:
         return float(i)
     before, at, after = value[i - 1:i + 2].tolist()
-    return i + 0.5 * (before - after) / (before - 2.0 * at + after)
+    return float(i + 0.5 * (before - after) / (before - 2.0 * at + after))
 
 
 def fit_delay(rows: Rows) -> tuple[Fit, Correlation]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.report import FileReport
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.schema import MOCAP, SENSOR, SENSOR_TIME
 from dart_hal.recording.dart.table import parse
 from dart_hal.types import FloatArray
@@ -61,7 +62,7 @@ class Rows:
         """Command, -1..1."""
         return self.columns["steering"]
 
-    def reports(self, used: FloatArray, why: str) -> dict[str, FileReport]:
+    def reports(self, used: BoolArray, why: str) -> dict[str, FileReport]:
         """By file: how many of its rows the mask (n,) keeps, and why not the others."""
         out = {}
         for file, (first, end) in self.spans.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.vehicle.sets import PAPER
 
 from . import curves
@@ -15,9 +15,9 @@ FAST = 0.8
 """m/s; the paper takes rows above it, where tyres already slip a little."""
 
 
-def fast(rows: Rows) -> FloatArray:
+def fast(rows: Rows) -> BoolArray:
     """Rows (n,) above 0.8 m/s."""
-    return rows.speed > FAST
+    return np.asarray(rows.speed > FAST)
 
 
 def steering_problem(rows: Rows) -> Problem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
@@ -24,15 +25,15 @@ def motion(rows: Rows) -> tuple[FloatArray, FloatArray]:
     return v, PAPER.body.mass * slope(rows.t, v)
 
 
-def coasting(rows: Rows, force: FloatArray, variant: bool = False) -> FloatArray:
+def coasting(rows: Rows, force: FloatArray, variant: bool = False) -> BoolArray:
     """Rows (n,) that the friction fit uses.
 
     The paper's: throttle 0, force above -4 N; files that begin at rest and
     braking by the ESC are in. variant: throttle 0 since 0.15 s, force negative.
     """
     if variant:
-        return (later(rows.t, rows.throttle, VARIANT_DELAY) == 0.0) & (force < 0.0)
-    return (rows.throttle == 0.0) & (force > HARDEST_BRAKING)
+        return np.asarray((later(rows.t, rows.throttle, VARIANT_DELAY) == 0.0) & (force < 0.0))
+    return np.asarray((rows.throttle == 0.0) & (force > HARDEST_BRAKING))
 
 
 def friction_problem(rows: Rows, variant: bool = False) -> Problem:

@@ -45,11 +45,11 @@ class Problem:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Model minus data, (n,)."""
-        return self.curve(x, *self.inputs)[0] - self.target
+        return np.asarray(self.curve(x, *self.inputs)[0] - self.target)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """d residual / d x, (n, k)."""
-        return self.curve(x, *self.inputs)[1]
+        return np.asarray(self.curve(x, *self.inputs)[1])
 
     def rmse(self, x: FloatArray) -> float:
         """Root mean square of the residuals at x."""

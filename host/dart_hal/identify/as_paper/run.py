@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.report import FileReport
+from dart_hal.identify.report import FileReport, Published
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
@@ -31,14 +31,6 @@ from .tyres import (
 )
 
 NAMES = tuple(FOLDERS)
-
-
-@dataclass(frozen=True, slots=True)
-class Published:
-    """The paper's own values on the same rows: by name, and the rmse they leave."""
-
-    values: Mapping[str, float]
-    rmse: float | None
 
 
 @dataclass(slots=True)
@@ -101,7 +93,7 @@ def _friction(out: AsPaper, rows: Rows) -> None:
 
 def _motor(out: AsPaper, rows: Rows) -> None:
     _solve(out, motor_problem(rows))
-    out.files |= rows.reports(np.ones(len(rows)), "")
+    out.files |= rows.reports(np.ones(len(rows), dtype=bool), "")
 
 
 def _steering(out: AsPaper, rows: Rows) -> None:
@@ -120,7 +112,7 @@ def _tyres(out: AsPaper, rows: Rows) -> None:
     front, rear = _solve(out, front_problem(data)), _solve(out, rear_problem(data))
     out.derived["tyres_front"] = {"front_stiffness_BCD": stiffness(front)}
     for problem in (front_problem_without_e(data), front_problem_tanh(data),
-                    front_problem(tyre_data(rows, 0.0), "tyres_front_without_yaw_offset"),
+                    front_problem(tyre_data(rows, 0.0), "tyres_front_yaw0"),
                     rear_problem_with_offset(data)):
         _solve(out, problem)
     out.fits["tyres"] = together(front, rear)
@@ -160,6 +152,7 @@ def together(front: Fit, rear: Fit) -> Fit:
 
 def _pooled(out: AsPaper, data: Tyres) -> float:
     front, rear = out.published["tyres_front"].rmse, out.published["tyres_rear"].rmse
-    assert front is not None and rear is not None
+    assert front is not None
+    assert rear is not None
     assert len(data.front_slip) == len(data.rear_slip)
     return float(np.sqrt(0.5 * (front**2 + rear**2)))

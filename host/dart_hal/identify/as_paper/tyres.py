@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
@@ -37,7 +38,7 @@ class Tyres:
     front_force: FloatArray
     rear_slip: FloatArray
     rear_force: FloatArray
-    used: FloatArray
+    used: BoolArray
 
 
 def tyre_data(rows: Rows, yaw_offset: float = YAW_OFFSET) -> Tyres:
@@ -93,7 +94,7 @@ def front_problem(data: Tyres, name: str = "tyres_front") -> Problem:
 def front_problem_without_e(data: Tyres) -> Problem:
     """D, C, B with E = 0."""
     return Problem(
-        "tyres_front_without_E", curves.pacejka_without_e, (data.front_slip,), data.front_force,
+        "tyres_front_E0", curves.pacejka_without_e, (data.front_slip,), data.front_force,
         FRONT[:3], FRONT_UNITS[:3], LOW[:3], HIGH[:3], "N", {1: (0.7, 1.2), 2: GAINS})
 
 
@@ -115,7 +116,7 @@ def rear_problem(data: Tyres) -> Problem:
 def rear_problem_with_offset(data: Tyres) -> Problem:
     """The same with an offset of the slip angle, which the paper fits and then drops."""
     return Problem(
-        "tyres_rear_with_offset", curves.linear_with_offset, (data.rear_slip,), data.rear_force,
+        "tyres_rear_offset", curves.linear_with_offset, (data.rear_slip,), data.rear_force,
         (REAR, "rear_slip_offset"), ("N/rad", "rad"), (0.5, -0.1), (500.0, 0.1), "N",
         {1: (0.0,)})
 

@@ -1,0 +1,122 @@
+"""``dart-hal identify``: fit the sub-models of the car to recordings."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dart_hal.cli.options import REFERENCE, json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.config import ModelFile
+from dart_hal.errors import UsageError
+from dart_hal.identify.outcome import Outcome, as_paper, per_recording
+from dart_hal.identify.write import SECTIONS, Written, model_from, write
+from dart_hal.recording.dart import Reference
+from dart_hal.vehicle.load import find_model, vehicle_of
+
+DEFAULT_OUT = Path("model.toml")
+
+
+@click.command("identify")
+@click.argument("submodel", type=click.Choice([*SECTIONS, "all"]))
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--as-paper", "root", type=click.Path(path_type=Path), default=None, metavar="ROOT",
+              help="the paper's own preprocessing on its folders 19, 29, 30, 40 and 50 below ROOT, "
+                   "to compare with its published values; writes only with --out")
+@click.option("--base", default=None, metavar="MODEL",
+              help="what is not identified: a model.toml or paper, paper-printed, upstream-2024 "
+                   "(default: the file of --out if it exists, then paper)")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="where the model goes (default: model.toml; an older one goes to history/)")
+@click.option("--plot", type=click.Path(path_type=Path, file_okay=False), default=None,
+              metavar="DIR", help="pictures of data, fit and the paper's curve")
+@click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
+              help="where the mocap markers sat: m, rad, m (default: known by date)")
+@click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
+@json_option
+def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
+            out: Path | None, plot: Path | None, reference: Reference | None, dry_run: bool,
+            as_json: bool) -> int:
+    """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
+
+    Values come with standard errors. A fit that did not converge or stopped at
+    a bound is said, and never written. Exit status 1: nothing could be identified.
+    """
+    _check(files, root, reference)
+    names = SECTIONS if submodel == "all" else (submodel,)
+    target = out or (DEFAULT_OUT if root is None else None)
+    start = _base(base, target)
+    typed = shlex.join(["dart-hal", *sys.argv[1:]])
+    outcome: Outcome
+    data: Any
+    if root is not None:
+        outcome, data = as_paper(root, names, typed)
+    else:
+        outcome, data = per_recording(files, names, vehicle_of(start), typed, reference)
+    written = model_from(outcome.fits, start, outcome.source)
+    path = None if dry_run or target is None else write(written, target)
+    pictures = _draw(outcome, data, plot, reference) if plot else []
+    if as_json:
+        print_json({**outcome.to_json(), "model": path, "plots": pictures,
+                    "left_out": dict(written.left_out)})
+    else:
+        from dart_hal.cli.identify_table import show
+
+        show(outcome, pictures)
+    _say(written, path, target, dry_run)
+    asked_in_vain = out is not None and path is None and not dry_run
+    return 1 if asked_in_vain or not outcome.sound else 0
+
+
+def _check(files: Sequence[Path], root: Path | None, reference: Reference | None) -> None:
+    if root is not None and files:
+        raise UsageError("--as-paper takes its own folders, no FILES",
+                         found=", ".join(map(str, files)), expected="FILES or --as-paper ROOT",
+                         remedy="dart-hal identify all --as-paper ROOT")
+    if root is not None and reference is not None:
+        raise UsageError("--as-paper takes the marker for the centre of mass, as the paper does",
+                         found="--reference", remedy="leave --reference out")
+    if root is None and not files:
+        raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
+                         remedy="dart-hal identify all FOLDER")
+
+
+def _base(base: str | None, target: Path | None) -> ModelFile:
+    """The model whose values stay where nothing is identified."""
+    if base is not None:
+        return find_model(base)[0]
+    if target is not None and target.exists():
+        return find_model(target)[0]
+    return find_model("paper")[0]
+
+
+def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None) -> list[Path]:
+    from dart_hal.identify.plots import draw, evidence_as_paper, evidence_of
+
+    evidence = (evidence_of(data, outcome.fits, reference) if isinstance(data, list)
+                else evidence_as_paper(data))
+    return draw(evidence, outcome.fits, folder)
+
+
+def _say(written: Written, path: Path | None, target: Path | None, dry_run: bool) -> None:
+    """What is in the model, what is not and why, on standard error."""
+    for section, why in written.left_out.items():
+        console.print(f"not written: {section}: {why}; the values of the base model stay",
+                      style="yellow", markup=False, highlight=False)
+    if path is not None:
+        console.print(f"written: {path} ({', '.join(written.sections)})", markup=False,
+                      highlight=False)
+        return
+    if dry_run:
+        why = "a dry run"
+    elif target is None:
+        why = "--as-paper compares; --out FILE writes"
+    else:
+        untouched = f"; {target} is as it was" if target.exists() else ""
+        why = f"no sound fit of a sub-model{untouched}"
+    console.print(f"nothing written: {why}", markup=False, highlight=False)

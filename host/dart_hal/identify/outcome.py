@@ -1,0 +1,103 @@
+"""One run of the identification, whichever way it was made: what a verb shows and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.report import FileReport, Published
+from dart_hal.identify.runs import read_any
+from dart_hal.identify.write import Source, why_unsound
+from dart_hal.recording.dart import Recording, Reference, reference_for
+from dart_hal.vehicle.flat import names as flat_names
+from dart_hal.vehicle.flat import value as flat_value
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.sets import PAPER
+
+if TYPE_CHECKING:
+    from dart_hal.identify.as_paper import AsPaper
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """fits by sub-model (as_paper: also rows of its comparison), report by file.
+
+    published: the paper's values beside them; derived: what the data do tell
+    where single parameters are not told; source: for the file's provenance.
+    """
+
+    fits: Mapping[str, Fit]
+    files: Mapping[str, FileReport]
+    published: Mapping[str, Published]
+    source: Source
+    derived: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+
+    @property
+    def sound(self) -> bool:
+        """Whether any fit can be trusted."""
+        return any(fit.sound for fit in self.fits.values())
+
+    def to_json(self) -> dict[str, Any]:
+        """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
+        return {"fits": {name: self._fit(name) for name in self.fits},
+                "files": {file: {"used": r.used, "dropped": r.dropped, "why": list(r.why)}
+                          for file, r in self.files.items()}}
+
+    def _fit(self, name: str) -> dict[str, Any]:
+        fit = self.fits[name]
+        out = {**fit.to_json(), "sound": fit.sound, "why_unsound": why_unsound(fit)}
+        if name in self.published:
+            paper = self.published[name]
+            out["paper"] = {"parameters": dict(paper.values), "rmse": paper.rmse}
+        out["derived"] = {key: {"value": e.value, "std": e.std, "unit": e.unit}
+                          for key, e in self.derived.get(name, {}).items()}
+        return out
+
+
+def published_values(section: str) -> Published:
+    """The section of the paper's set, in contract names."""
+    start = f"{section}."
+    return Published({name.removeprefix(start): float(flat_value(PAPER, name))
+                      for name in flat_names(PAPER) if name.startswith(start)})
+
+
+def as_paper(root: Path, names: Sequence[str], command: str
+             ) -> tuple[Outcome, AsPaper]:
+    """The paper's own way on its folders below root; also what was fitted, for pictures."""
+    from dart_hal.identify.as_paper import fit_as_paper
+
+    made = fit_as_paper(root, names)
+    digests = {file: report.sha256 for file, report in made.files.items() if report.used}
+    source = Source(digests, command, method="preprocessing of the paper, plain least squares")
+    return Outcome(made.fits, made.files, made.published, source, made.derived), made
+
+
+def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
+                  reference: Reference | None = None) -> tuple[Outcome, list[Recording]]:
+    """Every recording for itself, robust; also the recordings, for pictures.
+
+    Errors: RecordingError when a file named by itself, or all of them, cannot
+    be used.
+    """
+    from dart_hal.identify.submodels import fit_submodels
+
+    recordings, skipped = read_any(paths)
+    fits, reports = fit_submodels(recordings, names, base=base, reference=reference)
+    files: dict[str, FileReport] = {}
+    points: dict[str, tuple[float, float, float]] = {}
+    for r in recordings:
+        found = reports.get(str(r.path)) or reports.get(r.name)
+        why = dict.fromkeys([*map(str, r.notes), *(found.why if found else ())])
+        files[str(r.path)] = FileReport(found.used if found else 0, found.dropped if found else 0,
+                                        tuple(why), r.sha256)
+        where = reference or (reference_for(r) if r.mocap is not None else None)
+        if where is not None and files[str(r.path)].used:
+            points[str(r.path)] = (where.lx, where.theta, where.ly)
+    files |= {file: FileReport(0, 0, (f"skipped: {reason}",)) for file, reason in skipped}
+    source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
+                    "per recording, robust, errors over blocks")
+    published = {name: published_values(name) for name in fits}
+    return Outcome(fits, files, published, source), recordings
