@@ -181,11 +181,26 @@ class EndOfRecording(LinkLost):
     remedy_default = "record a longer run, or read fewer States"
 
 
+class FetchFailed(DartHalError, ConnectionError):
+    """The published recordings could not be brought here."""
+
+    code = "D-REC-03"
+    likely_default = "no network, or a source that has other files"
+    remedy_default = "dart-hal data fetch --from DIR"
+
+
 class CalibrationFailed(DartHalError, RuntimeError):
     """The measurement did not yield a trustworthy result; nothing was written."""
 
     code = "D-CAL-01"
     remedy_default = "read what was found, cure it, then run the same calibration again"
+
+
+class ExperimentFailed(DartHalError, RuntimeError):
+    """A drive that cannot be planned on this floor, or that the car did not follow."""
+
+    code = "D-EXP-01"
+    remedy_default = "read what was found, cure it, then run the same experiment again"
 
 
 class EmulatorMissing(DartHalError, RuntimeError):

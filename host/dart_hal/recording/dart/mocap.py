@@ -89,16 +89,19 @@ def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]
     outlier = outliers(t, x, y, yaw)
     notes = []
     if back:
-        notes.append(Note(f"mocap time steps back {back} time(s): cut there, not sorted"))
+        notes.append(Note(f"mocap time steps back {back} time(s): cut there, not sorted",
+                          kind="mocap_time_back"))
     if not keep.all():
-        notes.append(Note("mocap rows whose time does not advance", int((~keep).sum())))
+        notes.append(Note("mocap rows whose time does not advance", int((~keep).sum()),
+                          "mocap_repeated"))
     if outlier.any():
-        notes.append(Note("mocap outliers of 1 to 3 rows, marked", int(outlier.sum())))
+        notes.append(Note("mocap outliers of 1 to 3 rows, marked", int(outlier.sum()), "outliers"))
     usual = float(np.median(np.diff(t))) if len(t) > 1 else GRID
     limit = max(MAX_GAP, 2.0 * usual)
     gaps = int((np.diff(t) > limit).sum())
     if gaps:
-        notes.append(Note(f"{gaps} mocap gap(s) above {limit:.2f} s: nothing inside is used"))
+        notes.append(Note(f"{gaps} mocap gap(s) above {limit:.2f} s: nothing inside is used",
+                          kind="mocap_gap"))
     epoch = float(stamp[0]) if stamp[0] > EPOCH_FROM else None
     return Mocap(freeze(t), epoch, freeze(x), freeze(y), freeze(unwrap(yaw, outlier)),
                  freeze_flags(outlier)), keep, notes

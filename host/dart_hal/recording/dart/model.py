@@ -18,10 +18,14 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something that was dropped or changed while reading: why, and how many rows."""
+    """Something that was dropped or changed while reading: why, and how many rows.
+
+    kind: one word for programs, of the table in docs/recordings.md.
+    """
 
     why: str
     rows: int = 0
+    kind: str = "read"
 
     def __str__(self) -> str:
         return f"{self.why}: {self.rows} row(s)" if self.rows else self.why
@@ -83,6 +87,7 @@ class Recording:
     encoder: "ok", "dead" (the car moved, it did not), "zero" (never moved, and
     nothing shows that the car did), "none" (schema C). quantum: m/s per
     encoder count, None if it cannot be told. sha256 of the file's bytes.
+    rows: lines of the table before anything was dropped (0: no table).
     """
 
     path: Path
@@ -93,6 +98,7 @@ class Recording:
     quantum: float | None
     sha256: str
     notes: tuple[Note, ...]
+    rows: int = 0
 
     @property
     def name(self) -> str:

@@ -17,7 +17,7 @@ from .mocap import mocap as read_mocap
 from .model import Mocap, Note, Recording, freeze
 from .quantum import encoder_quantum
 from .ranges import check_units, check_values
-from .schema import NEVER_MEASURED, USED
+from .schema import DERIVED_C, NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
 from .table import keep_finite, parse
 
@@ -33,11 +33,16 @@ def read(path: str | Path) -> Recording:
     path = Path(path)
     file = str(path)
     schema, columns, dropped = parse(path)
-    notes = [Note(why, rows) for why, rows in dropped]
+    rows = len(next(iter(columns.values()))) + sum(n for _, n in dropped)
+    notes = [Note(why, n, "cut_off_line") for why, n in dropped]
     notes += _never_measured(columns)
+    if any(c in columns for c in DERIVED_C):
+        notes.append(Note("derived columns of schema C not used: plain differences of the pose, "
+                          "in spite of their names", kind="derived"))
     columns, bad = keep_finite(columns, USED[schema], file)
     if bad:
-        notes.append(Note("rows with an empty or non-finite cell", bad))
+        notes.append(Note("rows with an empty or non-finite cell", bad, "not_finite"))
+    notes += _signed_zeros(columns)
     check_commands(columns, file)
     check_values(columns, file)
     if schema != "C":
@@ -47,11 +52,12 @@ def read(path: str | Path) -> Recording:
                                  found=f"{len(idle)} rows with elapsed time 0",
                                  expected="rows with sensor data", remedy="leave this file out")
         if idle.any():
-            notes.append(Note("rows before the first sensor message", int(idle.sum())))
+            notes.append(Note("rows before the first sensor message", int(idle.sum()),
+                              "not_started"))
         columns = {c: v[~idle] for c, v in columns.items()}
     check_units(columns, file)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return _assemble(path, schema, columns, notes, digest)
+    return replace(_assemble(path, schema, columns, notes, digest), rows=rows)
 
 
 def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: list[Note],
@@ -80,7 +86,12 @@ def _never_measured(columns: dict[str, FloatArray]) -> list[Note]:
         return []
     zero = all(bool(np.all(np.nan_to_num(columns[c]) == 0.0)) for c in present)
     return [Note(f"columns {' and '.join(present)} are zero in every row: never measured, dropped"
-                 if zero else f"columns {' and '.join(present)} not used")]
+                 if zero else f"columns {' and '.join(present)} not used", kind="not_measured")]
+
+
+def _signed_zeros(columns: dict[str, FloatArray]) -> list[Note]:
+    rows = int(np.any([np.signbit(v) & (v == 0.0) for v in columns.values()], axis=0).sum())
+    return [Note("negative zeros read as zeros", rows, "negative_zero")] if rows else []
 
 
 def _note_false_lock(recording: Recording, notes: list[Note]) -> Recording:
@@ -89,7 +100,8 @@ def _note_false_lock(recording: Recording, notes: list[Note]) -> Recording:
         if lock.any():
             share = float(lock.mean())
             notes.append(Note(f"false lock of the mocap (pose stands, encoder turns): "
-                              f"{lock.sum() / 100.0:.2f} s, {share:.0%} of the recording"))
+                              f"{lock.sum() / 100.0:.2f} s, {share:.0%} of the recording",
+                              kind="false_lock"))
     return replace(recording, notes=tuple(notes))
 
 
@@ -102,14 +114,17 @@ def _judge_encoder(recording: Recording) -> Recording:
         quantum = encoder_quantum(speed)
         note = (f"encoder quantum {quantum:.5f} m/s per count" if quantum
                 else "encoder quantum cannot be told from these speeds")
-        return replace(recording, quantum=quantum, notes=(*recording.notes, Note(note)))
+        return replace(recording, quantum=quantum,
+                       notes=(*recording.notes, Note(note, kind="quantum")))
     if _mocap_moves(recording):
         nan = freeze(np.full(len(speed), np.nan))
         note = "encoder dead: always 0 while the mocap shows the car driving"
-        return replace(recording, encoder="dead", notes=(*recording.notes, Note(note)),
+        return replace(recording, encoder="dead",
+                       notes=(*recording.notes, Note(note, kind="encoder_dead")),
                        messages=replace(recording.messages, speed=nan))
     note = "encoder always 0 and nothing shows that the car moved: taken as standstill"
-    return replace(recording, encoder="zero", notes=(*recording.notes, Note(note)))
+    return replace(recording, encoder="zero",
+                   notes=(*recording.notes, Note(note, kind="encoder_zero")))
 
 
 def _mocap_moves(recording: Recording) -> bool:

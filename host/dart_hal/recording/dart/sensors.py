@@ -68,17 +68,20 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
     if not fresh.all():
         why = ("held copies of the last sensor message" if arrival is not None
                else "rows that repeat the stamp of the row before")
-        notes.append(Note(why, int((~fresh).sum())))
+        notes.append(Note(why, int((~fresh).sum()),
+                          "held_copies" if arrival is not None else "repeated_stamp"))
     if back:
-        notes.append(Note(f"sensor time steps back {back} time(s): cut there, not sorted"))
+        notes.append(Note(f"sensor time steps back {back} time(s): cut there, not sorted",
+                          kind="time_back"))
     step = np.diff(t)
     lost = int(((step > LOST) & (step <= GAP)).sum())
     gaps = int((step > GAP).sum())
     if lost:
         notes.append(Note(f"{lost} step(s) of 0.14 to 0.3 s between sensor messages "
-                          "(messages lost)"))
+                          "(messages lost)", kind="lost_messages"))
     if gaps:
-        notes.append(Note(f"{gaps} gap(s) above 0.3 s between sensor messages: cut there"))
+        notes.append(Note(f"{gaps} gap(s) above 0.3 s between sensor messages: cut there",
+                          kind="message_gap"))
     gate = kept["safety_value"] == 1.0
     notes += gate_note(kept["throttle"], gate)
     return Messages(
@@ -106,4 +109,5 @@ def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messag
 def gate_note(throttle: FloatArray, gate: BoolArray) -> list[Note]:
     """Says how many throttle values were logged while the car was not allowed to drive."""
     rows = int(((throttle != 0.0) & ~gate).sum())
-    return [Note("throttle set to 0 where the safety gate was closed", rows)] if rows else []
+    note = Note("throttle set to 0 where the safety gate was closed", rows, "gate")
+    return [note] if rows else []

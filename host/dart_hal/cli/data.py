@@ -1,0 +1,100 @@
+"""``dart-hal data``: look recordings through, or bring the published ones here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.data_show import show_checks, show_fetch
+from dart_hal.cli.options import json_option
+from dart_hal.cli.output import console, print_json, progress_bar
+from dart_hal.recording.check import Check, check, summary
+from dart_hal.recording.fetch import fetch, find
+
+
+@click.group("data")
+def command() -> None:
+    """Recordings: what is in them and what is wrong with them; fetch the published set."""
+
+
+@command.command("check")
+@click.argument("files", nargs=-1, metavar="[FILES]...", type=click.Path(path_type=Path))
+@click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="DIR|FILE",
+              help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
+              "of one recording, or of several at a glance")
+@click.option("--full", is_flag=True, help="every finding of every file, however many files")
+@json_option
+def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, as_json: bool) -> int:
+    """Say what is in recordings, what was dropped and why, and what each is good for.
+
+    FILES are DART CSV files, runs (.mcap) or folders of them; what is not here is looked for in
+    the data folder ($DART_DATA, else ~/.local/share/dart-hal/recordings), and without FILES
+    all of it is checked. Exit 0: something is good for a fit or an evaluation, 1: all could
+    be read but nothing is, 2: a file named by itself, or a whole folder, cannot be read.
+    """
+    from dart_hal.identify.runs import read_any
+
+    recordings, skipped = read_any(find(files))
+    with progress_bar() as bar:
+        task = bar.add_task("checking", total=len(recordings))
+        checks = []
+        for recording in recordings:
+            checks.append(check(recording))
+            bar.advance(task)
+    pictures = _plot(checks, plot) if plot is not None else []
+    whole = summary(checks)
+    if as_json:
+        print_json({"files": [c.to_json() for c in checks],
+                    "skipped": [{"path": p, "reason": why} for p, why in skipped],
+                    "summary": whole.to_json(), "plots": pictures})
+    else:
+        show_checks(checks, skipped, whole, full)
+        if pictures:
+            console.print(f"{len(pictures)} picture(s): {pictures[-1]}", markup=False)
+    return 0 if any(c.good_for for c in checks) else 1
+
+
+def _plot(checks: list[Check], target: Path) -> list[Path]:
+    """One picture for a file name; for a folder one of each recording, and the overview last."""
+    from dart_hal.recording.check.plot import plot_check, plot_overview
+
+    if target.suffix:
+        draw = plot_overview(checks, target) if len(checks) > 1 else plot_check(checks[0], target)
+        return [draw]
+    pictures: list[Path] = []
+    with progress_bar() as bar:
+        task = bar.add_task("drawing", total=len(checks))
+        for c in checks:
+            name = c.recording.path.name.split(".csv")[0].removesuffix(".mcap")
+            path = target / f"{c.recording.path.parent.name}_{name}.png"
+            pictures.append(plot_check(c, path))
+            bar.advance(task)
+    if len(checks) > 1:
+        pictures.append(plot_overview(checks, target / "overview.png"))
+    return pictures
+
+
+@command.command("fetch")
+@click.option("--from", "source", default=None, metavar="DIR|URL",
+              help="a folder or an archive (.zip, .tar.gz) that has the files, in any layout; "
+              "or an http(s) address (default: the repository at the listed commit)")
+@click.option("--to", type=click.Path(path_type=Path, file_okay=False), default=None,
+              help="folder to complete (default: $DART_DATA, else "
+              "~/.local/share/dart-hal/recordings)")
+@json_option
+def fetch_command(source: str | None, to: Path | None, as_json: bool) -> int:
+    """Bring the 83 published recordings (33 MB) here, each checked by its SHA-256.
+
+    Files that are there and right are left alone, so an interrupted fetch goes on. Exit 1:
+    some are still missing.
+    """
+    with progress_bar() as bar:
+        task = bar.add_task("fetching", total=None)
+        outcome = fetch(source, to, progress=lambda done, total, name: bar.update(
+            task, completed=done, total=total, description=name.rsplit("/", 1)[-1][:48]))
+    if as_json:
+        print_json(outcome.to_json())
+    else:
+        show_fetch(outcome)
+    return 0 if outcome.complete else 1

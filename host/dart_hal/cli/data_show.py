@@ -1,0 +1,156 @@
+"""What ``dart-hal data`` prints for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from dart_hal.cli.output import console
+from dart_hal.recording.check import Check, Summary
+from dart_hal.recording.fetch import Outcome
+from dart_hal.recording.fetch.web import BY_HAND
+
+DETAILED = 3  # files; above it a table, and only what is serious
+FIRST = 5
+
+
+def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], whole: Summary,
+                full: bool) -> None:
+    """Blocks for a few files, a table for many; the verdicts last."""
+    if full or len(checks) <= DETAILED:
+        for c in checks:
+            _block(c)
+    else:
+        console.print(_table(checks))
+        _serious(checks)
+        _counts(checks)
+    for path, reason in skipped:
+        _say(f"skipped {path}: {reason}", "yellow")
+    for note in whole.notes:
+        _say(f"note: {note}", "yellow")
+    kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
+    uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
+    _say(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
+         f"evaluation windows; good for: {uses}")
+
+
+def _block(c: Check) -> None:
+    f, r, m = c.facts, c.recording, c.facts.mocap
+    _say(r.name, "bold")
+    _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
+          f"{f.messages} messages every {f.step:.3f} s")
+    _line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
+    _line("commands", f"throttle {_span(f.throttle)} while the gate is open, steering "
+          f"{_span(f.steering)}")
+    _line("motion", f"wheels {_span(f.speed, ' m/s')}, gyro {_span(f.yaw_rate, ' rad/s')}")
+    quantum = (f", {r.quantum:.5f} m/s per count" + (f" = {f.marks} marks per shaft turn"
+               if f.marks else "") if r.quantum else "")
+    _line("encoder", r.encoder + quantum)
+    if m is not None:
+        _line("mocap", f"{m.rows} rows every {m.step:.3f} s, v_x {_span(m.v_x, ' m/s')}, yaw rate "
+              f"{_span(m.yaw_rate, ' rad/s')}; bad {m.bad:.1%}, false lock {m.false_lock:.1%}, "
+              f"{m.gaps} gap(s) up to {m.longest_gap:.2f} s, {m.outliers} outlier row(s)")
+        _line("markers", _reference(c))
+    for x in c.findings:
+        _say(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
+    for purpose, use in c.uses.items():
+        _say(f"  {'yes' if use.good else 'no':>5} {purpose:<10} {use.n:>5} {use.unit:<8} {use.why}",
+             "" if use.good else "dim")
+    _say(f"  {c.verdict}", "green" if c.good_for else "red")
+
+
+def _reference(c: Check) -> str:
+    known, fitted = c.motion.reference, c.motion.fitted
+    text = (f"L_x {known.lx:.4f} m, theta {known.theta:+.4f} rad, L_y {known.ly:+.3f} m "
+            f"({known.source})" if known else "not known: fit it")
+    if fitted:
+        text += f"; this recording alone: L_x {fitted.lx:.3f} m, theta {fitted.theta:+.4f} rad"
+    return text
+
+
+def _table(checks: Sequence[Check]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("recording", overflow="fold", min_width=21)
+    for name in ("schema", "s", "rows", "encoder", "m/s", "bad"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("good for", overflow="fold")
+    folder = None
+    for c in checks:
+        f, path = c.facts, c.recording.path
+        if path.parent != folder:
+            folder = path.parent
+            table.add_row(f"[bold]{escape(_folder(folder))}[/]")
+        top = f.speed or (f.mocap.v_x if f.mocap else None)
+        table.add_row("  " + escape(_stem(path)), c.recording.schema, f"{f.duration:.0f}",
+                      str(f.rows or f.messages),
+                      f"N = {f.marks}" if f.marks else c.recording.encoder,
+                      f"{top[1]:.2f}" if top else "-",
+                      f"{f.mocap.bad:.0%}" if f.mocap else "-",
+                      ", ".join(c.good_for) or "nothing", style="" if c.good_for else "dim")
+    return table
+
+
+def _folder(path: Path) -> str:
+    return path.parent.name if path.name == "csv" else path.name or str(path)
+
+
+def _stem(path: Path) -> str:
+    """What tells one file from its neighbours."""
+    return path.name.split(".csv")[0].removeprefix("car_1_Datarecording_")
+
+
+def _serious(checks: Sequence[Check]) -> None:
+    for c in checks:
+        for x in c.findings:
+            if x.serious:
+                _say(f"! {c.recording.name}: {x}", "yellow")
+
+
+def _counts(checks: Sequence[Check]) -> None:
+    """What was dropped or changed in all files, by kind."""
+    kinds: dict[str, list[int]] = {}
+    for c in checks:
+        for x in c.findings:
+            if x.effect != "said":
+                kinds.setdefault(f"{x.effect}: {x.kind}", []).append(x.rows)
+    for kind, rows in sorted(kinds.items()):
+        total = f", {sum(rows)} row(s)" if sum(rows) else ""
+        _say(f"{kind} in {len(rows)} file(s){total}", "dim")
+    _say("(--full lists every finding of every file, --json has them for machines)", "dim")
+
+
+def show_fetch(outcome: Outcome) -> None:
+    """What came, what was refused, what is missing and what to do about it."""
+    for r in outcome.refused:
+        _say(f"refused {r.path}: {r.found} ({r.where})", "red")
+    for path in outcome.replaced:
+        _say(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
+    for path in outcome.missing[:FIRST]:
+        _say(f"missing {path}", "yellow")
+    if len(outcome.missing) > FIRST:
+        _say(f"... and {len(outcome.missing) - FIRST} more", "yellow")
+    there = len(outcome.present) + len(outcome.fetched)
+    _say(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} new)",
+         "green" if outcome.complete else "yellow")
+    if not outcome.complete:
+        _say(f"to complete it: {BY_HAND}")
+
+
+def _span(values: tuple[float, float] | None, unit: str = "") -> str:
+    return "none" if values is None else f"{_short(values[0])} to {_short(values[1])}{unit}"
+
+
+def _short(value: float) -> str:
+    return np.format_float_positional(value + 0.0, precision=3, trim="-")
+
+
+def _line(name: str, text: str) -> None:
+    _say(f"  {name:<9} {text}")
+
+
+def _say(text: str, style: str = "") -> None:
+    console.print(text, style=style, markup=False, highlight=False)

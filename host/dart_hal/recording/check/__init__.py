@@ -1,0 +1,11 @@
+"""What is in a recording, what is wrong with it, and what it is good for. Pure: no printing."""
+
+from __future__ import annotations
+
+from .facts import Facts, MocapFacts, facts
+from .findings import Finding, findings
+from .report import Check, Summary, check, summary
+from .uses import PURPOSES, Use, uses
+
+__all__ = ["PURPOSES", "Check", "Facts", "Finding", "MocapFacts", "Summary", "Use", "check",
+           "facts", "findings", "summary", "uses"]

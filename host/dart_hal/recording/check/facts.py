@@ -1,0 +1,145 @@
+"""What is in a recording: figures only, no judgement."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.recording.dart.model import Recording
+from dart_hal.types import FloatArray
+
+from .motion import Motion, windows
+
+Range = tuple[float, float]
+SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft: 2 pi (11/39) 0.0233 m
+COUNTED = 0.1  # s; the recorder counts edges over this time
+MARKS_OFF = 0.03  # relative; a quantum further from a whole number of marks tells none
+BY_NAME = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
+           (re.compile(r"(\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)"), "%Y-%m-%d-%H-%M-%S"))
+
+
+@dataclass(frozen=True, slots=True)
+class MocapFacts:
+    """Motion capture: rows, usual step [s], what of it is bad, speeds of good samples.
+
+    gaps above 0.05 s (or two steps, at 20 Hz) and the longest [s]; outliers in
+    rows; false_lock and bad as shares of the time; wraps: turns of the yaw
+    through +-pi. v_x [m/s] and yaw_rate [rad/s]: range over the good samples.
+    """
+
+    rows: int
+    step: float
+    gaps: int
+    longest_gap: float
+    outliers: int
+    false_lock: float
+    bad: float
+    wraps: int
+    v_x: Range | None
+    yaw_rate: Range | None
+    windows: int
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """One recording in figures. Ranges are (least, most), None: no such sensor.
+
+    date in ISO 8601, date_from "mocap clock (UTC)" or "file name (local time)";
+    duration [s] without gaps; rows of the table, messages, their usual step [s];
+    throttle while the gate was open; speed of the drive shaft [m/s]; yaw_rate
+    of the gyro [rad/s]; marks: encoder edges per shaft turn that the quantum
+    stands for; rounded: sensor values have 2 decimals.
+    """
+
+    date: str | None
+    date_from: str | None
+    duration: float
+    rows: int
+    messages: int
+    step: float
+    throttle: Range | None
+    steering: Range
+    speed: Range | None
+    yaw_rate: Range | None
+    marks: int | None
+    rounded: bool
+    mocap: MocapFacts | None
+
+
+def facts(m: Motion, false_lock: float = 0.0) -> Facts:
+    """Figures of a recording; false_lock: share of the time, from the marker grid."""
+    recording = m.recording
+    messages = recording.messages
+    date, source = _date(recording)
+    step = np.diff(messages.t)
+    return Facts(
+        date=date, date_from=source, duration=recording.duration, rows=recording.rows,
+        messages=len(messages), step=float(np.median(step)) if len(step) else float("nan"),
+        throttle=_range(messages.throttle_raw[messages.gate]),
+        steering=_range(messages.steering) or (0.0, 0.0), speed=_range(messages.speed),
+        yaw_rate=_range(messages.yaw_rate), marks=marks(recording.quantum),
+        rounded=_rounded(recording), mocap=_mocap(m, false_lock))
+
+
+def marks(quantum: float | None) -> int | None:
+    """Edges per turn of the drive shaft for ``quantum`` [m/s per count], None: no whole number."""
+    if not quantum:
+        return None
+    turns = SHAFT_TURN / COUNTED / quantum
+    whole = round(turns)
+    return whole if whole > 0 and abs(turns / whole - 1.0) < MARKS_OFF else None
+
+
+def _range(values: FloatArray) -> Range | None:
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if len(values) else None
+
+
+def _rounded(recording: Recording) -> bool:
+    """Values of the sensors carry a second quantum of 0.01."""
+    values = recording.messages.yaw_rate
+    values = values[np.isfinite(values) & (values != 0.0)]
+    return len(values) > 10 and bool(np.all(np.abs(values * 100 - np.round(values * 100)) < 1e-4))
+
+
+def _date(recording: Recording) -> tuple[str | None, str | None]:
+    when = recording.when
+    if when is not None:
+        return when.isoformat(timespec="seconds"), "mocap clock (UTC)"
+    named = named_time(recording.path)
+    return (None, None) if named is None else (named.isoformat(), "file name (local time)")
+
+
+def named_time(path: Path) -> datetime | None:
+    """Start of the recording by its name (local time, without a zone), None: no date in it."""
+    for pattern, form in BY_NAME:
+        found = pattern.search(path.name)
+        try:
+            if found:
+                return datetime.strptime(found[1], form)
+        except ValueError:
+            continue
+    return None
+
+
+def _mocap(m: Motion, false_lock: float) -> MocapFacts | None:
+    pose = m.recording.mocap
+    if pose is None:
+        return None
+    step = np.diff(pose.t)
+    usual = float(np.median(step)) if len(step) else float("nan")
+    gaps = step[step > max(0.05, 2.0 * usual)]
+    turns = np.floor((pose.yaw[~pose.outlier] + np.pi) / (2.0 * np.pi))
+    v_x = yaw_rate = None
+    if m.grid is not None:
+        v_x, yaw_rate = _range(m.grid.v_x[m.good]), _range(m.grid.omega[m.good])
+    return MocapFacts(
+        rows=len(pose), step=usual, gaps=len(gaps),
+        longest_gap=float(gaps.max()) if len(gaps) else 0.0, outliers=int(pose.outlier.sum()),
+        false_lock=false_lock, bad=float(m.grid.bad.mean()) if m.grid is not None else 1.0,
+        wraps=int(np.count_nonzero(np.diff(turns))), v_x=v_x, yaw_rate=yaw_rate,
+        windows=len(windows(m.grid)) if m.grid is not None else 0)

@@ -1,0 +1,116 @@
+"""What is wrong with a recording: what the reader did, and what a user has to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .facts import Facts
+from .motion import STANDING, Motion
+
+DROPPED = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
+           "mocap_repeated")
+SERIOUS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
+           "never_moves", "too_short", "message_gap")
+SHORT = 3.0  # s
+TILT = 0.15  # m/s2 at rest
+REST_ROWS = 10
+SLIP, SLIP_SHARE = 0.3, 0.05  # m/s; share of the driven samples
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """kind: one word of the table in docs/recordings.md. effect: "dropped" (rows are gone),
+    "changed" (values or marks), "said" (nothing was done). serious: read it before a fit.
+    """
+
+    kind: str
+    text: str
+    rows: int = 0
+    effect: str = "said"
+    serious: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.rows} row(s)" if self.rows else self.text
+
+
+def findings(m: Motion, f: Facts) -> list[Finding]:
+    """Everything to know about one recording, serious things first."""
+    out = [_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
+    if not m.moves:
+        out.append(_said("never_moves", "the car never moves: no speed above "
+                         f"{STANDING} m/s in any sensor"))
+    if f.duration < SHORT:
+        out.append(_said("too_short", f"only {f.duration:.1f} s long: too short for a fit"))
+    if f.rounded:
+        out.append(_said("rounded", "sensor values have 2 decimals: a quantum of 0.01 on top of "
+                         "the encoder's"))
+    out += _mocap(m, f) + _accelerometer(m)
+    slip = _slip(m)
+    if slip:
+        out.append(_said("slip", slip))
+    return sorted(out, key=lambda x: not x.serious)
+
+
+def _of_note(kind: str, why: str, rows: int) -> Finding:
+    effect = ("dropped" if kind in DROPPED else
+              "said" if kind in ("quantum", "lost_messages", "encoder_zero", "read") else "changed")
+    return Finding(kind, why, rows, effect, kind in SERIOUS)
+
+
+def _said(kind: str, text: str) -> Finding:
+    return Finding(kind, text, serious=kind in SERIOUS)
+
+
+def _mocap(m: Motion, f: Facts) -> list[Finding]:
+    if f.mocap is None:
+        return []
+    out = []
+    if f.mocap.wraps:
+        out.append(Finding("yaw_wraps", f"yaw passes +-pi {f.mocap.wraps} time(s): unwrapped after "
+                           "the outliers were set aside", effect="changed"))
+    if m.reference is None:
+        fitted = (f"; from this recording alone L_x {m.fitted.lx:.3f} m, theta "
+                  f"{np.degrees(m.fitted.theta):+.2f} deg" if m.fitted else "")
+        out.append(Finding("reference_unknown", "where the markers sat is not known for this date: "
+                           "fit it from driving to both sides" + fitted, serious=True))
+    if f.mocap.bad > 0.0:
+        out.append(Finding("bad_samples", f"{f.mocap.bad:.1%} of the motion is marked bad, 0.2 s "
+                           "to both sides included", effect="changed"))
+    return out
+
+
+def _accelerometer(m: Motion) -> list[Finding]:
+    """Offset at rest from tilt, spread while driving from vibration."""
+    a = m.recording.messages
+    if not np.isfinite(a.accel_x).any():
+        return []
+    speed = np.nan_to_num(a.speed)
+    rest = (speed == 0.0) & (a.throttle == 0.0)
+    out = []
+    if m.recording.encoder == "ok" and rest.sum() >= REST_ROWS:
+        x, y = float(np.nanmean(a.accel_x[rest])), float(np.nanmean(a.accel_y[rest]))
+        if max(abs(x), abs(y)) > TILT:
+            out.append(_said("accelerometer_tilt", "accelerometer at rest shows "
+                             f"({x:+.2f}, {y:+.2f}) m/s2: tilt, do not integrate it"))
+    driven = speed > STANDING
+    if driven.sum() >= REST_ROWS and float(np.nanstd(a.accel_x[driven])) > 1.0:
+        out.append(_said("vibration", "accelerometer x scatters by "
+                         f"{float(np.nanstd(a.accel_x[driven])):.1f} m/s2 while driving: "
+                         "vibration sampled too slowly"))
+    return out
+
+
+def _slip(m: Motion) -> str:
+    """Wheel speed against ground speed, where both are there and the encoder lives."""
+    if m.grid is None or m.recording.encoder != "ok" or not np.isfinite(m.grid.encoder).any():
+        return ""
+    driven = m.good & (m.grid.v_x > 0.3)
+    if driven.sum() < 100:
+        return ""
+    share = float((np.abs(m.grid.encoder - m.grid.v_x)[driven] > SLIP).mean())
+    if share < SLIP_SHARE:
+        return ""
+    return (f"wheel and ground speed differ by more than {SLIP} m/s in {share:.0%} of the driven "
+            "time: the wheels slip, use the mocap as ground speed")

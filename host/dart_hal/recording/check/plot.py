@@ -1,0 +1,170 @@
+"""Pictures of recordings: path, speeds, throttle, steering, yaw rate; bad samples in orange.
+
+Needs matplotlib (``pip install dart-hal[plot]``), imported here inside the
+functions. The first is one figure per recording, the second all at a glance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+from dart_hal.types import FloatArray
+
+from .report import Check
+
+FORMATS = (".png", ".svg", ".pdf")
+WHEEL, GROUND, BAD, GATED, RAW, STEER = ("#0072b2", "#222222", "#d55e00", "#56b4e9", "#888888",
+                                         "#009e73")
+COLUMNS = 6
+MOST = 120  # recordings in one overview
+
+
+def plot_check(c: Check, path: str | Path) -> Path:
+    """One recording. Errors: UsageError without matplotlib or for an unknown suffix."""
+    figure = _figure(path, (11.0, 7.6))
+    mocap = c.motion.grid is not None
+    grid = figure.add_gridspec(4, 2 if mocap else 1, width_ratios=[1.0, 1.5] if mocap else None)
+    if mocap:
+        _path(figure.add_subplot(grid[:, 0]), c)
+    right = -1
+    first = figure.add_subplot(grid[0, right])
+    rows = [first, *(figure.add_subplot(grid[i, right], sharex=first) for i in (1, 2, 3))]
+    for axes, draw in zip(rows, (_speed, _throttle, _steering, _yaw_rate), strict=True):
+        draw(axes, c)
+        _shade_bad(axes, c)
+        axes.grid(alpha=0.3)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+        if axes is not rows[-1]:
+            axes.tick_params(labelbottom=False)
+    rows[-1].set_xlabel("time [s]")
+    figure.suptitle(f"{c.recording.name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
+                    fontsize=10, x=0.01, ha="left")
+    return _save(figure, path)
+
+
+def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
+    """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
+    shown = checks[:MOST]
+    rows = -(-len(shown) // COLUMNS)
+    figure = _figure(path, (2.5 * COLUMNS, 1.55 * rows + 0.6))
+    panels = np.atleast_2d(figure.subplots(rows, COLUMNS, squeeze=False))
+    for axes in panels.flat[len(shown):]:
+        axes.set_visible(False)
+    for axes, c in zip(panels.flat, shown, strict=False):
+        _small(axes, c)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("m/s", fontsize=7)
+    left = f" (the first {MOST})" if len(checks) > MOST else ""
+    figure.suptitle(f"{len(checks)} recording(s){left}: speed over time [s]; blue wheels, black "
+                    "mocap, shaded throttle (0 to 1 of the height), orange bad", fontsize=9)
+    return _save(figure, path)
+
+
+def _small(axes: Any, c: Check) -> None:
+    a, t = c.recording.messages, _time(c)
+    top = 1.05 * max([0.5, *(r[1] for r in (c.facts.speed, _ground(c)) if r)])
+    axes.fill_between(t, 0.0, top * a.throttle, step="post", color=GATED, alpha=0.35, lw=0)
+    axes.plot(t, a.speed, color=WHEEL, lw=0.8)
+    g = c.motion.grid
+    if g is not None:
+        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=0.7)
+    _shade_bad(axes, c)
+    axes.set_ylim(0.0, top)
+    axes.tick_params(labelsize=6)
+    axes.set_title(f"{c.recording.schema} {_short(c.recording.name, 40)}", fontsize=5.5, loc="left")
+
+
+def _path(axes: Any, c: Check) -> None:
+    g = c.motion.grid
+    assert g is not None
+    axes.plot(np.where(g.bad, np.nan, g.x), np.where(g.bad, np.nan, g.y), color=GROUND, lw=0.9,
+              label="centre of mass")
+    if g.bad.any():
+        axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD, ms=2.5, label="bad samples")
+    axes.plot(g.x[:1], g.y[:1], "o", color=STEER, ms=6, label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3,
+                frameon=False)
+
+
+def _speed(axes: Any, c: Check) -> None:
+    g = c.motion.grid
+    if g is not None:
+        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=1.0, label="mocap v_x")
+    if np.isfinite(c.recording.messages.speed).any():
+        axes.plot(_time(c), c.recording.messages.speed, color=WHEEL, lw=1.0, label="encoder")
+    elif c.recording.encoder == "dead":
+        axes.set_title("encoder dead", fontsize=8, loc="right", color=BAD)
+    axes.set_ylabel("speed [m/s]")
+
+
+def _throttle(axes: Any, c: Check) -> None:
+    a, t = c.recording.messages, _time(c)
+    axes.fill_between(t, 0.0, a.throttle, step="post", color=GATED, alpha=0.6, lw=0,
+                      label="behind the gate")
+    axes.step(t, a.throttle_raw, where="post", color=RAW, lw=0.8, label="as logged")
+    axes.set_ylabel("throttle")
+
+
+def _steering(axes: Any, c: Check) -> None:
+    axes.step(_time(c), c.recording.messages.steering, where="post", color=STEER, lw=1.0)
+    axes.set_ylim(-1.1, 1.1)
+    axes.set_ylabel("steering")
+
+
+def _yaw_rate(axes: Any, c: Check) -> None:
+    g = c.motion.grid
+    if g is not None:
+        axes.plot(g.t, np.where(g.bad, np.nan, g.omega), color=GROUND, lw=1.0, label="mocap")
+    if np.isfinite(c.recording.messages.yaw_rate).any():
+        axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL, lw=0.8, label="gyro")
+    axes.set_ylabel("yaw rate [rad/s]")
+
+
+def _shade_bad(axes: Any, c: Check) -> None:
+    g = c.motion.grid
+    if g is None or not g.bad.any():
+        return
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], g.bad.astype(int), [0]])))
+    for start, end in zip(edge[::2], edge[1::2], strict=True):
+        axes.axvspan(g.t[start], g.t[min(end, len(g) - 1)], color=BAD, alpha=0.18, lw=0)
+
+
+def _time(c: Check) -> FloatArray:
+    """Messages on the clock of the mocap, else from their first [s]."""
+    arrival = c.recording.messages.arrival
+    return arrival if c.motion.grid is not None else arrival - arrival[0]
+
+
+def _ground(c: Check) -> tuple[float, float] | None:
+    return c.facts.mocap.v_x if c.facts.mocap else None
+
+
+def _short(text: str, most: int) -> str:
+    return text if len(text) <= most else text[:most // 2 - 2] + "..." + text[-most // 2 + 1:]
+
+
+def _figure(path: str | Path, size: tuple[float, float]) -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as err:
+        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
+    if Path(path).suffix.lower() not in FORMATS:
+        raise UsageError(f"no plot format {Path(path).suffix!r}", expected=".png, .svg or .pdf")
+    return Figure(figsize=size, layout="constrained")
+
+
+def _save(figure: Any, path: str | Path) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    return path

@@ -1,0 +1,164 @@
+"""The whole of it: one ``Check`` per recording, one ``Summary`` over all."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dart_hal.recording.dart.marker import marker_grid
+from dart_hal.recording.dart.model import Recording
+from dart_hal.recording.dart.reference import Reference
+
+from .facts import Facts, Range, facts, named_time
+from .findings import Finding, findings
+from .motion import Motion, motion
+from .uses import PURPOSES, Use, uses
+
+APART = 0.05  # relative; quanta further apart come from different constants
+SAME_CLOCK = 60.0  # s; between the names of two files and their first stamps
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One recording: what is in it, what is wrong with it, what it is good for."""
+
+    motion: Motion
+    facts: Facts
+    findings: tuple[Finding, ...]
+    uses: dict[str, Use]
+
+    @property
+    def recording(self) -> Recording:
+        """The recording itself."""
+        return self.motion.recording
+
+    @property
+    def good_for(self) -> tuple[str, ...]:
+        """Purposes that it can contribute to."""
+        return tuple(p for p in PURPOSES if self.uses[p].good)
+
+    @property
+    def verdict(self) -> str:
+        """One line."""
+        if not self.good_for:
+            serious = [f.text for f in self.findings if f.serious]
+            return "good for nothing" + (f": {serious[0]}" if serious else "")
+        n = self.uses["evaluation"].n
+        parts = [f"evaluation ({n} windows)" if p == "evaluation" else p for p in self.good_for]
+        return "good for " + ", ".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object under "files" of ``data check --json``."""
+        r, f, m = self.recording, self.facts, self.facts.mocap
+        return {
+            "path": str(r.path), "name": r.name, "schema": r.schema, "sha256": r.sha256,
+            "date": f.date, "date_from": f.date_from, "duration_s": f.duration, "rows": f.rows,
+            "messages": f.messages, "message_step_s": f.step, "throttle": _pair(f.throttle),
+            "steering": _pair(f.steering), "speed_mps": _pair(f.speed),
+            "yaw_rate_radps": _pair(f.yaw_rate),
+            "encoder": {"state": r.encoder, "quantum_mps": r.quantum, "marks": f.marks,
+                        "rounded": f.rounded},
+            "mocap": None if m is None else {
+                "rows": m.rows, "step_s": m.step, "gaps": m.gaps, "longest_gap_s": m.longest_gap,
+                "outliers": m.outliers, "false_lock_share": m.false_lock, "bad_share": m.bad,
+                "yaw_wraps": m.wraps, "v_x_mps": _pair(m.v_x),
+                "yaw_rate_radps": _pair(m.yaw_rate)},
+            "reference": _reference(self.motion.reference),
+            "reference_fitted": _reference(self.motion.fitted),
+            "findings": [{"kind": x.kind, "effect": x.effect, "rows": x.rows,
+                          "serious": x.serious, "text": x.text} for x in self.findings],
+            "uses": {p: {"good": u.good, "n": u.n, "unit": u.unit, "why": u.why}
+                     for p, u in self.uses.items()},
+            "good_for": list(self.good_for), "verdict": self.verdict}
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """All recordings together; notes: what matters only when they are pooled."""
+
+    files: int
+    schemas: dict[str, int]
+    duration: float
+    windows: int
+    good_for: dict[str, int]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The object under "summary" of ``data check --json``."""
+        return {"files": self.files, "schemas": self.schemas, "duration_s": self.duration,
+                "windows": self.windows, "good_for": self.good_for, "notes": list(self.notes)}
+
+
+def check(recording: Recording) -> Check:
+    """Look through one recording."""
+    m = motion(recording)
+    lock = 0.0
+    if recording.schema == "B" and m.grid is not None:
+        lock = float(marker_grid(recording).false_lock.mean())
+    f = facts(m, lock)
+    return Check(m, f, tuple(findings(m, f)), uses(m, f))
+
+
+def summary(checks: Sequence[Check]) -> Summary:
+    """Counts over ``checks`` and what their differences mean for pooling."""
+    return Summary(
+        files=len(checks),
+        schemas=dict(sorted(Counter(c.recording.schema for c in checks).items())),
+        duration=float(sum(c.facts.duration for c in checks)),
+        windows=sum(c.uses["evaluation"].n for c in checks),
+        good_for={p: sum(p in c.good_for for c in checks) for p in PURPOSES},
+        notes=tuple(_pooling(checks)))
+
+
+def _pooling(checks: Sequence[Check]) -> list[str]:
+    notes = []
+    quanta = sorted(c.recording.quantum for c in checks if c.recording.quantum)
+    groups = [q for i, q in enumerate(quanta) if i == 0 or q > quanta[i - 1] * (1.0 + APART)]
+    if len(groups) > 1:
+        notes.append("encoder constants of different days ("
+                     + ", ".join(f"{q:.4f}" for q in groups)
+                     + " m/s per count): never pool the quantisation")
+    notes += _order(checks)
+    same = Counter(c.recording.sha256 for c in checks)
+    twice = sum(n - 1 for n in same.values())
+    if twice:
+        notes.append(f"{twice} file(s) are copies of another one: they count twice in a fit")
+    return notes
+
+
+def _order(checks: Sequence[Check]) -> list[str]:
+    """Files whose name puts them elsewhere than the clock of the sensor node does.
+
+    The node counts from its start: files of one start share the difference
+    between that count and the time in the name.
+    """
+    notes = []
+    for folder in dict.fromkeys(c.recording.path.parent for c in checks):
+        named = [(c, day.timestamp()) for c in checks if c.recording.path.parent == folder
+                 and c.recording.schema in ("A", "B") and (day := named_time(c.recording.path))]
+        start = np.array([c.recording.messages.t[0] for c, _ in named])
+        offset = start - np.array([stamp for _, stamp in named])
+        for i, (c, stamp) in enumerate(named):
+            agree = np.abs(offset - offset[i]) < SAME_CLOCK
+            for k, (other, later) in enumerate(named):
+                if (later > stamp and start[k] < start[i] and not agree[k]
+                        and int((np.abs(offset - offset[k]) < SAME_CLOCK).sum()) > agree.sum()):
+                    notes.append(f"{c.recording.name} was recorded after "
+                                 f"{other.recording.path.name} by the sensor clock, "
+                                 "in spite of its name")
+                    break
+    return notes
+
+
+def _pair(values: Range | None) -> list[float] | None:
+    return None if values is None else [values[0], values[1]]
+
+
+def _reference(r: Reference | None) -> dict[str, Any] | None:
+    if r is None:
+        return None
+    return {"lx_m": r.lx, "theta_rad": r.theta, "ly_m": r.ly, "source": r.source}

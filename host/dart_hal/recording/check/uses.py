@@ -1,0 +1,149 @@
+"""What a recording is good for: rows that each fit of the vehicle model could use.
+
+Limits are deliberately low: they say whether a recording can contribute, not
+whether it suffices alone. The fits judge their own certainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.recording.dart.model import BoolArray
+from dart_hal.types import FloatArray
+
+from .facts import Facts
+from .motion import STANDING, Motion
+
+PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
+ROLLS = 0.1  # m/s
+STRAIGHT = 0.2  # of full steering; more than that and cornering drag counts
+FAST, SLOW = 0.8, 0.3  # m/s; slower, noise of the gyro fills atan(l W/v): only where all is slow
+COASTING, DRIVEN, TURNED, CHANGES, CORNERED = 10, 30, 50, 30, 300
+LEVEL = 0.02  # of a command: two that differ by less are one level
+LATERAL = 1.0  # m/s2; where a tyre shows its slip
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """n usable ``unit``s ("messages", "samples" of 0.01 s, "windows"), and why."""
+
+    good: bool
+    n: int
+    unit: str
+    why: str
+
+
+def uses(m: Motion, f: Facts) -> dict[str, Use]:
+    """By purpose, in the order of ``PURPOSES``."""
+    a = m.recording.messages
+    speed, source = _speed(m)
+    straight = np.abs(a.steering) <= STRAIGHT
+    coast = straight & (a.throttle == 0.0) & (speed > ROLLS)
+    driven = straight & (a.throttle > 0.0) & (speed > STANDING)
+    turn = _turn_rate(m)
+    fast = speed > (FAST if int((speed > FAST).sum()) >= TURNED else SLOW)
+    steered = fast & np.isfinite(turn)
+    moved = np.abs(np.diff(a.steering, prepend=a.steering[:1])) > LEVEL
+    return {
+        "friction": _friction(coast, source, f.step),
+        "motor": _motor(driven, a.throttle, source, f.step),
+        "steering": _steering(steered, a.steering, source, f.step),
+        "delay": _delay(moved & (speed > FAST) & np.isfinite(turn)),
+        "tyres": _tyres(m),
+        "evaluation": _evaluation(m, f),
+    }
+
+
+def _speed(m: Motion) -> tuple[FloatArray, str]:
+    """Speed at the messages (m,) and which sensor gives it; zeros where there is none."""
+    a = m.recording.messages
+    if m.recording.encoder in ("ok", "zero") and np.isfinite(a.speed).any():
+        return np.nan_to_num(a.speed), "encoder"
+    if m.grid is None:
+        return np.zeros(len(a)), "none"
+    return _at_messages(m, m.grid.v_x), "mocap"
+
+
+def _turn_rate(m: Motion) -> FloatArray:
+    a = m.recording.messages
+    if np.isfinite(a.yaw_rate).any() or m.grid is None:
+        return a.yaw_rate
+    return _at_messages(m, m.grid.omega)
+
+
+def _at_messages(m: Motion, values: FloatArray) -> FloatArray:
+    """Grid values (n,) at the arrival of the messages (m,); 0 where they are bad."""
+    assert m.grid is not None
+    usable = np.where(m.grid.bad, 0.0, values)
+    return np.asarray(np.interp(m.recording.messages.arrival, m.grid.t, usable))
+
+
+def _friction(rows: BoolArray, source: str, step: float) -> Use:
+    n = int(rows.sum())
+    good = n >= COASTING
+    return Use(good, n, "messages", f"coasting straight, speed from the {source}" if good else
+               f"coasts straight for {_seconds(n, step)} only (speed: {source})")
+
+
+def _motor(rows: BoolArray, throttle: FloatArray, source: str, step: float) -> Use:
+    n = int(rows.sum())
+    levels = _levels(throttle[rows])
+    good = n >= DRIVEN
+    return Use(good, n, "messages", f"{levels} throttle level(s) driven straight, speed from the "
+               f"{source}" if good else f"drives straight for {_seconds(n, step)} only")
+
+
+def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -> Use:
+    n = int(rows.sum())
+    levels = _levels(steering[rows])
+    if n < TURNED:
+        return Use(False, n, "messages", f"above {SLOW} m/s for {_seconds(n, step)} only")
+    if levels < 3:
+        return Use(False, n, "messages", f"{levels} steering level(s): a map needs several")
+    left, right = bool((steering[rows] > 0.3).any()), bool((steering[rows] < -0.3).any())
+    side = ("both sides" if left and right else "left only" if left else "right only" if right
+            else "near straight only")
+    return Use(left or right, n, "messages", f"{levels} levels, {side}, speed from the {source}")
+
+
+def _delay(rows: BoolArray) -> Use:
+    n = int(rows.sum())
+    good = n >= CHANGES
+    return Use(good, n, "messages", f"steering changes above {FAST} m/s" if good else
+               f"{n} steering change(s) above {FAST} m/s: too few")
+
+
+def _tyres(m: Motion) -> Use:
+    if m.grid is None:
+        return Use(False, 0, "samples", "no motion capture: side slip is not measured")
+    lateral = m.grid.v_x * m.grid.omega
+    rows = m.good & (np.abs(lateral) > LATERAL)
+    n = int(rows.sum())
+    if n < CORNERED:
+        return Use(False, n, "samples",
+                   f"cornering above {LATERAL:g} m/s2 for {_seconds(n, 0.01)} only")
+    left, right = int((lateral[rows] > 0).sum()), int((lateral[rows] < 0).sum())
+    sides = ("both sides" if min(left, right) >= CORNERED / 3 else
+             f"{'left' if left > right else 'right'} only: D and C cannot be told apart")
+    most = float(np.percentile(np.abs(lateral[rows]), 99))
+    return Use(True, n, "samples", f"up to {most:.1f} m/s2, {sides}")
+
+
+def _evaluation(m: Motion, f: Facts) -> Use:
+    if f.mocap is None:
+        return Use(False, 0, "windows", "no motion capture to compare with")
+    n = f.mocap.windows
+    known = "" if m.reference else "; the reference point is not known"
+    return Use(n > 0, n, "windows", ("of 2 s" if n else "no 2 s of clean driving above 0.3 m/s")
+               + known)
+
+
+def _seconds(n: int, step: float) -> str:
+    return f"{n * step:.1f} s" if n else "0 s"
+
+
+def _levels(values: FloatArray) -> int:
+    """How many levels of a command were held, LEVEL apart."""
+    return len(np.unique(np.round(values / LEVEL))) if len(values) else 0
