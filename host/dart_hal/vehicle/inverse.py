@@ -1,0 +1,45 @@
+"""Wheel and tyre forces from the measured motion: the equations of motion turned round."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.namespace import Value, adapt
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def make_inverse_dynamics(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Value, Value]]:
+    """``forces(a_x, a_y, omega', delta) -> (F_w, F_yf, F_yr)`` [N].
+
+    a_x, a_y [m/s2]: acceleration of the centre of mass along the body axes
+    (v_x' - omega v_y and v_y' + omega v_x), omega' [rad/s2], delta [rad].
+    F_w: force of all wheels along their tyres, F_yf and F_yr: lateral tyre
+    forces in the frame of each tyre. The exact solution of
+
+        [c_f cos d + c_r  -sin d     0 ] [F_w ]   [m a_x   ]
+        [c_f sin d         cos d     1 ] [F_yf] = [m a_y   ]
+        [l_f c_f sin d     l_f cos d -l_r] [F_yr]   [I omega']
+
+    with c_f, c_r the share of each axle in F_w; singular only where cos d =
+    -c_f / c_r, behind every stop. The paper divides by m and I_z on the right,
+    and takes half of m a_x for the front wheel's force, which forgets what the
+    turned front tyre takes from it.
+    """
+    f = adapt(xp)
+    sin, cos = f.sin, f.cos
+    mass, inertia = p.body.mass, p.body.yaw_inertia
+    l_f, l_r, per_wheelbase = p.body.l_f, p.body.l_r, 1.0 / p.body.wheelbase
+    share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
+
+    def forces(ax: Value, ay: Value, om_dot: Value, delta: Value) -> tuple[Value, Value, Value]:
+        sd, cd = sin(delta), cos(delta)
+        forward, left, moment = mass * ax, mass * ay, inertia * om_dot
+        rear = (l_f * left - moment) * per_wheelbase
+        front = (l_r * left + moment) * per_wheelbase
+        per_det = 1.0 / (share_f + share_r * cd)
+        return ((forward * cd + front * sd) * per_det,
+                ((share_f * cd + share_r) * front - share_f * sd * forward) * per_det, rear)
+
+    return forces
