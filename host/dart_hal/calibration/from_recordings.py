@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
+from dart_hal.identify.notes import FileNote, grouped
 from dart_hal.identify.runs import RUN, read_any
+from dart_hal.identify.submodels.groups import Group, cautions, groups_of
+from dart_hal.identify.submodels.samples import IntArray, Samples, approach, blocks, concatenate
 from dart_hal.recording.dart import Recording, grid, reference_for
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
-from .groups import Group, cautions, groups_of
 from .loop import KAPPA_PRIOR
-from .notes import FileNote, grouped
 from .result import SteeringResult
 from .run_pulses import servo_of
-from .samples import IntArray, Samples, approach, blocks, concatenate
 from .steering_fit import SETTLED, SteeringFit, fit_steering
 
 FAST, SLOW = 0.8, 0.3  # m/s

@@ -23,9 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
+from dart_hal.identify.submodels.samples import IntArray
 from dart_hal.types import Estimate, FloatArray
-
-from .samples import IntArray
 
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
 KAPPA_PRIOR = (0.0, 0.06)  # s2/m2, mean and sigma: 1:10 cars under- or oversteer

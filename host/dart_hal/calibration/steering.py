@@ -27,14 +27,14 @@ from dart_hal.config import (
 )
 from dart_hal.config.calibration import SteeringCalibration
 from dart_hal.errors import CalibrationFailed
+from dart_hal.identify.submodels import paper_form
+from dart_hal.identify.submodels.samples import Samples
 from dart_hal.types import Estimate, FloatArray, State
 
-from . import paper_form
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
 from .result import SteeringResult
 from .route import Leg, Spot, waiting_time
 from .runner import DrivableCar, Runner, yaw_rates
-from .samples import Samples
 from .schedule import (
     LEVELS,
     MEASURE,

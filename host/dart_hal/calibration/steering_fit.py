@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
+from dart_hal.identify.submodels.paper_form import PaperFit, fit
+from dart_hal.identify.submodels.samples import Samples
 from dart_hal.types import Estimate, FloatArray
-
-from .paper_form import PaperFit, fit
-from .samples import Samples
 
 POINT_SPACING = 0.05
 MIN_POINTS = 9

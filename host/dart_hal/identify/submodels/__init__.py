@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dart_hal.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.driving import drive
-from dart_hal.identify.submodels.longitudinal import longitudinal_fit, vars_of
+from dart_hal.identify.submodels.friction_motor import longitudinal_fit, vars_of
 from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger, untold
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PAPER, Vehicle

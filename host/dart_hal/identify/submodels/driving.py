@@ -10,6 +10,7 @@ import numpy as np
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.report import Ledger
+from dart_hal.identify.submodels.sessions import combine, session_of
 from dart_hal.identify.submodels.speeds import SETTLE, WINDOW, Speeds, speeds_of
 from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
 from dart_hal.identify.submodels.stretches import SHORTEST, cut
@@ -21,6 +22,7 @@ from dart_hal.vehicle import Vehicle
 LEAST = 30  # samples: 3 s of straight driving
 COASTING, DRIVEN = 10, 30  # samples that a fit needs of each
 LEVEL = 0.03  # of throttle: closer levels are one
+TOLERANCE = 3.0  # standard errors
 FRICTION, MOTOR, TIMING = ("a", "b", "c"), ("d", "e", "g"), ("throttle_s", "throttle_lag_s")
 
 
@@ -28,52 +30,92 @@ FRICTION, MOTOR, TIMING = ("a", "b", "c"), ("d", "e", "g"), ("throttle_s", "thro
 class Driving:
     """The fit, or None with the reason; counts of what the recordings hold.
 
-    coasting, driven: samples; level_span: of the throttle while driven;
-    slowest, fastest m/s; changes: throttle steps within the driving.
+    samples, of them coasting and driven; level_span: of the throttle while
+    driven; slowest, fastest m/s; changes: throttle steps within the driving.
     """
 
-    series: tuple[Speeds, ...]
     fit: Straight | None
     why_not: str
+    samples: int
     coasting: int
     driven: int
     level_span: float
     slowest: float
     fastest: float
     changes: int
+    notes: tuple[str, ...] = ()
 
 
 def drive(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
           mass: Estimate | None, ledger: Ledger, only_friction: bool = False) -> Driving:
-    """Cut, count, decide what is free, fit."""
-    found = [speeds_of(r, reference, ledger) for r in recordings]
-    series = [s for s in found if s is not None]
-    throttle = [_recent(s) for s in series]
-    if only_friction:
-        series = [c for s, t in zip(series, throttle, strict=True)
-                  if (c := _coasting(s, t)) is not None]
-        throttle = [_recent(s) for s in series]
+    """Cut, count, decide what is free, fit each session, combine them."""
+    series: list[Speeds] = []
+    sessions: list[str] = []
+    for recording in recordings:
+        found = speeds_of(recording, reference, ledger)
+        if found is not None and only_friction:
+            found = _coasting(found, recent_throttle(found))
+        if found is not None:
+            series.append(found)
+            sessions.append(session_of(recording))
+    everything = _count(series)
+    kilograms = base.body.mass if mass is None else mass.value
+    if everything.samples < LEAST:
+        what = "coasting" if only_friction else "straight driving"
+        return replace(everything, why_not=f"{everything.samples * WINDOW:.1f} s of {what}, at "
+                                           f"least {LEAST * WINDOW:.0f} s needed")
+    parts: dict[str, Straight] = {}
+    for session in dict.fromkeys(sessions):
+        some = [s for s, d in zip(series, sessions, strict=True) if d == session]
+        fit = _fit(some, base, kilograms)
+        if fit is not None:
+            parts[session] = fit
+    if not parts:
+        return replace(everything, why_not="neither coasting nor a driven stretch long enough")
+    fit, notes = combine(parts)
+    notes += _coasting_alone(series, base, kilograms, fit)
+    return replace(everything, fit=fit.with_mass(kilograms, 0.0 if mass is None else mass.std),
+                   notes=tuple(notes))
+
+
+def _fit(series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight | None:
+    counts = _count(series)
+    free = _free(counts)
+    if not free or counts.samples < LEAST:
+        return None
+    x0 = first_guess(series, base, mass)
+    held = [i for i, n in enumerate(NAMES) if n not in free]
+    x0[held] = _of(base)[held]
+    return solve_straight(series, cut(series), base, x0, free, mass)
+
+
+def _coasting_alone(series: Sequence[Speeds], base: Vehicle, mass: float, joint: Straight
+                    ) -> list[str]:
+    """Says so when driven motion moves the friction: then the motor's form does not hold."""
+    alone = [c for s in series if (c := _coasting(s, recent_throttle(s))) is not None]
+    if "d" not in joint.free or "a" not in joint.free or sum(map(len, alone)) < LEAST:
+        return []
+    fit = _fit(alone, base, mass)
+    if fit is None or "a" not in fit.free:
+        return []
+    apart = [n for n in ("a", "c") if abs(fit.value(n) - joint.value(n))
+             > TOLERANCE * np.hypot(fit.std(n), joint.std(n))]
+    if not apart:
+        return []
+    return ["coasting alone gives " + ", ".join(
+        f"{n} {fit.value(n):.3f} +- {fit.std(n):.3f}" for n in FRICTION)
+        + ": the driven motion moves the friction, so the form of motor or friction does not hold"]
+
+
+def _count(series: Sequence[Speeds]) -> Driving:
+    throttle = [recent_throttle(s) for s in series]
     v = np.concatenate([s.v for s in series]) if series else np.zeros(0)
     tau = np.concatenate(throttle) if throttle else np.zeros(0)
     driven = tau[tau > 0.0]
-    counts = Driving(tuple(series), None, "", int((tau == 0.0).sum()), len(driven),
-                     float(np.ptp(driven)) if len(driven) else 0.0,
-                     float(v.min(initial=np.inf)), float(v.max(initial=0.0)),
-                     sum(int((np.diff(t) != 0.0).sum()) for t in throttle))
-    if len(v) < LEAST:
-        what = "coasting" if only_friction else "straight driving"
-        return replace(counts, why_not=f"{len(v) * WINDOW:.1f} s of {what}, at least "
-                                       f"{LEAST * WINDOW:.0f} s needed")
-    kilograms = base.body.mass if mass is None else mass.value
-    x0 = first_guess(series, base, kilograms)
-    free = _free(counts)
-    if not free:
-        return replace(counts, why_not="neither coasting nor a driven stretch long enough")
-    held = [i for i, n in enumerate(NAMES) if n not in free]
-    x0[held] = _of(base)[held]
-    fit = solve_straight(series, cut(series), base, x0, free, kilograms,
-                         0.0 if mass is None else mass.std)
-    return replace(counts, fit=fit)
+    return Driving(None, "", len(v), int((tau == 0.0).sum()), len(driven),
+                   float(np.ptp(driven)) if len(driven) else 0.0, float(v.min(initial=np.inf)),
+                   float(v.max(initial=0.0)),
+                   sum(int((np.diff(t) != 0.0).sum()) for t in throttle))
 
 
 def _free(c: Driving) -> tuple[str, ...]:
@@ -91,7 +133,7 @@ def _of(base: Vehicle) -> FloatArray:
     return np.array([f.a, f.b, f.c, m.d, m.e, m.g, t.throttle_s, t.throttle_lag_s])
 
 
-def _recent(s: Speeds) -> FloatArray:
+def recent_throttle(s: Speeds) -> FloatArray:
     """Largest throttle (n,) held during the last 0.5 s before each sample."""
     stairs = s.throttle
     last = np.clip(np.searchsorted(stairs.t, s.t, side="right") - 1, 0, None)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
+from dart_hal.identify.runs import RUN
 from dart_hal.identify.submodels.commands import DT, Staircase
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
@@ -21,6 +22,7 @@ from dart_hal.types import FloatArray
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
 MAX_STEERING = 0.25  # of the command
 MIN_SPEED = 0.08  # m/s, and two counts of the encoder
+MAX_ACCEL = 4.0  # m/s2; harder launches spin the wheels, and a late command costs too much
 SETTLE = 0.5  # s before a sample in which the throttle must not have been negative
 EVERY = 10  # samples of the mocap grid: 0.1 s, the span of its derivative
 MIN_RUN = 4  # samples in a row
@@ -29,7 +31,7 @@ WINDOW = 0.1  # s, over which the encoder counts
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """What a speed sensor reads: sum of weight (j,) [1/s] times the way covered until t + offset."""
+    """What a speed sensor reads: sum of weight (j,) [1/s] times the way until t + offset."""
 
     offset: FloatArray
     weight: FloatArray
@@ -40,7 +42,10 @@ def _kernel_mocap(half: int) -> Kernel:
     return Kernel(i * DT, i / float(i @ i) / DT)
 
 
-ENCODER = Kernel(np.array([-WINDOW, 0.0]), np.array([-1.0, 1.0]) / WINDOW)
+def _kernel_mean(window: float) -> Kernel:
+    return Kernel(np.array([-window, 0.0]), np.array([-1.0, 1.0]) / window)
+
+
 MOCAP, MOCAP_SLOW = _kernel_mocap(7), _kernel_mocap(12)
 
 
@@ -101,9 +106,15 @@ def _from_encoder(recording: Recording) -> Speeds:
     # the window of a first and of a last sample may hold a part of the standstill
     moves = moves & ~np.append(False, near[:-1]) & ~np.append(near[1:], False)
     straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE) & (np.abs(m.steering) < MAX_STEERING)
-    use = moves & straight & ~_braked(m.t, m.throttle, m.t)
+    use = moves & straight & ~_braked(m.t, m.throttle, m.t) & ~_launch(m.t, m.speed)
     return Speeds(recording.name, m.t, m.speed, _runs(use, np.diff(m.segment) != 0),
-                  Staircase(m.t, m.throttle), ENCODER, "encoder")
+                  Staircase(m.t, m.throttle), _kernel_mean(_window(recording)), "encoder")
+
+
+def _window(recording: Recording) -> float:
+    """Span [s] of a speed value: 0.1 s, in our own runs the step from message to message."""
+    step = np.diff(recording.messages.t)
+    return float(np.median(step)) if recording.schema == RUN and len(step) else WINDOW
 
 
 def _from_mocap(recording: Recording, g: Grid) -> Speeds:
@@ -113,7 +124,8 @@ def _from_mocap(recording: Recording, g: Grid) -> Speeds:
     turning = np.maximum.reduceat(np.abs(g.omega), np.arange(0, len(g), EVERY))
     use = (good & (v > MIN_SPEED) & (turning < MAX_YAW_RATE)
            & (np.abs(g.steering[::EVERY]) < MAX_STEERING)
-           & ~_braked(recording.messages.arrival, recording.messages.throttle, t))
+           & ~_braked(recording.messages.arrival, recording.messages.throttle, t)
+           & ~_launch(t, v))
     held = Staircase(recording.messages.arrival, recording.messages.throttle)
     return Speeds(recording.name, t, v, _runs(use, np.zeros(len(t) - 1, dtype=bool)), held,
                   MOCAP_SLOW if slow else MOCAP, "mocap")
@@ -126,6 +138,14 @@ def _braked(t: FloatArray, throttle: FloatArray, at: FloatArray) -> BoolArray:
     last = np.where(before > 0, brake[np.maximum(before - 1, 0)] if len(brake) else -np.inf,
                     -np.inf)
     return np.asarray(at - last < SETTLE)
+
+
+def _launch(t: FloatArray, v: FloatArray) -> BoolArray:
+    """Where the speed changes by more than MAX_ACCEL over the samples before and after."""
+    if len(t) < 3:
+        return np.ones(len(t), dtype=bool)
+    slope = (v[2:] - v[:-2]) / np.maximum(t[2:] - t[:-2], WINDOW)
+    return np.asarray(np.abs(np.concatenate([slope[:1], slope, slope[-1:]])) > MAX_ACCEL)
 
 
 def _runs(use: BoolArray, cut: BoolArray) -> IntArray:

@@ -8,13 +8,13 @@ derivative's window), not a derivative of a quantised speed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, block_covariance, collinearity
+from dart_hal.identify.solve import block_covariance, collinearity
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.shooting import Predict, Problem, shoot
 from dart_hal.identify.submodels.speeds import Speeds
@@ -34,16 +34,22 @@ FORCE = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 class Straight:
     """x (8,) in the order of NAMES; ``free`` were fitted, the others held.
 
-    covariance (8, 8), zero where held, mass included; independent (8,) as
-    ``collinearity``, 1 where held; residuals in ``solution`` [m/s].
+    covariance (8, 8), zero where held; independent (8,) as ``collinearity``, 1
+    where held; residual (n,) m/s; ``stopped``: at the edge of their interval.
     """
 
     free: tuple[str, ...]
     x: FloatArray
     covariance: FloatArray
     independent: FloatArray
-    solution: Solution
-    stretches: Stretches
+    residual: FloatArray
+    converged: bool
+    stopped: tuple[str, ...]
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the residuals [m/s]."""
+        return float(np.sqrt(np.mean(self.residual**2)))
 
     def value(self, name: str) -> float:
         """Value of a parameter."""
@@ -56,12 +62,17 @@ class Straight:
 
     def at_bound(self, names: Sequence[str]) -> tuple[str, ...]:
         """Which of ``names`` stopped at the edge of their interval."""
-        stopped = {n for n, edge in zip(self.free, self.solution.at_bound, strict=True) if edge}
-        return tuple(n for n in names if n in stopped)
+        return tuple(n for n in names if n in self.stopped)
+
+    def with_mass(self, mass: float, std: float) -> Straight:
+        """The same with the error of the mass [kg] in all forces."""
+        fitted = np.isin(NAMES, self.free)
+        scaling = np.where(fitted, FORCE * self.x, 0.0) * std / mass
+        return replace(self, covariance=self.covariance + np.outer(scaling, scaling))
 
 
 def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatArray,
-                   free: Sequence[str], mass: float, mass_std: float) -> Straight:
+                   free: Sequence[str], mass: float) -> Straight:
     """Fit the ``free`` parameters from x0 (8,); mass [kg] scales the forces.
 
     q and the reverse gain are those of ``base``.
@@ -82,9 +93,9 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
     covariance[np.ix_(rows, rows)] = block_covariance(solution, s.block)
     independent = np.ones(len(NAMES))
     independent[rows] = collinearity(solution)
-    scaling = np.where(np.isin(np.arange(len(NAMES)), rows), FORCE * x, 0.0) * mass_std / mass
-    return Straight(tuple(free), x, covariance + np.outer(scaling, scaling), independent,
-                    solution, s)
+    stopped = tuple(n for n, edge in zip(free, solution.at_bound, strict=True) if edge)
+    return Straight(tuple(free), x, covariance, independent, solution.residual,
+                    solution.converged, stopped)
 
 
 def _checked(predict: Predict) -> Predict:

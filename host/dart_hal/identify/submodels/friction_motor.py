@@ -42,9 +42,9 @@ def longitudinal_fit(submodel: str, d: Driving, base: Vehicle, mass: Estimate | 
     for i, name in enumerate(names):
         if name in missing:
             covariance[i, i] = np.inf
-    return Fit(submodel, {n: estimate(d.fit, n, UNITS[submodel][n]) for n in names}, covariance,
-               len(d.fit.solution.residual), d.fit.solution.rmse, "m/s",
-               d.fit.solution.converged, d.fit.at_bound(names), cpu_s,
+    values = {n: estimate(d.fit, n, UNITS[submodel][n]) for n in names}
+    return Fit(submodel, values, covariance, len(d.fit.residual), d.fit.rmse, "m/s",
+               d.fit.converged, d.fit.at_bound(names), cpu_s,
                tuple(_notes(submodel, d, d.fit, base, mass)))
 
 
@@ -73,4 +73,4 @@ def _notes(submodel: str, d: Driving, fit: Straight, base: Vehicle, mass: Estima
             out.append(f"fitted along: throttle delay {fit.value('throttle_s'):+.3f} +- "
                        f"{fit.std('throttle_s'):.3f} s, lag {fit.value('throttle_lag_s'):.3f} +- "
                        f"{fit.std('throttle_lag_s'):.3f} s")
-    return out
+    return [*out, *d.notes]

@@ -11,11 +11,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from dart_hal.identify.submodels.samples import Samples
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.steering import make_steering
-
-from .samples import Samples
 
 LOW = np.array([0.1, 0.1, -0.4, 0.1, 0.1])
 HIGH = np.array([5.0, 1.2, 0.4, 1.2, 5.0])
