@@ -18,6 +18,7 @@ from dart_hal.identify.outcome import Outcome, as_paper, per_recording
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle.load import find_model, vehicle_of
+from dart_hal.vehicle.parameters import Vehicle
 
 DEFAULT_OUT = Path("model.toml")
 
@@ -60,7 +61,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         outcome, data = per_recording(files, names, vehicle_of(start), typed, reference)
     written = model_from(outcome.fits, start, outcome.source)
     path = None if dry_run or target is None else write(written, target)
-    pictures = _draw(outcome, data, plot, reference) if plot else []
+    pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []
     if as_json:
         print_json({**outcome.to_json(), "model": path, "plots": pictures,
                     "left_out": dict(written.left_out)})
@@ -95,10 +96,11 @@ def _base(base: str | None, target: Path | None) -> ModelFile:
     return find_model("paper")[0]
 
 
-def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None) -> list[Path]:
+def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None,
+          base: Vehicle) -> list[Path]:
     from dart_hal.identify.plots import draw, evidence_as_paper, evidence_of
 
-    evidence = (evidence_of(data, outcome.fits, reference) if isinstance(data, list)
+    evidence = (evidence_of(data, outcome.fits, reference, base) if isinstance(data, list)
                 else evidence_as_paper(data))
     return draw(evidence, outcome.fits, folder)
 

@@ -96,10 +96,10 @@ def _error(std: float) -> str:
 def _quality(outcome: Outcome) -> Table:
     table = _columns("residuals", {
         "sub-model": "left", "n": "right", "rmse": "right", "paper's": "right",
-        "unit": "left", "loss": "right", "sound": "left", "CPU ms": "right"})
+        "loss": "right", "sound": "left", "CPU ms": "right"})
     for name, fit in outcome.fits.items():
         paper = outcome.published[name].rmse if name in outcome.published else None
-        table.add_row(name, str(fit.n), f"{fit.rmse:.5f}",
-                      "" if paper is None else f"{paper:.5f}", fit.unit, f"{fit.loss:.6g}",
+        table.add_row(name, str(fit.n), f"{fit.rmse:.5f} {fit.unit:<3}",
+                      "" if paper is None else f"{paper:.5f}", f"{fit.loss:.6g}",
                       "yes" if fit.sound else "NO", f"{1e3 * fit.cpu_s:.1f}")
     return table

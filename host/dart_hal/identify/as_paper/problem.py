@@ -84,7 +84,7 @@ def first_guess(p: Problem) -> FloatArray:
         cost = float(np.mean((p.curve(x, *inputs)[0] - target)**2))
         if cost < least:
             best, least = x, cost
-    return best
+    return np.asarray(best)
 
 
 def solve(p: Problem) -> Fit:

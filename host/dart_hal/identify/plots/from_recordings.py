@@ -1,0 +1,204 @@
+"""The arrays of the pictures out of recordings, each for itself.
+
+What is drawn is as near to the raw data as a force can be: smoothed over half
+a second and differentiated. The fits do not use these derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dart_hal.identify.as_paper import curves
+from dart_hal.identify.as_paper.filters import slope, smooth
+from dart_hal.identify.fit import Fit
+from dart_hal.recording.dart import Recording, Reference, grid, reference_for, savgol_derivative
+from dart_hal.recording.dart.model import BoolArray
+from dart_hal.types import FloatArray
+from dart_hal.vehicle import PAPER, Body, Vehicle, make_slip, make_steering
+
+from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
+
+HELD = 0.4  # s; a command this old has been answered
+THIN, SMOOTH = 10, 31  # grid samples of 10 ms
+MOST = 6000  # points in one picture
+STRAIGHT, GRIP = 0.6, 4.0  # m/s2 of lateral acceleration
+LAGS = np.arange(0.0, 0.6, 0.01)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A stretch without gaps, (n,) each at about 10 Hz; force [N] is m dv/dt."""
+
+    name: str
+    t: FloatArray
+    v: FloatArray
+    force: FloatArray
+    yaw_rate: FloatArray
+    throttle: FloatArray
+    steering: FloatArray
+
+    def held(self, command: FloatArray) -> BoolArray:
+        """Rows whose command has not changed for HELD seconds."""
+        last = np.concatenate([[self.t[0]], np.where(np.diff(command) != 0.0, self.t[1:], -np.inf)])
+        return np.asarray(self.t - np.maximum.accumulate(last) > HELD)
+
+    @property
+    def lateral(self) -> FloatArray:
+        """Lateral acceleration [m/s2]."""
+        return np.abs(self.v * self.yaw_rate)
+
+
+def evidence_of(recordings: Sequence[Recording], fits: Mapping[str, Fit],
+                reference: Reference | None = None, base: Vehicle = PAPER) -> Evidence:
+    """What these recordings show of the sub-models in ``fits``."""
+    motions = [m for r in recordings for m in _motions(r, reference, base.body)]
+    found: dict[str, Any] = {}
+    if "friction" in fits or "motor" in fits:
+        found["friction"] = _coasting(motions)
+        found["motor"] = _driving(motions, fits.get("friction"), base)
+        found["step"] = _step(motions)
+    if "steering" in fits:
+        found["steering"] = _turning(motions, base.body.wheelbase)
+    if "delay" in fits:
+        found["delay"] = _lagging(motions, fits, base)
+    if "tyres" in fits:
+        found["tyres"] = _slipping(recordings, fits, reference, base)
+    return Evidence(**found)
+
+
+def _motions(r: Recording, reference: Reference | None, body: Body) -> list[Motion]:
+    known = r.mocap is not None and (reference or reference_for(r)) is not None
+    return _from_mocap(r, reference, body) if known else _from_encoder(r, body)
+
+
+def _from_encoder(r: Recording, body: Body) -> list[Motion]:
+    m, out = r.messages, []
+    if r.encoder in ("dead", "none"):
+        return []
+    for label in np.unique(m.segment):
+        rows = np.flatnonzero(m.segment == label)
+        if len(rows) >= 10 and np.all(np.isfinite(m.yaw_rate[rows])):
+            v = smooth(m.speed[rows], 5, 2)
+            out.append(Motion(r.path.name, m.t[rows], v, body.mass * slope(m.t[rows], v),
+                              m.yaw_rate[rows], m.throttle[rows], m.steering[rows]))
+    return out
+
+
+def _from_mocap(r: Recording, reference: Reference | None, body: Body) -> list[Motion]:
+    g = grid(r, reference, body.l_r)
+    force = body.mass * (savgol_derivative(g.v_x, SMOOTH) - g.omega * g.v_y)
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], g.bad.astype(np.int64), [1]])))
+    out = []
+    for first, end in edges.reshape(-1, 2):
+        rows = np.arange(first, end, THIN)
+        if len(rows) >= 10:
+            out.append(Motion(r.path.name, *(np.asarray(c[rows]) for c in (
+                g.t, g.v_x, force, g.omega, g.throttle, g.steering))))
+    return out
+
+
+def _thinned(*columns: list[FloatArray]) -> list[FloatArray] | None:
+    """Joined columns with at most MOST rows; None without a row."""
+    joined = [np.concatenate(c) if c else np.empty(0) for c in columns]
+    every = -(-len(joined[0]) // MOST)
+    return [c[::every] for c in joined] if every else None
+
+
+def _coasting(motions: Sequence[Motion]) -> Coasting | None:
+    rows = [(m.throttle == 0.0) & m.held(m.throttle) & (m.v > 0.05) & (m.lateral < STRAIGHT)
+            for m in motions]
+    found = _thinned([m.v[k] for m, k in zip(motions, rows, strict=True)],
+                     [m.force[k] for m, k in zip(motions, rows, strict=True)])
+    return Coasting(*found) if found else None
+
+
+def _driving(motions: Sequence[Motion], friction: Fit | None, base: Vehicle) -> Driving | None:
+    p = base.friction
+    x = (np.array([p.a, p.b, p.c]) if friction is None
+         else np.array([friction.parameters[n].value for n in "abc"]))
+    rows = [(m.throttle > 0.05) & m.held(m.throttle) & (m.v > 0.05) & (m.lateral < STRAIGHT)
+            for m in motions]
+    pairs = list(zip(motions, rows, strict=True))
+    found = _thinned([m.throttle[k] for m, k in pairs], [m.v[k] for m, k in pairs],
+                     [m.force[k] - curves.friction(x, m.v[k])[0] for m, k in pairs])
+    return Driving(*found) if found else None
+
+
+def _step(motions: Sequence[Motion]) -> StepResponse | None:
+    """12 s around the greatest rise of throttle in nearly straight driving."""
+    best, rise = None, 0.05
+    for m in motions:
+        change = np.diff(m.throttle) * (m.lateral[1:] < STRAIGHT)
+        if len(change) and change.max() > rise and m.v.max() > 0.5:
+            best, rise = (m, int(np.argmax(change))), float(change.max())
+    if best is None:
+        return None
+    m, i = best
+    use = (m.t > m.t[i] - 2.0) & (m.t < m.t[i] + 10.0)
+    return StepResponse(m.t[use] - m.t[use][0], m.throttle[use], m.v[use], m.force[use], m.name)
+
+
+def _turning(motions: Sequence[Motion], wheelbase: float) -> Turning | None:
+    rows = [m.held(m.steering) & (m.v > 0.3) & (m.lateral < GRIP) for m in motions]
+    pairs = list(zip(motions, rows, strict=True))
+    found = _thinned([m.steering[k] for m, k in pairs],
+                     [np.arctan2(wheelbase * m.yaw_rate[k], m.v[k]) for m, k in pairs])
+    return Turning(*found) if found else None
+
+
+def _lagging(motions: Sequence[Motion], fits: Mapping[str, Fit], base: Vehicle) -> Lagging | None:
+    steer = make_steering(base.steering, np)
+    moving = [(m, (m.v > 0.3) & (m.lateral < GRIP)) for m in motions if np.ptp(m.steering) > 0.1]
+    if sum(int(k.sum()) for _, k in moving) < 50:
+        return None
+    response = np.concatenate([np.arctan2(base.body.wheelbase * m.yaw_rate[k], m.v[k])
+                               for m, k in moving])
+    value = []
+    for lag in LAGS:
+        command = np.concatenate([steer(np.interp(m.t[k] - lag, m.t, m.steering))
+                                  for m, k in moving])
+        value.append(np.corrcoef(command, response)[0, 1])
+    e = fits["delay"].parameters
+    both = e["steering_s"].value + e["steering_lag_s"].value if "steering_lag_s" in e else None
+    marks = [(e["steering_s"].value, "fitted delay")]
+    marks += [] if both is None else [(both, "fitted delay + lag")]
+    return Lagging(LAGS, np.array(value) / max(value), tuple(marks))
+
+
+def _slipping(recordings: Sequence[Recording], fits: Mapping[str, Fit],
+              reference: Reference | None, base: Vehicle) -> Slipping | None:
+    columns: list[list[FloatArray]] = [[], [], [], []]
+    for r in recordings:
+        if r.mocap is not None and (reference or reference_for(r)) is not None:
+            for column, part in zip(columns, _forces(r, fits, reference, base), strict=True):
+                column.append(part)
+    found = _thinned(*columns)
+    return Slipping(*found) if found else None
+
+
+def _forces(r: Recording, fits: Mapping[str, Fit], reference: Reference | None, base: Vehicle
+            ) -> tuple[FloatArray, ...]:
+    """Slip angles and forces of one recording by exact inverse dynamics of the bicycle."""
+    body = base.body
+    g = grid(r, reference, body.l_r)
+    wait = (fits["delay"].parameters["steering_s"].value if "delay" in fits
+            else base.delay.steering_s)
+    delta = make_steering(base.steering, np)(np.interp(g.t - wait, g.t, g.steering))
+    cos, sin = np.cos(delta), np.sin(delta)
+    a_x = savgol_derivative(g.v_x, SMOOTH) - g.omega * g.v_y
+    a_y = savgol_derivative(g.v_y, SMOOTH) + g.omega * g.v_x
+    turn = savgol_derivative(g.omega, SMOOTH)
+    front, one = body.front_share, np.ones(len(cos))
+    matrix = np.stack([
+        np.stack([front * cos + (1.0 - front), -sin, 0.0 * one], axis=-1),
+        np.stack([front * sin, cos, one], axis=-1),
+        np.stack([body.l_f * front * sin, body.l_f * cos, -body.l_r * one], axis=-1)], axis=-2)
+    right = np.stack([body.mass * a_x, body.mass * a_y, body.yaw_inertia * turn], axis=-1)
+    force = np.linalg.solve(matrix, right[..., None])[..., 0]
+    slip_f, slip_r = make_slip(body, np)(g.v_x, g.v_y, g.omega, cos, sin)
+    use = np.flatnonzero(~g.bad & (g.v_x > 0.5))[::THIN]
+    return slip_f[use], force[use, 1], slip_r[use], force[use, 2]

@@ -1,0 +1,123 @@
+"""Pictures of friction, motor and the response to throttle steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dart_hal.identify.as_paper import curves
+from dart_hal.identify.fit import Fit
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.sets import PAPER as PUBLISHED
+
+from . import style
+from .evidence import Coasting, Driving, StepResponse
+
+PAPER_FRICTION = np.array([PUBLISHED.friction.a, PUBLISHED.friction.b, PUBLISHED.friction.c])
+PAPER_MOTOR = np.array([PUBLISHED.motor.d, PUBLISHED.motor.e, PUBLISHED.motor.g])
+LEVELS = 7
+"""At most so many throttle levels in the motor picture."""
+
+
+def draw_friction(data: Coasting, fit: Fit) -> Any:
+    """Force while coasting over speed."""
+    figure, axes = style.new_figure()
+    style.scatter(axes, data.v, data.force, f"data, throttle 0 ({len(data.v)})")
+    v = np.linspace(0.0, float(data.v.max()), 400)
+    style.line(axes, v, curves.friction(style.values(fit, "a", "b", "c"), v)[0], fit)
+    style.paper(axes, v, curves.friction(PAPER_FRICTION, v)[0])
+    axes.set_ylim(*style.limits(data.force))
+    a, b, c = (fit.parameters[name] for name in "abc")
+    style.finish(axes, "speed v [m/s]", "force m dv/dt [N]",
+                 f"Friction: a {a.value:.3f} ± {a.std:.3f} N, b {b.value:.2f} ± {b.std:.2f} s/m, "
+                 f"c {c.value:.3f} ± {c.std:.3f} N s/m")
+    return figure
+
+
+def draw_motor(data: Driving, fit: Fit) -> Any:
+    """Motor force over speed at the throttle levels of the data, and over throttle."""
+    import matplotlib
+
+    figure, (left, right) = style.new_figure(1, 2, figsize=(10.4, 4.6))
+    x = style.values(fit, "d", "e", "g")
+    levels = _levels(data.throttle)
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, len(levels)))
+    for level, colour in zip(levels, colours, strict=True):
+        use = np.abs(data.throttle - level) < 0.006
+        left.plot(data.v[use], data.force[use], ".", ms=2.5, alpha=0.4, color=colour, lw=0)
+        v = np.linspace(0.0, float(data.v[use].max()), 50)
+        tau = np.full(50, level)
+        left.plot(v, curves.motor(x, tau, v)[0], color=colour, lw=2.2,
+                  label=f"throttle {level:.2f}")
+        left.plot(v, curves.motor(PAPER_MOTOR, tau, v)[0], color=colour, lw=1.3,
+                  dashes=style.PAPER_DASHES)
+    left.set_ylim(*style.limits(data.force))
+    style.finish(left, "speed v [m/s]", "motor force [N]", "Motor: dots are data, lines the fit, dashes the paper")
+    _over_throttle(right, x, data, fit)
+    return figure
+
+
+def _over_throttle(axes: Any, x: FloatArray, data: Driving, fit: Fit) -> None:
+    top = max(0.4, float(data.throttle.max()))
+    tau = np.linspace(0.0, top, 300)
+    for v in (0.0, 1.0, 2.0):
+        speed = np.full(300, v)
+        axes.plot(tau, curves.motor(x, tau, speed)[0], color=style.OURS, lw=2.2,
+                  alpha=1.0 - 0.3 * v, label=f"fit, {v:.0f} m/s", ls="-" if fit.sound else ":")
+        axes.plot(tau, curves.motor(PAPER_MOTOR, tau, speed)[0], color=style.PAPER, lw=1.5,
+                  alpha=1.0 - 0.3 * v, dashes=style.PAPER_DASHES, label=f"paper, {v:.0f} m/s")
+    told = ", ".join(f"{n} {e.value:.3f} ± {e.std:.3f}" for n, e in fit.parameters.items())
+    style.finish(axes, "throttle behind the gate", "motor force [N]", told)
+
+
+def _levels(throttle: FloatArray) -> FloatArray:
+    """Throttle levels that were held longest, increasing."""
+    level, count = np.unique(np.round(throttle[throttle > 0.05], 2), return_counts=True)
+    held = level[np.argsort(-count)[:LEVELS]]
+    return np.asarray(np.sort(held))
+
+
+def draw_step(data: StepResponse, friction: Fit | None, motor: Fit | None) -> Any:
+    """Velocity and force over the shaded throttle; models driven by the logged throttle."""
+    figure, (top, bottom) = style.new_figure(2, 1, sharex=True, figsize=(7.2, 5.6))
+    for axes in (top, bottom):
+        shade = axes.twinx()
+        shade.fill_between(data.t, 0.0, data.throttle, color=style.SHADE, alpha=0.3, step="post",
+                           lw=0)
+        shade.set_ylim(0.0, 1.05 * max(float(data.throttle.max()), 0.05))
+        shade.set_ylabel("throttle", color="#666666", fontsize=8)
+        axes.set_zorder(shade.get_zorder() + 1)
+        axes.patch.set_visible(False)
+    top.plot(data.t, data.v, ".-", ms=3.5, lw=0.8, color=style.DATA, label="data")
+    bottom.plot(data.t, data.force, ".-", ms=3.5, lw=0.8, color=style.DATA, label="data")
+    if friction is not None and motor is not None:
+        x = style.values(friction, "a", "b", "c"), style.values(motor, "d", "e", "g")
+        v, force = _driven(data, *x)
+        kind = "-" if friction.sound and motor.sound else ":"
+        top.plot(data.t, v, color=style.OURS, lw=1.8, ls=kind, label="fit")
+        bottom.plot(data.t, force, color=style.OURS, lw=1.8, ls=kind, label="fit")
+    v, force = _driven(data, PAPER_FRICTION, PAPER_MOTOR)
+    style.paper(top, data.t, v)
+    style.paper(bottom, data.t, force)
+    bottom.set_ylim(*style.limits(data.force, force))
+    style.finish(top, "", "velocity [m/s]", f"Step response, throttle shaded: {data.title}")
+    style.finish(bottom, "time [s]", "force m dv/dt [N]")
+    return figure
+
+
+def _driven(data: StepResponse, friction: FloatArray, motor: FloatArray
+            ) -> tuple[FloatArray, FloatArray]:
+    """(v, force) (n,) of a model that starts at the data's speed and gets its throttle."""
+    mass, fine = PUBLISHED.body.mass, 0.01
+    t = np.arange(data.t[0], data.t[-1] + fine, fine)
+    held = np.searchsorted(data.t, t, side="right") - 1
+    tau = data.throttle[np.maximum(held, 0)]
+    v, out = max(float(data.v[0]), 0.0), np.empty((2, len(t)))
+    for i in range(len(t)):
+        now = np.array([v])
+        force = float(curves.friction(friction, now)[0][0]
+                      + curves.motor(motor, tau[i:i + 1], now)[0][0])
+        out[:, i] = v, force
+        v += fine * force / mass
+    return np.interp(data.t, t, out[0]), np.interp(data.t, t, out[1])
