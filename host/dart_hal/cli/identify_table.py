@@ -29,10 +29,19 @@ def show(outcome: Outcome, pictures: list[Path]) -> None:
         why = why_unsound(fit)
         if why:
             console.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
-        for note in fit.notes:
-            console.print(f"  {name}: {note}", style="dim", markup=False, highlight=False)
+    for note, names in _notes(outcome).items():
+        console.print(f"  {', '.join(names)}: {note}", style="dim", markup=False, highlight=False)
     for picture in pictures:
         console.print(f"picture: {picture}", markup=False, highlight=False)
+
+
+def _notes(outcome: Outcome) -> dict[str, list[str]]:
+    """Each note once, with the sub-models that it is about."""
+    found: dict[str, list[str]] = {}
+    for name, fit in outcome.fits.items():
+        for note in fit.notes:
+            found.setdefault(note, []).append(name)
+    return found
 
 
 def _files(outcome: Outcome) -> None:
@@ -99,7 +108,7 @@ def _quality(outcome: Outcome) -> Table:
         "loss": "right", "sound": "left", "CPU ms": "right"})
     for name, fit in outcome.fits.items():
         paper = outcome.published[name].rmse if name in outcome.published else None
-        table.add_row(name, str(fit.n), f"{fit.rmse:.5f} {fit.unit:<3}",
-                      "" if paper is None else f"{paper:.5f}", f"{fit.loss:.6g}",
+        table.add_row(name, str(fit.n), f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
+                      "" if paper is None else f"{paper:.5f}", f"{fit.loss:.6g}" if fit.n else "-",
                       "yes" if fit.sound else "NO", f"{1e3 * fit.cpu_s:.1f}")
     return table

@@ -18,8 +18,9 @@ from .longitudinal import draw_friction, draw_motor, draw_step
 __all__ = ["Coasting", "Driving", "Evidence", "Lagging", "Slipping", "StepResponse", "Turning",
            "draw", "evidence_as_paper", "evidence_of"]
 
-DRAWN: dict[str, Callable[[Any, Fit], Any]] = {"friction": draw_friction, "motor": draw_motor, "steering": draw_steering,
-         "tyres": draw_tyres, "delay": draw_delay}
+DRAWN: dict[str, Callable[[Any, Fit], Any]] = {
+    "friction": draw_friction, "motor": draw_motor, "steering": draw_steering,
+    "tyres": draw_tyres, "delay": draw_delay}
 
 
 def draw(evidence: Evidence, fits: Mapping[str, Fit], folder: str | Path) -> list[Path]:

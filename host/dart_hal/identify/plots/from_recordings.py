@@ -18,7 +18,8 @@ from dart_hal.identify.fit import Fit
 from dart_hal.recording.dart import Recording, Reference, grid, reference_for, savgol_derivative
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
-from dart_hal.vehicle import PAPER, Body, Vehicle, make_slip, make_steering
+from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_slip, make_steering
+from dart_hal.vehicle.inverse import make_inverse_dynamics
 
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
 
@@ -151,7 +152,7 @@ def _turning(motions: Sequence[Motion], wheelbase: float) -> Turning | None:
 
 
 def _lagging(motions: Sequence[Motion], fits: Mapping[str, Fit], base: Vehicle) -> Lagging | None:
-    steer = make_steering(base.steering, np)
+    steer = make_steering(_map(fits, base), np)
     moving = [(m, (m.v > 0.3) & (m.lateral < GRIP)) for m in motions if np.ptp(m.steering) > 0.1]
     if sum(int(k.sum()) for _, k in moving) < 50:
         return None
@@ -167,6 +168,12 @@ def _lagging(motions: Sequence[Motion], fits: Mapping[str, Fit], base: Vehicle) 
     marks = [(e["steering_s"].value, "fitted delay")]
     marks += [] if both is None else [(both, "fitted delay + lag")]
     return Lagging(LAGS, np.array(value) / max(value), tuple(marks))
+
+
+def _map(fits: Mapping[str, Fit], base: Vehicle) -> Steering:
+    """The fitted steering map where there is a sound one, else the base's."""
+    fit = fits.get("steering")
+    return Steering(**fit.values()) if fit is not None and fit.sound else base.steering
 
 
 def _slipping(recordings: Sequence[Recording], fits: Mapping[str, Fit],
@@ -187,18 +194,11 @@ def _forces(r: Recording, fits: Mapping[str, Fit], reference: Reference | None, 
     g = grid(r, reference, body.l_r)
     wait = (fits["delay"].parameters["steering_s"].value if "delay" in fits
             else base.delay.steering_s)
-    delta = make_steering(base.steering, np)(np.interp(g.t - wait, g.t, g.steering))
-    cos, sin = np.cos(delta), np.sin(delta)
-    a_x = savgol_derivative(g.v_x, SMOOTH) - g.omega * g.v_y
-    a_y = savgol_derivative(g.v_y, SMOOTH) + g.omega * g.v_x
-    turn = savgol_derivative(g.omega, SMOOTH)
-    front, one = body.front_share, np.ones(len(cos))
-    matrix = np.stack([
-        np.stack([front * cos + (1.0 - front), -sin, 0.0 * one], axis=-1),
-        np.stack([front * sin, cos, one], axis=-1),
-        np.stack([body.l_f * front * sin, body.l_f * cos, -body.l_r * one], axis=-1)], axis=-2)
-    right = np.stack([body.mass * a_x, body.mass * a_y, body.yaw_inertia * turn], axis=-1)
-    force = np.linalg.solve(matrix, right[..., None])[..., 0]
-    slip_f, slip_r = make_slip(body, np)(g.v_x, g.v_y, g.omega, cos, sin)
+    delta = make_steering(_map(fits, base), np)(np.interp(g.t - wait, g.t, g.steering))
+    _, front, rear = make_inverse_dynamics(base, np)(
+        savgol_derivative(g.v_x, SMOOTH) - g.omega * g.v_y,
+        savgol_derivative(g.v_y, SMOOTH) + g.omega * g.v_x,
+        savgol_derivative(g.omega, SMOOTH), delta)
+    slip_f, slip_r = make_slip(body, np)(g.v_x, g.v_y, g.omega, np.cos(delta), np.sin(delta))
     use = np.flatnonzero(~g.bad & (g.v_x > 0.5))[::THIN]
-    return slip_f[use], force[use, 1], slip_r[use], force[use, 2]
+    return slip_f[use], front[use], slip_r[use], rear[use]

@@ -53,7 +53,8 @@ def draw_motor(data: Driving, fit: Fit) -> Any:
         left.plot(v, curves.motor(PAPER_MOTOR, tau, v)[0], color=colour, lw=1.3,
                   dashes=style.PAPER_DASHES)
     left.set_ylim(*style.limits(data.force))
-    style.finish(left, "speed v [m/s]", "motor force [N]", "Motor: dots are data, lines the fit, dashes the paper")
+    style.finish(left, "speed v [m/s]", "motor force [N]",
+                 "Motor: dots are data, lines the fit, dashes the paper")
     _over_throttle(right, x, data, fit)
     return figure
 
