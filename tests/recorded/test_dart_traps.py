@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.recording.dart import encoder_quantum, grid, read
+from dart_hal.recording.dart import encoder_quantum, grid, read, read_all
 from dart_hal.recording.dart.mocap import outliers, unwrap
 from dart_hal.recording.dart.reference import SEP_24, fit_reference
 
@@ -208,3 +208,61 @@ def test_velocities_of_a_circle(write, table_b):
 
 def test_one_constant_circle_does_not_fix_the_reference_point(write, table_b):
     assert fit_reference([read(write(table_b(n=1500)))]) is None
+
+
+def test_a_single_lost_message_is_said_and_does_not_cut(write, table_a):
+    table = {k: np.delete(v, 30) for k, v in table_a().items()}
+    recording = read(write(table))
+    assert said(recording, "messages lost")
+    assert np.all(recording.messages.segment == 0)
+    assert np.diff(recording.messages.t)[29] == pytest.approx(0.2)
+
+
+def test_speeds_of_two_decimals_keep_their_quantum_and_their_values(write, table_a):
+    table = table_a()
+    table["vel encoder"] = np.round(table["vel encoder"], 2)
+    recording = read(write(table))
+    assert recording.quantum == pytest.approx(0.05161, rel=5e-3)
+    assert np.array_equal(recording.messages.speed, table["vel encoder"])
+
+
+def rows_c(table_b) -> dict[str, np.ndarray]:
+    table = {k: v for k, v in table_b().items() if k.startswith("vicon")}
+    table["vicon time"] -= table["vicon time"][0]
+    one = np.ones(len(table["vicon time"]))
+    return {**table, "throttle": 0.3 * one, "steering": 0.2 * one, "safety_value": one}
+
+
+def test_derived_columns_of_schema_c_are_not_believed(write, table_b):
+    plain = rows_c(table_b)
+    noise = np.random.default_rng(6).normal(size=600)
+    derived = {**plain, "w": noise, "vx body": noise, "unwrapped yaw": noise}
+    with_them = read(write(derived, "derived.csv"))
+    assert with_them.schema == "C"
+    assert said(with_them, "derived columns")
+    without = read(write(plain, "plain.csv"))
+    assert not said(without, "derived columns")
+    a, b = grid(with_them), grid(without)
+    assert np.array_equal(a.v_x, b.v_x)
+    assert np.array_equal(a.omega, b.omega)
+
+
+def test_files_are_never_joined(write, table_a, tmp_path):
+    slow, fast = table_a(t0=100.0), table_a(t0=106.0)
+    slow["vel encoder"][:], fast["vel encoder"][:] = 0.5161, 2.0644
+    write(slow, "a.csv")
+    write(fast, "b.csv")
+    recordings, _ = read_all([tmp_path])
+    inside = [np.abs(np.diff(r.messages.speed) / np.diff(r.messages.t)).max() for r in recordings]
+    assert inside == [0.0, 0.0]
+    speed = np.concatenate([r.messages.speed for r in recordings])
+    assert np.abs(np.diff(speed)).max() / 0.1 > 15.0  # what a joined series would invent
+
+
+def test_ground_speed_is_the_mocaps_where_the_wheels_spin(write, table_b):
+    table = table_b(radius=1.0, speed=0.5)
+    spun = {**table, "vel encoder": 4.0 * table["vel encoder"]}
+    a, b = (grid(read(write(t, name)), SEP_24)
+            for t, name in ((table, "grip.csv"), (spun, "spin.csv")))
+    assert np.array_equal(a.v_x, b.v_x)
+    assert b.encoder[100] == pytest.approx(4.0 * a.encoder[100])

@@ -9,7 +9,7 @@ import click
 from dart_hal.cli.data_show import show_checks, show_fetch
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, progress_bar
-from dart_hal.recording.check import Check, check, summary
+from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 
 
@@ -66,9 +66,8 @@ def _plot(checks: list[Check], target: Path) -> list[Path]:
     with progress_bar() as bar:
         task = bar.add_task("drawing", total=len(checks))
         for c in checks:
-            name = c.recording.path.name.split(".csv")[0].removesuffix(".mcap")
-            path = target / f"{c.recording.path.parent.name}_{name}.png"
-            pictures.append(plot_check(c, path))
+            name = f"{folder_of(c.recording.path)}_{stem_of(c.recording.path)}.png"
+            pictures.append(plot_check(c, target / name))
             bar.advance(task)
     if len(checks) > 1:
         pictures.append(plot_overview(checks, target / "overview.png"))

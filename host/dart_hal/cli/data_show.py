@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from dart_hal.cli.output import console
-from dart_hal.recording.check import Check, Summary
+from dart_hal.recording.check import Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.web import BY_HAND
 
@@ -83,24 +82,15 @@ def _table(checks: Sequence[Check]) -> Table:
         f, path = c.facts, c.recording.path
         if path.parent != folder:
             folder = path.parent
-            table.add_row(f"[bold]{escape(_folder(folder))}[/]")
+            table.add_row(f"[bold]{escape(folder_of(path))}[/]")
         top = f.speed or (f.mocap.v_x if f.mocap else None)
-        table.add_row("  " + escape(_stem(path)), c.recording.schema, f"{f.duration:.0f}",
+        table.add_row("  " + escape(stem_of(path)), c.recording.schema, f"{f.duration:.0f}",
                       str(f.rows or f.messages),
                       f"N = {f.marks}" if f.marks else c.recording.encoder,
                       f"{top[1]:.2f}" if top else "-",
                       f"{f.mocap.bad:.0%}" if f.mocap else "-",
                       ", ".join(c.good_for) or "nothing", style="" if c.good_for else "dim")
     return table
-
-
-def _folder(path: Path) -> str:
-    return path.parent.name if path.name == "csv" else path.name or str(path)
-
-
-def _stem(path: Path) -> str:
-    """What tells one file from its neighbours."""
-    return path.name.split(".csv")[0].removeprefix("car_1_Datarecording_")
 
 
 def _serious(checks: Sequence[Check]) -> None:

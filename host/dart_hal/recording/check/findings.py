@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .facts import Facts
-from .motion import STANDING, Motion
+from .motion import SLIP, SLIPS, STANDING, Motion
 
 DROPPED = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
            "mocap_repeated")
@@ -16,7 +16,7 @@ SERIOUS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_fi
 SHORT = 3.0  # s
 TILT = 0.15  # m/s2 at rest
 REST_ROWS = 10
-SLIP, SLIP_SHARE = 0.3, 0.05  # m/s; share of the driven samples
+SOME_SLIP = 0.05  # of the driven time
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,10 @@ def findings(m: Motion, f: Facts) -> list[Finding]:
         out.append(_said("rounded", "sensor values have 2 decimals: a quantum of 0.01 on top of "
                          "the encoder's"))
     out += _mocap(m, f) + _accelerometer(m)
-    slip = _slip(m)
-    if slip:
-        out.append(_said("slip", slip))
+    if m.slip >= SOME_SLIP:
+        out.append(Finding("slip", f"wheel and ground speed differ by more than {SLIP} m/s in "
+                           f"{m.slip:.0%} of the driven time: the wheels slip, use the mocap",
+                           serious=m.slip >= SLIPS))
     return sorted(out, key=lambda x: not x.serious)
 
 
@@ -100,17 +101,3 @@ def _accelerometer(m: Motion) -> list[Finding]:
                          f"{float(np.nanstd(a.accel_x[driven])):.1f} m/s2 while driving: "
                          "vibration sampled too slowly"))
     return out
-
-
-def _slip(m: Motion) -> str:
-    """Wheel speed against ground speed, where both are there and the encoder lives."""
-    if m.grid is None or m.recording.encoder != "ok" or not np.isfinite(m.grid.encoder).any():
-        return ""
-    driven = m.good & (m.grid.v_x > 0.3)
-    if driven.sum() < 100:
-        return ""
-    share = float((np.abs(m.grid.encoder - m.grid.v_x)[driven] > SLIP).mean())
-    if share < SLIP_SHARE:
-        return ""
-    return (f"wheel and ground speed differ by more than {SLIP} m/s in {share:.0%} of the driven "
-            "time: the wheels slip, use the mocap as ground speed")

@@ -15,6 +15,8 @@ UNKNOWN = Reference(L_R, 0.0, 0.0, "not known: markers taken to sit at the centr
 LEAD, FIRST, STRIDE, TAIL, SPAN = 8, 20, 25, 220, 207  # samples of 10 ms
 START_SPEED = 0.3  # m/s
 STANDING = 0.05  # m/s; below it the car stands
+SLIP, SLIP_ROWS = 0.3, 100  # m/s between wheels and ground; samples to judge it by
+SLIPS = 0.2  # of the driven time; then the wheels tell no speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,21 @@ class Motion:
             return True
         return self.grid is not None and int(
             (np.hypot(self.grid.v_x, self.grid.v_y)[self.good] > START_SPEED).sum()) >= 30
+
+
+    @property
+    def slip(self) -> float:
+        """Share of the driven time in which wheels and ground differ by more than 0.3 m/s.
+
+        0 where one of the two is not measured.
+        """
+        g = self.grid
+        if g is None or self.recording.encoder != "ok":
+            return 0.0
+        driven = self.good & (g.v_x > START_SPEED) & np.isfinite(g.encoder)
+        if driven.sum() < SLIP_ROWS:
+            return 0.0
+        return float((np.abs(g.encoder - g.v_x)[driven] > SLIP).mean())
 
 
 def motion(recording: Recording) -> Motion:

@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
 
-from .report import Check
+from .report import Check, folder_of, stem_of
 
 FORMATS = (".png", ".svg", ".pdf")
 WHEEL, GROUND, BAD, GATED, RAW, STEER = ("#0072b2", "#222222", "#d55e00", "#56b4e9", "#888888",
@@ -43,7 +43,8 @@ def plot_check(c: Check, path: str | Path) -> Path:
         if axes is not rows[-1]:
             axes.tick_params(labelbottom=False)
     rows[-1].set_xlabel("time [s]")
-    figure.suptitle(f"{c.recording.name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
+    name = f"{folder_of(c.recording.path)}/{c.recording.path.name}"
+    figure.suptitle(f"{name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
                     fontsize=10, x=0.01, ha="left")
     return _save(figure, path)
 
@@ -52,7 +53,7 @@ def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
     """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
     shown = checks[:MOST]
     rows = -(-len(shown) // COLUMNS)
-    figure = _figure(path, (2.5 * COLUMNS, 1.55 * rows + 0.6))
+    figure = _figure(path, (2.5 * COLUMNS, 1.65 * rows + 0.6))
     panels = np.atleast_2d(figure.subplots(rows, COLUMNS, squeeze=False))
     for axes in panels.flat[len(shown):]:
         axes.set_visible(False)
@@ -77,7 +78,9 @@ def _small(axes: Any, c: Check) -> None:
     _shade_bad(axes, c)
     axes.set_ylim(0.0, top)
     axes.tick_params(labelsize=6)
-    axes.set_title(f"{c.recording.schema} {_short(c.recording.name, 40)}", fontsize=5.5, loc="left")
+    path = c.recording.path
+    axes.set_title(f"{c.recording.schema} {_short(folder_of(path), 34)}\n"
+                   f"{_short(stem_of(path), 36)}", fontsize=5.5, loc="left")
 
 
 def _path(axes: Any, c: Check) -> None:
@@ -88,22 +91,22 @@ def _path(axes: Any, c: Check) -> None:
     if g.bad.any():
         axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD, ms=2.5, label="bad samples")
     axes.plot(g.x[:1], g.y[:1], "o", color=STEER, ms=6, label="start")
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3,
+    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3,
                 frameon=False)
 
 
 def _speed(axes: Any, c: Check) -> None:
-    g = c.motion.grid
-    if g is not None:
-        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=1.0, label="mocap v_x")
     if np.isfinite(c.recording.messages.speed).any():
-        axes.plot(_time(c), c.recording.messages.speed, color=WHEEL, lw=1.0, label="encoder")
+        axes.plot(_time(c), c.recording.messages.speed, color=WHEEL, lw=1.2, label="encoder")
     elif c.recording.encoder == "dead":
         axes.set_title("encoder dead", fontsize=8, loc="right", color=BAD)
+    g = c.motion.grid
+    if g is not None:
+        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=0.9, label="mocap v_x")
     axes.set_ylabel("speed [m/s]")
 
 
@@ -122,11 +125,11 @@ def _steering(axes: Any, c: Check) -> None:
 
 
 def _yaw_rate(axes: Any, c: Check) -> None:
+    if np.isfinite(c.recording.messages.yaw_rate).any():
+        axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL, lw=1.0, label="gyro")
     g = c.motion.grid
     if g is not None:
-        axes.plot(g.t, np.where(g.bad, np.nan, g.omega), color=GROUND, lw=1.0, label="mocap")
-    if np.isfinite(c.recording.messages.yaw_rate).any():
-        axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL, lw=0.8, label="gyro")
+        axes.plot(g.t, np.where(g.bad, np.nan, g.omega), color=GROUND, lw=0.8, label="mocap")
     axes.set_ylabel("yaw rate [rad/s]")
 
 
@@ -136,7 +139,8 @@ def _shade_bad(axes: Any, c: Check) -> None:
         return
     edge = np.flatnonzero(np.diff(np.concatenate([[0], g.bad.astype(int), [0]])))
     for start, end in zip(edge[::2], edge[1::2], strict=True):
-        axes.axvspan(g.t[start], g.t[min(end, len(g) - 1)], color=BAD, alpha=0.18, lw=0)
+        axes.axvspan(g.t[start], g.t[min(end, len(g) - 1)], color=BAD, alpha=0.18, lw=0,
+                     zorder=0)
 
 
 def _time(c: Check) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,17 @@ class Summary:
         """The object under "summary" of ``data check --json``."""
         return {"files": self.files, "schemas": self.schemas, "duration_s": self.duration,
                 "windows": self.windows, "good_for": self.good_for, "notes": list(self.notes)}
+
+
+def folder_of(path: Path) -> str:
+    """Name of the folder that says what was driven."""
+    folder = path.absolute().parent
+    return folder.parent.name if folder.name == "csv" else folder.name
+
+
+def stem_of(path: Path) -> str:
+    """What tells a file from its neighbours."""
+    return path.name.split(".csv")[0].removesuffix(".mcap").removeprefix("car_1_Datarecording_")
 
 
 def check(recording: Recording) -> Check:

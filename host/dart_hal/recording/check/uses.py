@@ -14,7 +14,7 @@ from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 
 from .facts import Facts
-from .motion import STANDING, Motion
+from .motion import SLIPS, STANDING, Motion
 
 PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
 ROLLS = 0.1  # m/s
@@ -39,6 +39,10 @@ def uses(m: Motion, f: Facts) -> dict[str, Use]:
     """By purpose, in the order of ``PURPOSES``."""
     a = m.recording.messages
     speed, source = _speed(m)
+    if m.slip >= SLIPS:
+        no = Use(False, 0, "messages", "the wheels slip: their speed is not the car's")
+        return {**dict.fromkeys(PURPOSES[:4], no), "tyres": _tyres(m),
+                "evaluation": _evaluation(m, f)}
     straight = np.abs(a.steering) <= STRAIGHT
     coast = straight & (a.throttle == 0.0) & (speed > ROLLS)
     driven = straight & (a.throttle > 0.0) & (speed > STANDING)

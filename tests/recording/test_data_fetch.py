@@ -1,0 +1,364 @@
+"""``data fetch``: the right bytes from anywhere, and never a wrong one."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import tarfile
+import threading
+import zipfile
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from dart_hal.cli.main import main
+from dart_hal.errors import FetchFailed, RecordingError
+from dart_hal.recording.fetch import bring, data_folder, fetch, find, from_folder, load
+from dart_hal.recording.fetch import manifest as lists
+
+EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
+CUT = "83_4_april_2025_MPCC_rosbag/csv/2025-04-04-15-23-12.csv"
+NAMES = ("10_steps/a.csv", "10_steps/b.csv", "50_tyres/csv/c.csv")
+
+
+@pytest.fixture
+def originals(tmp_path):
+    """A folder of three made recordings, as the makers would publish them."""
+    root = tmp_path / "originals"
+    for i, name in enumerate(NAMES):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"elapsed time sensors,throttle\r\n" + b"1.0,%d\r\n" % i * (400 + i))
+    return root
+
+
+@pytest.fixture
+def listed(originals):
+    return from_folder(originals)
+
+
+@pytest.fixture
+def to(tmp_path):
+    return tmp_path / "to"
+
+
+def complete(to: Path, listed) -> bool:
+    return all(lists.sha256((to / f.path).read_bytes()) == f.sha256 for f in listed.files)
+
+
+def leftovers(to: Path) -> list[str]:
+    return [p.name for p in to.rglob("*") if p.is_file() and (".part" in p.name)]
+
+
+# ---- the list itself
+
+def test_every_file_of_the_excerpt_is_a_published_one():
+    published = {f.path: f for f in load().files}
+    found = sorted(EXCERPT.rglob("*.csv.gz"))
+    assert len(found) > 60
+    cut = []
+    for path in found:
+        name = path.relative_to(EXCERPT).as_posix().removesuffix(".gz")
+        data = gzip.decompress(path.read_bytes())
+        if lists.sha256(data) != published[name].sha256:
+            cut.append(name)
+        assert path.read_bytes()[4:8] == bytes(4), f"{name}: the time of packing is 0"
+    assert cut == [CUT], "the one that the README names as cut"
+
+
+def test_the_excerpt_keeps_its_size_and_its_notice():
+    files = [p for p in EXCERPT.rglob("*") if p.is_file()]
+    assert sum(p.stat().st_size for p in files) <= 2_000_000
+    assert lists.NOTICE.read_bytes() == (EXCERPT / "LICENSE").read_bytes()
+    readme = (EXCERPT / "README.md").read_text()
+    assert "Lorenzo-Lyons/DART" in readme
+    assert "Copyright (c) 2024 Lorenzo Lyons" in readme
+    folders = {p.relative_to(EXCERPT).parts[0] for p in files if p.suffix == ".gz"}
+    assert [f for f in folders if f"| {f} |" not in readme] == []
+
+
+def test_the_list_names_83_files_once_each_below_the_folder():
+    listed = load()
+    assert len({f.path for f in listed.files}) == len({f.sha256 for f in listed.files}) == 83
+    assert listed.size == 33_127_856
+    assert all(".." not in f.path and not f.path.startswith("/") for f in listed.files)
+
+
+def test_a_list_survives_writing_and_a_damaged_one_is_refused(listed, tmp_path):
+    lists.write(listed, tmp_path / "list.json")
+    assert load(tmp_path / "list.json") == listed
+    (tmp_path / "list.json").write_text('{"files": [{"path": 1}]}')
+    with pytest.raises(RecordingError, match="list of published"):
+        load(tmp_path / "list.json")
+
+
+@pytest.mark.recordings
+def test_the_list_is_that_of_the_full_set():
+    import os
+
+    root = Path(__file__).resolve().parents[2]
+    places = [Path(p) for p in (os.environ.get("DART_DATA"), root.parent / "shared/data/dart") if p]
+    here = next((p for p in places if p.is_dir()), None)
+    if here is None:
+        pytest.skip(f"full recordings absent: none of {', '.join(map(str, places))}")
+    assert from_folder(here) == load()
+
+
+# ---- where it goes
+
+def test_data_folder_is_the_named_one_else_ours(monkeypatch, tmp_path):
+    monkeypatch.setenv("DART_DATA", str(tmp_path / "named"))
+    assert data_folder() == tmp_path / "named"
+    monkeypatch.delenv("DART_DATA")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert data_folder() == tmp_path / "dart-hal" / "recordings"
+
+
+def test_a_name_is_looked_for_here_before_the_data_folder(monkeypatch, originals, tmp_path):
+    monkeypatch.setenv("DART_DATA", str(originals))
+    monkeypatch.chdir(tmp_path)
+    assert find(["10_steps"]) == [originals / "10_steps"]
+    (tmp_path / "10_steps").mkdir()
+    assert find(["10_steps"]) == [Path("10_steps")]
+    assert find([]) == [originals]
+    assert find(["nowhere"]) == [Path("nowhere")]
+
+
+# ---- from a folder
+
+def test_from_a_folder_of_any_layout(originals, listed, to, tmp_path):
+    flat = tmp_path / "flat"
+    flat.mkdir()
+    for i, name in enumerate(NAMES):
+        (flat / f"renamed{i}.csv").write_bytes((originals / name).read_bytes())
+    packed = flat / "renamed1.csv"
+    (flat / "x.csv.gz").write_bytes(gzip.compress(packed.read_bytes()))
+    packed.unlink()
+    outcome = fetch(str(flat), to, manifest=listed)
+    assert outcome.complete
+    assert complete(to, listed)
+    assert "MIT License" in (to / "LICENSE").read_text()
+    assert leftovers(to) == []
+
+
+def test_what_is_right_is_left_alone_and_a_stopped_fetch_goes_on(originals, listed, to):
+    fetch(str(originals), to, manifest=listed)
+    before = {n: (to / n).stat().st_mtime_ns for n in NAMES}
+    (to / NAMES[1]).unlink()
+    outcome = fetch(str(originals), to, manifest=listed)
+    assert outcome.fetched == [NAMES[1]]
+    assert outcome.present == [NAMES[0], NAMES[2]]
+    assert all((to / n).stat().st_mtime_ns == before[n] for n in (NAMES[0], NAMES[2]))
+
+
+def test_a_complete_folder_needs_no_source(originals, listed):
+    outcome = fetch("http://127.0.0.1:9/none", originals, manifest=listed)
+    assert outcome.complete
+    assert outcome.sources == []
+    assert not (originals / "LICENSE").exists(), "nothing is written where nothing was missing"
+
+
+def test_one_wrong_byte_is_refused_and_never_kept(originals, listed, to):
+    path = originals / NAMES[0]
+    data = bytearray(path.read_bytes())
+    data[100] ^= 1
+    path.write_bytes(bytes(data))
+    outcome = fetch(str(originals), to, manifest=listed)
+    assert not outcome.complete
+    assert [r.path for r in outcome.refused] == [NAMES[0]]
+    assert "SHA-256" in outcome.refused[0].found
+    assert not (to / NAMES[0]).exists()
+    assert leftovers(to) == []
+
+
+def test_another_file_of_that_name_is_set_aside(originals, listed, to):
+    (to / NAMES[0]).parent.mkdir(parents=True)
+    (to / NAMES[0]).write_bytes(b"mine")
+    outcome = fetch(str(originals), to, manifest=listed)
+    assert outcome.complete
+    assert outcome.replaced == [NAMES[0]]
+    assert (to / f"{NAMES[0]}.old").read_bytes() == b"mine"
+    assert complete(to, listed)
+
+
+def test_a_folder_without_any_of_them_is_refused(listed, to, tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "x.csv").write_text("a\n1\n")
+    for source in (tmp_path / "other", tmp_path / "absent"):
+        with pytest.raises(FetchFailed) as caught:
+            fetch(str(source), to, manifest=listed)
+        assert "git clone" in caught.value.remedy
+        assert "$DART_DATA" in caught.value.remedy
+    assert not to.exists()
+
+
+# ---- from an archive
+
+def as_zip(root: Path, path: Path) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
+        for file in root.rglob("*.csv"):
+            out.write(file, f"DART-7c30162/Data/{file.relative_to(root)}")
+        out.writestr("../../outside.csv", "a\n1\n")
+    return path
+
+
+def as_tar(root: Path, path: Path) -> Path:
+    with tarfile.open(path, "w:gz") as out:
+        out.add(root, "DART/Data")
+    return path
+
+
+@pytest.mark.parametrize("pack", [as_zip, as_tar])
+def test_from_an_archive(originals, listed, to, tmp_path, pack):
+    name = "x.zip" if pack is as_zip else "x.tar.gz"
+    outcome = fetch(str(pack(originals, tmp_path / name)), to, manifest=listed)
+    assert outcome.complete
+    assert complete(to, listed)
+    assert sorted(p.name for p in to.rglob("*") if p.is_file()) == [
+        "LICENSE", "a.csv", "b.csv", "c.csv"], "nothing but what is listed is unpacked"
+
+
+@pytest.mark.parametrize("pack", [as_zip, as_tar])
+def test_a_cut_archive_is_refused(originals, listed, to, tmp_path, pack):
+    path = pack(originals, tmp_path / "x")
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(FetchFailed, match="not a whole archive"):
+        fetch(str(path), to, manifest=listed)
+    assert leftovers(to) == []
+
+
+# ---- from a server on this machine
+
+@pytest.fixture
+def serve():
+    """``serve(handler class)`` -> base address."""
+    running = []
+
+    def start(handler) -> str:
+        server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        running.append(server)
+        return f"http://127.0.0.1:{server.server_address[1]}"
+    yield start
+    for server in running:
+        server.shutdown()
+        server.server_close()
+
+
+def quiet(folder: Path):
+    class Handler(SimpleHTTPRequestHandler):
+        def log_message(self, *args): ...
+    return partial(Handler, directory=str(folder))
+
+
+def answering(change):
+    """A server whose answer to any path is ``change(path)`` -> (status, claimed length, body)."""
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            status, length, body = change(self.path)
+            self.send_response(status)
+            self.send_header("Content-Length", str(length))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *args): ...
+    return Handler
+
+
+def test_from_a_base_address_and_its_root_folders(originals, listed, to, serve, tmp_path):
+    web = tmp_path / "web" / listed.roots[1]
+    web.parent.mkdir(parents=True)
+    originals.rename(web)
+    outcome = fetch(serve(quiet(tmp_path / "web")), to, manifest=listed)
+    assert outcome.complete
+    assert complete(to, listed)
+
+
+def test_from_the_address_of_an_archive(originals, listed, to, serve, tmp_path):
+    as_zip(originals, tmp_path / "x.zip")
+    seen = []
+    outcome = fetch(serve(quiet(tmp_path)) + "/x.zip", to, manifest=listed,
+                    progress=lambda done, total, name: seen.append((done, total)))
+    assert outcome.complete
+    assert all(0 <= done <= total for done, total in seen)
+
+
+def test_the_repository_is_tried_file_by_file_then_as_an_archive(
+        originals, listed, to, serve, tmp_path, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    as_zip(originals, tmp_path / "x.zip")
+    monkeypatch.setattr(bring, "RAW", serve(quiet(tmp_path / "empty")))
+    monkeypatch.setattr(bring, "ARCHIVE", serve(quiet(tmp_path)) + "/x.zip")
+    outcome = fetch(None, to, manifest=listed)
+    assert outcome.complete
+    assert len(outcome.sources) == 2
+
+
+@pytest.mark.parametrize(("change", "found"), [
+    (lambda data: (200, len(data), bytes([data[0] ^ 1]) + data[1:]), "SHA-256"),
+    (lambda data: (200, len(data), data[:-50]), "bytes"),
+    (lambda data: (200, len(data) - 50, data[:-50]), "bytes"),
+    (lambda data: (200, len(data) + 50, data + b" " * 50), "more than"),
+    (lambda data: (200, 30, b"<!DOCTYPE html><html>no</html>"), "a web page"),
+], ids=["a byte", "cut off", "short", "long", "error page"])
+def test_wrong_answers_are_refused(originals, listed, to, serve, change, found):
+    def answer(path):
+        data = (originals / path.lstrip("/")).read_bytes() if path.endswith(".csv") else b""
+        return change(data) if path == f"/{NAMES[0]}" else (200, len(data), data)
+    outcome = fetch(serve(answering(answer)), to, manifest=listed)
+    assert [r.path for r in outcome.refused] == [NAMES[0]]
+    assert found in outcome.refused[0].found
+    assert not (to / NAMES[0]).exists()
+    assert sorted(outcome.fetched) == sorted(NAMES[1:])
+    assert leftovers(to) == []
+
+
+@pytest.mark.parametrize("status", [403, 500])
+def test_a_server_that_refuses_is_an_error_with_a_way_out(listed, to, serve, status):
+    with pytest.raises(FetchFailed) as caught:
+        fetch(serve(answering(lambda path: (status, 0, b""))), to, manifest=listed)
+    assert str(status) in caught.value.found
+    for way in ("git clone", "--from", "$DART_DATA"):
+        assert way in caught.value.remedy
+
+
+# ---- the verb
+
+def run(capsys, *args) -> tuple[int, dict, str]:
+    with pytest.raises(SystemExit) as left:
+        main(["data", "fetch", *map(str, args)])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.out + said.err
+    return int(left.value.code or 0), json.loads(said.out) if said.out else {}, said.err
+
+
+def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, to):
+    code, out, _ = run(capsys, "--from", EXCERPT, "--to", to, "--json")
+    assert code == 1
+    assert len(out["fetched"]) == len(list(EXCERPT.rglob("*.csv.gz"))) - 1
+    assert len(out["fetched"]) + len(out["missing"]) + len(out["refused"]) == out["files"] == 83
+    assert [r["path"] for r in out["refused"]] == [CUT]
+    code, out, said = run(capsys, "--from", EXCERPT, "--to", to)
+    assert (code, out) == (1, {})
+    assert "git clone" in said
+    assert f"refused {CUT}" in said
+
+
+def test_no_network_is_one_error_with_what_to_do(capsys, to, monkeypatch):
+    monkeypatch.setattr(bring, "RAW", "http://127.0.0.1:9")
+    code, out, _ = run(capsys, "--to", to, "--json")
+    assert code == 2
+    assert out["error"]["code"] == "D-REC-03"
+    for way in ("git clone", "--from", "$DART_DATA"):
+        assert way in out["error"]["try"]
+    assert not to.exists() or not any(to.rglob("*.csv"))
+
+
+def test_an_archive_that_is_a_web_page_is_refused(capsys, to, tmp_path):
+    (tmp_path / "x.zip").write_bytes(io.BytesIO(b"<html>404</html>").getvalue())
+    code, out, _ = run(capsys, "--from", tmp_path / "x.zip", "--to", to, "--json")
+    assert code == 2
+    assert "not a whole archive" in out["error"]["what"]
