@@ -39,7 +39,7 @@ def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], who
 
 def _block(c: Check) -> None:
     f, r, m = c.facts, c.recording, c.facts.mocap
-    _say(r.name, "bold")
+    _say(c.name, "bold")
     _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
           f"{f.messages} messages every {f.step:.3f} s")
     _line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
@@ -97,7 +97,7 @@ def _serious(checks: Sequence[Check]) -> None:
     for c in checks:
         for x in c.findings:
             if x.serious:
-                _say(f"! {c.recording.name}: {x}", "yellow")
+                _say(f"! {c.name}: {x}", "yellow")
 
 
 def _counts(checks: Sequence[Check]) -> None:

@@ -43,8 +43,7 @@ def plot_check(c: Check, path: str | Path) -> Path:
         if axes is not rows[-1]:
             axes.tick_params(labelbottom=False)
     rows[-1].set_xlabel("time [s]")
-    name = f"{folder_of(c.recording.path)}/{c.recording.path.name}"
-    figure.suptitle(f"{name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
+    figure.suptitle(f"{c.name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
                     fontsize=10, x=0.01, ha="left")
     return _save(figure, path)
 

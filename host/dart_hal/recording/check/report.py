@@ -38,6 +38,11 @@ class Check:
         return self.motion.recording
 
     @property
+    def name(self) -> str:
+        """Folder and file name; the folder that says what was driven."""
+        return f"{folder_of(self.recording.path)}/{self.recording.path.name}"
+
+    @property
     def good_for(self) -> tuple[str, ...]:
         """Purposes that it can contribute to."""
         return tuple(p for p in PURPOSES if self.uses[p].good)
@@ -56,7 +61,7 @@ class Check:
         """The object under "files" of ``data check --json``."""
         r, f, m = self.recording, self.facts, self.facts.mocap
         return {
-            "path": str(r.path), "name": r.name, "schema": r.schema, "sha256": r.sha256,
+            "path": str(r.path), "name": self.name, "schema": r.schema, "sha256": r.sha256,
             "date": f.date, "date_from": f.date_from, "duration_s": f.duration, "rows": f.rows,
             "messages": f.messages, "message_step_s": f.step, "throttle": _pair(f.throttle),
             "steering": _pair(f.steering), "speed_mps": _pair(f.speed),
@@ -159,7 +164,7 @@ def _order(checks: Sequence[Check]) -> list[str]:
             for k, (other, later) in enumerate(named):
                 if (later > stamp and start[k] < start[i] and not agree[k]
                         and int((np.abs(offset - offset[k]) < SAME_CLOCK).sum()) > agree.sum()):
-                    notes.append(f"{c.recording.name} was recorded after "
+                    notes.append(f"{c.name} was recorded after "
                                  f"{other.recording.path.name} by the sensor clock, "
                                  "in spite of its name")
                     break
