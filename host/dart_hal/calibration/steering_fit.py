@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.errors import CalibrationFailed
 from dart_hal.identify.submodels.paper_form import PaperFit, fit
-from dart_hal.identify.submodels.samples import Samples
+from dart_hal.identify.submodels.samples import SETTLED, Samples
 from dart_hal.types import Estimate, FloatArray
 
 POINT_SPACING = 0.05
@@ -21,7 +21,6 @@ MIN_POINTS = 9
 MIN_SPAN = 0.2
 LEVEL = 0.025  # commands closer than half of this are one level
 MIN_LEVEL_SAMPLES = 5
-SETTLED = 0.6  # s after a change of command; before it delay and lag look like backlash
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.driving import drive
 from dart_hal.identify.submodels.friction_motor import longitudinal_fit, vars_of
 from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger, untold
+from dart_hal.identify.submodels.steering import fit_steering
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PAPER, Vehicle
 
@@ -50,6 +51,8 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
         cpu = time.process_time() - begin
         fits |= {n: longitudinal_fit(n, found, base, mass, cpu) for n in names
                  if n in ("friction", "motor")}
+    if "steering" in names:
+        fits["steering"] = fit_steering(recordings, reference, base, ledger)
     for name in names:
         if name not in fits:
             fits[name] = untold(name, vars_of(base, name), ["not fitted yet"])

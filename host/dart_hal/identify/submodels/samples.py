@@ -13,6 +13,7 @@ from dart_hal.types import FloatArray
 IntArray = NDArray[np.int64]
 MAX_BLOCK = 50  # samples; a longer run of slowly changing commands is cut into blocks
 MIN_BLOCK = 10  # samples; 1 s at 10 Hz, longer than the memory of servo and tyres
+SETTLED = 0.6  # s after a change of command; before it delay and lag look like backlash
 
 
 @dataclass(frozen=True, slots=True)

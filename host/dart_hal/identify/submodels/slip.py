@@ -1,0 +1,55 @@
+"""How tyre slip changes the turn with speed: kappa, from one command at several speeds.
+
+atan(l W/v) = delta - kappa v^2 sin(2 delta)/2. A car that drives at constant
+throttle is slower in tighter turns, so speed goes with the command, and a
+wrong shape of the map would look like slip. Hence only differences between
+stretches of the same command count, and a prior of what 1:10 cars do (0 +-
+0.06 s2/m2) stands in where there are none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dart_hal.identify.submodels.samples import IntArray, Samples
+from dart_hal.types import FloatArray
+
+KAPPA_STD = 0.06  # s2/m2
+LEVEL = 0.025  # of command: closer is the same
+MIN_SAMPLES = 5  # of a stretch
+MIN_RANGE = 0.2  # m/s between the speeds of one command; less is counting noise
+MISFIT = 0.01  # rad; no stretch's mean angle is better than that (backlash, floor)
+
+
+def slip_of(samples: Samples, square: FloatArray, owner: IntArray) -> tuple[float, float]:
+    """(kappa, std) [s2/m2]; square (n,) v^2; owner (n,): recording of each sample.
+
+    Means of stretches, so that the counting noise of v does not enter both
+    sides; levels are compared within one recording.
+    """
+    _, index = np.unique(samples.block, return_inverse=True)
+    count = np.bincount(index).astype(np.float64)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(index, values) / count)
+
+    angle, level = mean(samples.angle), np.round(mean(samples.command) / LEVEL)
+    effect = -0.5 * mean(square) * np.sin(2.0 * angle)
+    group = np.unique(np.stack([mean(owner.astype(np.float64)), level], axis=1), axis=0,
+                      return_inverse=True)[1].reshape(-1)
+    speed = np.sqrt(mean(square))
+    top, low = np.zeros(group.max() + 1), np.full(group.max() + 1, np.inf)
+    np.maximum.at(top, group, np.where(count >= MIN_SAMPLES, speed, 0.0))
+    np.minimum.at(low, group, np.where(count >= MIN_SAMPLES, speed, np.inf))
+    weight = ((count >= MIN_SAMPLES) & (top - low > MIN_RANGE)[group]).astype(np.float64)
+    total = np.maximum(np.bincount(group, weight), 1e-12)
+    x = effect - (np.bincount(group, weight * effect) / total)[group]
+    y = angle - (np.bincount(group, weight * angle) / total)[group]
+    information = float(weight @ x**2)
+    if information <= 0.0:
+        return 0.0, KAPPA_STD
+    value = float(weight @ (x * y)) / information
+    score = np.bincount(group, weight * x * (y - value * x))
+    variance = max(float(score @ score) / information**2, MISFIT**2 / information)
+    precision = 1.0 / KAPPA_STD**2 + 1.0 / variance
+    return value / variance / precision, float(precision**-0.5)
