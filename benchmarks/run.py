@@ -19,6 +19,7 @@ import bench_emulation
 import bench_encoder
 import bench_estimation
 import bench_firmware
+import bench_identify
 from figures import Figure, machine
 from rich.console import Console
 from rich.table import Table
@@ -45,6 +46,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,
     "calibration": bench_calibration.figures,
+    "identify": bench_identify.figures,
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -17,8 +17,10 @@ from .curves import Curve
 
 DOUBT = 0.5
 """A standard error above this share of the value: the data do not tell it."""
-THIN = 400
+THIN = 300
 """Samples that are enough to find a first guess."""
+TOLERANCE = 1e-8
+"""Of the loss: parameters are then exact to a thousandth of their standard error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +63,19 @@ class Problem:
         return None if self.paper is None else self.rmse(np.array(self.paper))
 
 
+def thinned(p: Problem) -> Problem:
+    """Every so manieth sample, about THIN of them."""
+    every = max(1, len(p.target) // THIN)
+    return replace(p, inputs=tuple(v[::every] for v in p.inputs), target=p.target[::every])
+
+
 def first_guess(p: Problem) -> FloatArray:
     """Start values (k,) out of the data: a coarse grid, amplitudes by linear least squares.
 
     At given values of the others a curve is linear in its amplitudes, so that
     its Jacobian there is all that the best amplitudes need.
     """
-    every = max(1, len(p.target) // THIN)
-    inputs, target = tuple(v[::every] for v in p.inputs), p.target[::every]
+    inputs, target = p.inputs, p.target
     low, high = np.array(p.low), np.array(p.high)
     middle = 0.5 * (low + high)
     linear = [i for i in range(len(middle)) if i not in p.grid]
@@ -87,11 +94,26 @@ def first_guess(p: Problem) -> FloatArray:
     return np.asarray(best)
 
 
+class _Last:
+    """Value and Jacobian at the last x: the solver asks for both, one after the other."""
+
+    def __init__(self, p: Problem) -> None:
+        self._p, self._x = p, b""
+        self._found: Curve | None = None
+
+    def __call__(self, x: FloatArray) -> Curve:
+        if self._found is None or x.tobytes() != self._x:
+            self._x, self._found = x.tobytes(), self._p.curve(x, *self._p.inputs)
+        return self._found
+
+
 def solve(p: Problem) -> Fit:
     """Plain least squares; errors as if the residuals were independent, as in the paper."""
     start = time.process_time()
-    solution = least_squares(p.residual, first_guess(p).tolist(), (p.low, p.high),
-                             jacobian=p.jacobian)
+    curve = _Last(p)
+    solution = least_squares(lambda x: curve(x)[0] - p.target, first_guess(thinned(p)).tolist(),
+                             (p.low, p.high), jacobian=lambda x: curve(x)[1],
+                             tolerance=TOLERANCE)
     return as_fit(p, solution, time.process_time() - start)
 
 

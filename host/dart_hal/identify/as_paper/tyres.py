@@ -27,6 +27,7 @@ FRONT_UNITS = ("N", "-", "1/rad", "-")
 LOW = (1.0, 0.5, 0.01 * PER_DEGREE, -100.0)
 HIGH = (10.0, 1.5, 5.0 * PER_DEGREE, 0.0)
 REAR = "rear_cornering_stiffness"
+REAR_LOW, REAR_HIGH = (0.01 * PER_DEGREE, -0.1), (PER_DEGREE, 0.1)
 GAINS = tuple(b * PER_DEGREE for b in (0.1, 0.2, 0.35, 0.7))
 
 
@@ -110,14 +111,14 @@ def rear_problem(data: Tyres) -> Problem:
     """Cornering stiffness of the rear axle."""
     return Problem(
         "tyres_rear", curves.linear, (data.rear_slip,), data.rear_force, (REAR,), ("N/rad",),
-        (0.5,), (500.0,), "N", {}, (_published().rear_cornering_stiffness,))
+        REAR_LOW[:1], REAR_HIGH[:1], "N", {}, (_published().rear_cornering_stiffness,))
 
 
 def rear_problem_with_offset(data: Tyres) -> Problem:
     """The same with an offset of the slip angle, which the paper fits and then drops."""
     return Problem(
         "tyres_rear_offset", curves.linear_with_offset, (data.rear_slip,), data.rear_force,
-        (REAR, "rear_slip_offset"), ("N/rad", "rad"), (0.5, -0.1), (500.0, 0.1), "N",
+        (REAR, "rear_slip_offset"), ("N/rad", "rad"), REAR_LOW, REAR_HIGH, "N",
         {1: (0.0,)})
 
 
