@@ -85,20 +85,24 @@ def plain_covariance(s: Solution) -> FloatArray:
     return np.asarray(variance * _inverse(s.jacobian.T @ s.jacobian))
 
 
-def block_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
+def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) -> FloatArray:
     """Covariance (k, k) by the sandwich over independent blocks (n,) of samples.
 
     H^-1 (sum over blocks of g g') H^-1 with g the block's gradient and the
     small-sample factor B / (B - 1). With fewer than two blocks: infinite.
+    prior: weight of a prior |x|^2 of unit variance in the sum of squares; what
+    the data do not tell then keeps variance 1.
     """
+    k = s.jacobian.shape[1]
     weighted = s.jacobian * s.weight[:, None]
-    hessian = _inverse(weighted.T @ s.jacobian)
+    hessian = _inverse(weighted.T @ s.jacobian + prior * np.eye(k))
     labels, index = np.unique(block, return_inverse=True)
     if len(labels) < 2:
-        return np.full((s.jacobian.shape[1],) * 2, np.inf)
-    gradient = np.zeros((len(labels), s.jacobian.shape[1]))
+        return np.full((k, k), np.inf)
+    gradient = np.zeros((len(labels), k))
     np.add.at(gradient, index, weighted * s.residual[:, None])
-    meat = gradient.T @ gradient * len(labels) / (len(labels) - 1)
+    gradient -= gradient.mean(axis=0)  # with a prior the data's own slope is not zero
+    meat = gradient.T @ gradient * len(labels) / (len(labels) - 1) + prior**2 * np.eye(k)
     return np.asarray(hessian @ meat @ hessian)
 
 

@@ -1,0 +1,85 @@
+"""Levenberg-Marquardt within bounds for few parameters and dear residuals.
+
+A general solver spends most of its rollouts at the bounds where delays and
+lags like to end, and scales its steps without knowing the priors. Parameters
+here are in units of their prior, so that damping and prior are the same thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+
+ROUNDS = 40
+DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6
+CONVERGED = 1e-4  # of the cost
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """x (k,), residual (n,) and Jacobian (n, k) of the data there, robust weight (n,)."""
+
+    x: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
+    weight: FloatArray
+    converged: bool
+
+
+def descend(residual: Callable[[FloatArray], FloatArray],
+            jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
+            low: FloatArray, high: FloatArray, *, robust: float, prior: float,
+            rounds: int = ROUNDS) -> Descent:
+    """Minimise the soft L1 of residual(x) beyond ``robust``, plus prior * |x|^2.
+
+    jacobian(x, r) (n, k) at x, where the residual is r.
+    """
+    x = np.clip(x, low, high)
+    r = residual(x)
+    damping = DAMPING
+    for _ in range(rounds):
+        jac = jacobian(x, r)
+        weight = 1.0 / np.sqrt(1.0 + (r / robust)**2)
+        hessian = (jac * weight[:, None]).T @ jac + prior * np.eye(len(x))
+        slope = jac.T @ (weight * r) + prior * x
+        cost, moved = _cost(r, x, robust, prior), False
+        while damping < TOO_HARD:
+            trial = _step(x, hessian, slope, damping, low, high)
+            r_trial = residual(trial)
+            gain = cost - _cost(r_trial, trial, robust, prior)
+            if gain > 0.0:
+                x, r, moved = trial, r_trial, True
+                damping *= EASIER
+                break
+            damping *= HARDER
+        if not moved or (gain < CONVERGED * cost and damping < 1.0):
+            # no way down from here, or not worth the next Jacobian
+            return Descent(x, r, jac, weight, True)
+    return Descent(x, r, jac, weight, False)
+
+
+def _cost(r: FloatArray, x: FloatArray, robust: float, prior: float) -> float:
+    total: float = np.sum(2.0 * robust**2 * (np.sqrt(1.0 + (r / robust)**2) - 1.0))
+    return float(total + prior * (x @ x))
+
+
+def _step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,
+          low: FloatArray, high: FloatArray) -> FloatArray:
+    """The damped Newton step; what it pushes over a bound goes to the bound, the rest follows."""
+    damped = hessian + damping * np.diag(np.diag(hessian))
+    free = ~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0)))
+    move = np.zeros(len(x))
+    while free.any():
+        rest = slope[free] + damped[np.ix_(free, ~free)] @ move[~free]
+        move[free] = -np.linalg.solve(damped[np.ix_(free, free)], rest)
+        target = x + move
+        over = free & ((target < low) | (target > high))
+        if not over.any():
+            break
+        move[over] = (np.clip(target, low, high) - x)[over]
+        free &= ~over
+    return np.asarray(np.clip(x + move, low, high))

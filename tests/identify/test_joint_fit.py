@@ -1,0 +1,115 @@
+"""The joint fit finds what made the data, says how well, and says what it cannot know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.errors import RecordingError
+from dart_hal.identify.shooting import Problem, fit_jointly, shaped
+from dart_hal.identify.shooting.commands import delayed, lagged
+from dart_hal.identify.shooting.descent import descend
+from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart.reference import SEP_24
+from dart_hal.vehicle import PAPER, rollout
+from dart_hal.vehicle.flat import value, with_values
+
+TRUE = with_values(PAPER, {
+    "friction.a": 1.5, "motor.d": 26.0, "motor.g": -0.14, "steering.a_left_rad": 0.30,
+    "steering.s0": 0.0, "delay.steering_s": 0.06, "delay.steering_lag_s": 0.05,
+    "delay.throttle_lag_s": 0.08, "tyres.front_D": 3.4,
+    "tyres.rear_cornering_stiffness": 25.0})
+
+
+def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
+    """A grid of a drive with changing commands; white noise on the velocities."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds * 100)
+    hold = 40
+    throttle = np.repeat(rng.uniform(0.2, 0.32, n // hold + 1), hold)[:n]
+    steering = np.repeat(rng.uniform(-0.9, 0.9, n // hold + 1), hold)[:n]
+    tau, delta = shaped(throttle, steering, vehicle)
+    start = np.array([[0.0], [0.0], [0.0], [1.2], [0.0], [0.0]])
+    states = rollout(vehicle, start, tau[:, None], delta[:, None])[:, :, 0]
+    states = np.concatenate([start.T, states[:-1]])
+    states[:, 3:] += rng.normal(size=(n, 3)) * noise
+    t = np.arange(n) * 0.01
+    return Grid(t, *states.T, throttle, steering, np.full(n, np.nan), np.zeros(n, dtype=bool),
+                SEP_24)
+
+
+@pytest.fixture(scope="module")
+def joint():
+    return fit_jointly(Problem.of([driven(1), driven(2)]), PAPER)
+
+
+def test_every_parameter_lies_within_its_interval(joint):
+    scores = {}
+    for i, name in enumerate(joint.names):
+        std = joint.covariance[i, i]**0.5
+        scores[name] = (value(joint.vehicle, name) - value(TRUE, name)) / std
+    assert np.sqrt(np.mean(np.square(list(scores.values())))) < 1.6, scores
+    assert max(abs(s) for s in scores.values()) < 4.0, scores
+    told = [name for fit in joint.fits.values() for name, e in fit.parameters.items()
+            if e.identifiable]
+    assert {"d", "g", "a_left_rad", "s0", "steering_s", "front_D",
+            "rear_cornering_stiffness"} <= set(told)
+
+
+def test_predictions_reach_the_noise(joint):
+    assert joint.before[2] > 4.0 * joint.after[2]
+    assert joint.after[0] < 0.02
+    assert joint.after[2] < 0.06
+
+
+def test_what_the_data_do_not_show_is_said():
+    """Straight driving tells nothing about tyres and the ends of the steering map."""
+    g = driven(3, 30.0)
+    straight = Grid(g.t, g.x, g.y, g.yaw, g.v_x, np.zeros_like(g.v_y), np.zeros_like(g.omega),
+                    g.throttle, np.full_like(g.steering, -PAPER.steering.s0), g.encoder, g.bad,
+                    g.reference)
+    fits = fit_jointly(Problem.of([straight]), PAPER).fits
+    assert not fits["tyres"].parameters["front_D"].identifiable
+    assert not fits["steering"].parameters["a_left_rad"].identifiable
+    assert fits["steering"].parameters["s0"].identifiable
+
+
+def test_the_order_of_recordings_does_not_matter(joint):
+    other = fit_jointly(Problem.of([driven(2), driven(1)]), PAPER)
+    for name in joint.names:
+        assert value(other.vehicle, name) == pytest.approx(value(joint.vehicle, name), rel=2e-3,
+                                                           abs=2e-3)
+
+
+def test_bad_samples_are_never_predicted():
+    g = driven(4, 20.0)
+    bad = np.zeros(len(g), dtype=bool)
+    bad[700:900] = True
+    part = Grid(g.t, g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega, g.throttle, g.steering, g.encoder,
+                bad, g.reference)
+    for first in Problem.of([part]).first:
+        assert not bad[first - 8:first + 107].any()
+    bad[:] = True
+    with pytest.raises(RecordingError, match="no stretch"):
+        Problem.of([part])
+
+
+def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
+    u = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(delayed(u, 0.02), [0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(delayed(u, 0.005), [0, 0, 0.5, 1, 1, 1])
+    y, expected = u[0], []
+    for i in range(len(u)):
+        y = u[0] if i == 0 else y + (1.0 - np.exp(-0.01 / 0.03)) * (u[i - 1] - y)
+        expected.append(y)
+    np.testing.assert_allclose(lagged(u, 0.03), expected, atol=1e-14)
+
+
+def test_descent_stops_at_bounds_and_goes_on_along_them():
+    target = np.array([-1.0, 0.5])
+    mix = np.array([[1.0, 0.8], [0.0, 1.0]])
+    found = descend(lambda x: mix @ (x - target), lambda x, r: mix, np.array([1.0, 1.0]),
+                    np.zeros(2), np.ones(2), robust=1e6, prior=0.0)
+    # with x0 held at 0 the best x1 minimises (1 + 0.8 (x1 - 0.5))^2 + (x1 - 0.5)^2
+    assert found.converged
+    np.testing.assert_allclose(found.x, [0.0, max(0.0, 0.5 - 0.8 / 1.64)], atol=2e-3)
