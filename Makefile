@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow lint bench docs firmware clean
+.PHONY: help setup demo test test-slow lint bench docs firmware native clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -36,6 +36,9 @@ docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (do
 firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
 	@if command -v avr-gcc >/dev/null; then \
 	    $(MAKE) -s -C firmware hex native size PYTHON=$(CURDIR)/$(BIN)/python; fi
+
+native: $(VENV)/.demo ## regenerate and compile the kernels of the vehicle equations
+	@$(BIN)/python -m dart_hal.vehicle.native.committed
 
 # Compiler for the Nano and the emulator. Without them the mock takes over, visibly.
 .PHONY: toolchain

@@ -1,0 +1,162 @@
+"""Compiler and library files of the kernels: find, compile, keep.
+
+Only the standard library, because the build of the package runs it before
+anything is installed. A library is called by a hash of its source, its number
+type and the processor it was compiled for: another equation or another machine
+never meets an old one. The compiler's version has no part in that, so that a
+library is found where the compiler is gone; each one is checked against the
+Python equations before its first use anyway.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+HERE = Path(__file__).resolve().parent
+COMMITTED = HERE / "kernel.c"
+"""The kernels of the shipped parameter sets, generated."""
+BUILT = HERE / "_built"
+"""Libraries that the build of the package made of it."""
+
+FAST = ("-std=gnu11", "-O3", "-ffast-math", "-fopenmp-simd", "-fPIC")
+MACHINE: tuple[tuple[str, ...], ...] = (
+    ("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ("-mcpu=native",), ())
+"""What makes a compiler use the vectors of this processor, all of their width (gcc takes half,
+which costs a third of the speed); the first that the compiler knows."""
+VECTOR_MATH: tuple[tuple[str, ...], ...] = (("-lmvec",), ())
+"""glibc's vector sin, tanh and so on, where there are any; -lm is always linked."""
+TIMEOUT_S = 120.0
+KEPT = 100
+"""Libraries in the user's cache; each has some 50 kB."""
+
+
+class Variant(NamedTuple):
+    """bits 32 or 64 of a number; lanes: each car its own parameters."""
+
+    bits: int
+    lanes: bool
+
+    @property
+    def defines(self) -> tuple[str, str]:
+        """Arguments for the compiler."""
+        return f"-DBITS={self.bits}", f"-DLANES={int(self.lanes)}"
+
+
+VARIANTS = tuple(Variant(bits, lanes) for bits in (64, 32) for lanes in (False, True))
+
+
+class CannotCompile(RuntimeError):
+    """There is no C compiler, or it failed; says which."""
+
+
+def compiler() -> list[str] | None:
+    """The C compiler as a command: $CC, cc, gcc or clang; None without one."""
+    given = os.environ.get("CC", "").strip()
+    if given:
+        command = shlex.split(given)
+        return command if shutil.which(command[0]) else None
+    return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
+
+
+def key(source: str, variant: Variant) -> str:
+    """Name of a library without suffix."""
+    parts = (source, *variant.defines, *FAST, *sum(MACHINE, ()), processor())
+    digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+    return f"kernel-f{variant.bits}{'-lanes' if variant.lanes else ''}-{digest}"
+
+
+@lru_cache(maxsize=1)
+def processor() -> str:
+    """What -march=native depends on: the processor's model and what it can do."""
+    listing = Path("/proc/cpuinfo")
+    wanted = ("model name", "flags", "Features", "CPU part", "CPU implementer")
+    facts = [platform.system(), platform.machine()]
+    if sys.platform == "linux" and listing.is_file():
+        first = listing.read_text(encoding="utf-8", errors="replace").split("\n\n", 1)[0]
+        facts += [line for line in first.splitlines() if line.startswith(wanted)]
+    else:
+        facts.append(platform.processor())
+    return "\n".join(facts)
+
+
+def cache_folder() -> Path:
+    """Where libraries compiled on demand are kept: the user's cache."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "dart-hal" / "kernels"
+
+
+def compile_kernel(source: str, variant: Variant, folder: Path) -> Path:
+    """The library of ``source`` in ``folder``, compiled unless it is there already.
+
+    Raises CannotCompile; then ``folder`` holds nothing new.
+    """
+    target = folder / f"{key(source, variant)}.so"
+    if target.is_file():
+        return target
+    command = compiler()
+    if command is None:
+        raise CannotCompile(f"no C compiler ({os.environ.get('CC') or 'cc, gcc, clang'})")
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".building-") as scratch:
+            library = _build(command, source, variant, Path(scratch))
+            os.replace(library, target)   # whole or not at all, whoever else compiles it too
+    except OSError as why:
+        raise CannotCompile(f"cannot write to {folder}: {why}") from why
+    _sweep(folder)
+    return target
+
+
+def _sweep(folder: Path) -> None:
+    """Forget the oldest libraries."""
+    times = {path: path.stat().st_mtime for path in folder.glob("kernel-*.so")}
+    for path in sorted(times, key=times.__getitem__)[:-KEPT]:
+        path.unlink(missing_ok=True)
+
+
+def _build(command: list[str], source: str, variant: Variant, scratch: Path) -> Path:
+    """Compile and link, with as much of the machine as the compiler knows."""
+    text, thing, library = (scratch / f"kernel{suffix}" for suffix in (".c", ".o", ".so"))
+    text.write_text(source, encoding="utf-8")
+    _first([[*command, *FAST, *machine, *variant.defines, "-c", str(text), "-o", str(thing)]
+            for machine in MACHINE])
+    # linked without -ffast-math: with it gcc adds code that switches off denormal
+    # numbers for everybody in the process that loads the library
+    _first([[*command, "-shared", str(thing), "-o", str(library), *vectors, "-lm"]
+            for vectors in VECTOR_MATH])
+    return library
+
+
+def _first(commands: list[list[str]]) -> None:
+    """Run the first command that succeeds. Raises CannotCompile with what the last one said."""
+    said = ""
+    for command in commands:
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=False,
+                                  timeout=TIMEOUT_S)
+        except (OSError, subprocess.TimeoutExpired) as why:
+            raise CannotCompile(f"{command[0]}: {why}") from why
+        if done.returncode == 0:
+            return
+        said = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[0]
+    raise CannotCompile(f"{commands[-1][0]} failed: {said}")
+
+
+def build_committed(folder: Path = BUILT) -> list[Path]:
+    """All variants of the committed kernels, old ones swept out. Raises CannotCompile."""
+    source = COMMITTED.read_text(encoding="utf-8")
+    built = [compile_kernel(source, variant, folder) for variant in VARIANTS]
+    for old in folder.glob("kernel-*.so"):
+        if old not in built:
+            old.unlink()
+    return built

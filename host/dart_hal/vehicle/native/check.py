@@ -1,0 +1,76 @@
+"""Before a kernel is used: does it give what the Python equations give, here and now?
+
+A wrong compiler flag, a library of another equation, a processor that rounds
+its own way: whatever makes a kernel differ makes it unused, with the reason.
+It takes about a millisecond.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dart_hal.vehicle.flat import bind, value
+from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.native.build import CannotCompile, Variant
+from dart_hal.vehicle.native.call import aligned, call
+from dart_hal.vehicle.native.library import Run
+from dart_hal.vehicle.native.model import MAKERS, STATES, Traced, coefficients
+from dart_hal.vehicle.parameters import AxleTyres, Vehicle
+from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+
+DT, SAMPLES, SUBSTEPS = 0.01, 3, 2
+CARS = 19
+"""More than a vector and not a multiple of it."""
+TOLERANCE = {64: 1e-12, 32: 2e-5}
+"""Of the scale of a value, at least 1."""
+SPREAD = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5, "s": 1.0,
+          "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
+
+
+def check(run: Run, traced: Traced, variant: Variant, form: Vehicle, kind: str,
+          method: str) -> None:
+    """Raises CannotCompile when the kernel and the equations disagree."""
+    draw = np.random.default_rng(1)
+    for n in (1, CARS):
+        p = reference(form, n if variant.lanes else 0, draw)
+        start = np.stack([draw.uniform(-1, 1, n) * SPREAD[q] for q in STATES[kind]])
+        inputs = [draw.uniform(-1, 1, (SAMPLES, n)) * SPREAD[q] for q in traced.inputs]
+        dtype = np.float64 if variant.bits == 64 else np.float32
+        h = aligned(coefficients(traced, p, DT, n if variant.lanes else 0), dtype)
+        got = call(run, h, start, inputs[0], inputs[1], [0, SAMPLES], SUBSTEPS)
+        error = disagreement(got[1], expected(p, kind, method, start, inputs))
+        if not error <= TOLERANCE[variant.bits] or not np.array_equal(got[0], start.astype(dtype)):
+            raise CannotCompile(f"the kernel {traced.name} (f{variant.bits}) differs from the "
+                                f"Python equations by {error:.1e}")
+
+
+def expected(p: Vehicle, kind: str, method: str, start: Any, inputs: Any) -> Any:
+    """What the equations give over numpy."""
+    step = MAKERS[kind](p, ARRAY, dt=DT, method=method)
+    state = tuple(start)
+    for first, second in zip(*inputs, strict=True):
+        for _ in range(SUBSTEPS):
+            state = step(*state, first, second)
+    return np.array([np.broadcast_to(q, start.shape[1:]) for q in state])
+
+
+def disagreement(got: Any, wanted: Any) -> float:
+    """Largest difference, as a share of each value or of 1."""
+    return float(np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted))))
+
+
+def reference(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
+    """A vehicle of that form with the numbers of a shipped set; in lanes a little varied."""
+    known = UPSTREAM_2024 if isinstance(form.tyres, AxleTyres) else PAPER
+    lagged = replace(known, delay=UPSTREAM_2024.delay)
+
+    def of(name: str) -> Any:
+        if name == "tyres.rear_max":
+            return 4.0 * (1.0 + np.arange(lanes) / 8) if lanes else 4.0
+        number = value(lagged, name)
+        return number * draw.uniform(0.98, 1.02, lanes) if lanes else number
+
+    return bind(form, of)

@@ -1,0 +1,106 @@
+"""Prepared kernels: a vehicle's step, compiled, on arrays of cars or on one car."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.native.build import CannotCompile, Variant
+from dart_hal.vehicle.native.call import Array, aligned, call
+from dart_hal.vehicle.native.check import check
+from dart_hal.vehicle.native.library import SWITCH, Job, Run, load, switched_off
+from dart_hal.vehicle.native.model import coefficients, form_of, trace
+from dart_hal.vehicle.parameters import Vehicle
+
+
+class Kernel:
+    """The step of one vehicle, or of a stack of them, ready to run.
+
+    kind: "car" (8 states; throttle and steering command) or "motion" (6 states;
+    throttle and road-wheel angle behind the actuators); dt [s] of a step.
+    Raises CannotCompile where numpy has to do it.
+    """
+
+    def __init__(self, p: Vehicle, kind: str, dt: float, dtype: DTypeLike = np.float64,
+                 method: str = "rk4") -> None:
+        number = np.dtype(dtype)
+        if number not in (np.float32, np.float64):
+            raise CannotCompile(f"no kernel for numbers of type {number}")
+        form, lanes = form_of(p), lanes_of(p)
+        self._lanes = lanes
+        if switched_off():
+            raise CannotCompile(f"switched off by {SWITCH}=0")
+        run, self.origin = find(form, kind, method, number.itemsize * 8, lanes > 0)
+        if run is None:
+            raise CannotCompile(self.origin)
+        self.run = run
+        self.h = aligned(coefficients(trace(form, kind, method), p, dt, lanes), number)
+
+    def __call__(self, start: Array, first: Array, second: Array, at: Sequence[int],
+                 substeps: int = 1, out: Array | None = None) -> Array:
+        """States (len(at), states, n); see ``call.call``. The caller has checked other shapes.
+
+        Raises ValueError when a stack has not as many vehicles as start has cars.
+        """
+        if self._lanes not in (0, start.shape[1]):
+            raise ValueError(f"{self._lanes} vehicles for {start.shape[1]} cars")
+        return call(self.run, self.h, start, first, second, at, substeps, out)
+
+
+def make_native_step(p: Vehicle, kind: str = "car", dt: float = 0.01,
+                     method: str = "rk4") -> Callable[..., tuple[float, ...]]:
+    """``step(*state, first, second) -> state`` of one car in f64, as ``make_car_step`` over math.
+
+    Takes and returns floats. Not for two threads at once. Raises CannotCompile
+    where the Python step has to do it.
+    """
+    kernel = Kernel(p, kind, dt, np.float64, method)
+    n = 8 if kind == "car" else 6
+    memory, at = (ctypes.c_double * (n + 2))(), ctypes.c_int64(1)
+    state = ctypes.addressof(memory)
+    first = state + n * ctypes.sizeof(ctypes.c_double)
+    second = first + ctypes.sizeof(ctypes.c_double)
+    job = Job(n=1, samples=1, substeps=1, reads=1, ldh=1, lane=0, row=1, at=ctypes.addressof(at),
+              h=kernel.h.ctypes.data, u0=first, u1=second, start=state, out=state)
+    job.keeps = (kernel, at)
+    run, pointer = kernel.run, ctypes.byref(job)
+
+    def step(*values: float) -> tuple[float, ...]:
+        memory[:] = values  # type: ignore[call-overload]  # any sequence will do
+        run(pointer)
+        return tuple(memory[:n])
+
+    return step
+
+
+class Found(NamedTuple):
+    """A kernel's function and its origin; or None, and why."""
+
+    run: Run | None
+    says: str
+
+
+@lru_cache(maxsize=128)
+def find(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> Found:
+    """The kernel of a form, once it gave what the Python equations give; asked for once."""
+    traced, variant = trace(form, kind, method), Variant(bits, lanes)
+    try:
+        run, origin = load(traced, variant)
+        check(run, traced, variant, form, kind, method)
+    except CannotCompile as why:
+        return Found(None, str(why))
+    return Found(run, origin)
+
+
+def lanes_of(p: Vehicle) -> int:
+    """Number of vehicles in a stack, 0 for a single one. Raises CannotCompile for other arrays."""
+    shapes = {np.shape(v) for name in names(p) if np.ndim(v := value(p, name))}
+    if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+        raise CannotCompile(f"parameters of shapes {sorted(shapes)} are no stack of vehicles")
+    return int(shapes.pop()[0]) if shapes else 0

@@ -1,0 +1,65 @@
+"""Find the library of a traced step: built with the package, kept from before, or made now."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable
+from functools import lru_cache
+
+from dart_hal.vehicle.native import build
+from dart_hal.vehicle.native.emit import body, source
+from dart_hal.vehicle.native.model import Traced
+
+SWITCH = "DART_HAL_NATIVE"
+"""Environment variable: 0 = numpy always."""
+
+
+class Job(ctypes.Structure):
+    """What one call of a kernel is given: ``job`` of the C text, in its order.
+
+    Addresses keep nothing alive: ``keeps`` holds what they point to.
+    """
+
+    keeps: object = None
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("n", "samples", "substeps", "reads", "ldh", "lane",
+                                              "row")),
+        *((name, ctypes.c_void_p) for name in ("at", "h", "u0", "u1", "start", "out")),
+    )
+
+
+Run = Callable[[object], None]
+"""``run(byref(job))``."""
+
+
+def switched_off() -> bool:
+    """Whether the user wants numpy."""
+    return os.environ.get(SWITCH, "").strip() == "0"
+
+
+def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
+    """The kernel's function and where it is from. Raises build.CannotCompile when there is none."""
+    text = body(traced)
+    committed = _committed()
+    if text in committed:
+        path = build.BUILT / f"{build.key(committed, variant)}.so"
+        if path.is_file():
+            return _function(path, traced.name), "built with the package"
+    path = build.compile_kernel(source([text]), variant, build.cache_folder())
+    return _function(path, traced.name), "compiled on demand"
+
+
+@lru_cache(maxsize=1)
+def _committed() -> str:
+    return build.COMMITTED.read_text(encoding="utf-8") if build.COMMITTED.is_file() else ""
+
+
+def _function(path: object, name: str) -> Run:
+    try:
+        function = getattr(ctypes.CDLL(str(path)), f"run_{name}")
+    except (OSError, AttributeError) as why:
+        raise build.CannotCompile(f"{path} does not load: {why}") from why
+    function.restype, function.argtypes = None, (ctypes.c_void_p,)
+    return function  # type: ignore[no-any-return]

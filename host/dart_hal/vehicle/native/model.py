@@ -1,0 +1,109 @@
+"""The two steps of ``vehicle.step`` as graphs: what a kernel computes and from what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from dart_hal.vehicle.flat import bind, names, value
+from dart_hal.vehicle.namespace import ARRAY, SCALAR
+from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, needed
+from dart_hal.vehicle.parameters import PaperTyres, Vehicle
+from dart_hal.vehicle.step import make_car_step, make_motion_step
+
+DT = "dt"
+ENDLESS = 1e30
+"""N; stands for a rear tyre without end, because -ffast-math knows no infinity."""
+STATES = {"car": ("x", "y", "eta", "vx", "vy", "om", "tau", "s"),
+          "motion": ("x", "y", "eta", "vx", "vy", "om")}
+INPUTS = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta")}
+MAKERS: dict[str, Callable[..., Any]] = {"car": make_car_step, "motion": make_motion_step}
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """One step as a graph, split by what its parts depend on.
+
+    uniform: nodes of parameters and dt alone, which the kernel is given;
+    held: nodes of the inputs as well, computed once per sample; outputs: the
+    new state, a node for each of ``states``.
+    """
+
+    name: str
+    graph: Graph
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[int, ...]
+    uniform: tuple[int, ...]
+    held: tuple[int, ...]
+
+
+@lru_cache(maxsize=64)
+def trace(form: Vehicle, kind: str, method: str = "rk4") -> Traced:
+    """Equations of the form's kind; its numbers do not matter, see ``form_of``."""
+    graph = Graph()
+    symbols = bind(form, graph.symbol)
+    states, inputs = STATES[kind], INPUTS[kind]
+    step = MAKERS[kind](symbols, graph.namespace(), dt=graph.symbol(DT), method=method)
+    out = step(*map(graph.symbol, states), *map(graph.symbol, inputs))
+    exprs = [x if isinstance(x, Expr) else graph.constant(x) for x in out]
+    return split(f"{kind}_{slug(form)}_{method}", graph, states, inputs,
+                 tuple(x.index for x in exprs))
+
+
+def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, ...],
+          outputs: tuple[int, ...]) -> Traced:
+    """Find what stays the same over the steps of a sample, and over all of them."""
+    level: dict[int, int] = {}
+    for i in needed(graph, outputs):
+        node = graph.nodes[i]
+        own = 2 if node.name in states else 1 if node.name in inputs else 0
+        level[i] = max([own, *(level[a] for a in node.args)])
+    uniform: set[int] = set()
+    held: set[int] = set()
+    for i in level:
+        for a in graph.nodes[i].args:
+            if graph.nodes[a].op != "const" and level[a] < level[i]:
+                (held if level[a] == 1 else uniform).add(a)
+    uniform |= {i for i in outputs if level[i] == 0 and graph.nodes[i].op != "const"}
+    held |= {i for i in outputs if level[i] == 1}
+    return Traced(name, graph, states, inputs, outputs, tuple(sorted(uniform)),
+                  tuple(sorted(held)))
+
+
+def form_of(p: Vehicle) -> Vehicle:
+    """A vehicle with the equations of p and no numbers of its own, to be a key."""
+    tyres = p.tyres
+    if p.kind == "kinematic":   # the tyres have no part in it
+        return bind(replace(p, name="", slip="all_speeds"), lambda name: 0.0)
+    return bind(replace(p, name="", tyres=tyres), lambda name: 0.0)
+
+
+def slug(p: Vehicle) -> str:
+    """The equations as a part of a C name."""
+    if p.kind == "kinematic":
+        return "kinematic"
+    return f"dynamic_{'paper' if isinstance(p.tyres, PaperTyres) else 'axle'}_{p.slip}"
+
+
+def coefficients(traced: Traced, p: Vehicle, dt: float, lanes: int = 0) -> Any:
+    """Values of ``traced.uniform`` in f64: (H,), or (H, lanes) for a stack of vehicles."""
+    symbols: dict[str, Any] = {name: _finite(value(p, name)) for name in names(p)}
+    symbols[DT] = dt
+    if not lanes:
+        return np.array(evaluate(traced.graph, traced.uniform, symbols, SCALAR))
+    out = np.empty((len(traced.uniform), lanes))
+    for row, number in zip(out, evaluate(traced.graph, traced.uniform, symbols, ARRAY),
+                           strict=True):
+        row[:] = number
+    return out
+
+
+def _finite(number: Any) -> Any:
+    if isinstance(number, np.ndarray):
+        return np.clip(number.astype(np.float64), -ENDLESS, ENDLESS)
+    return min(max(number, -ENDLESS), ENDLESS)

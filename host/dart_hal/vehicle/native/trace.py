@@ -1,0 +1,166 @@
+"""Equations as a graph: run them on symbols, and what they compute is written down.
+
+The factories of this room take any namespace of functions. Here it is one whose
+values are nodes of a graph; equal sub-expressions are one node. Nothing but
+arithmetic and the twelve functions can be recorded: an equation that asks
+whether a symbol is true or greater than another has a branch and is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from dart_hal.vehicle.namespace import SCALAR, Namespace
+
+FUNCTIONS = tuple(f.name for f in fields(Namespace))
+_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "+": lambda a, b: a + b, "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b, "/": lambda a, b: a / b,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation: "+ - * /", "neg", a function, "const" (value) or "symbol" (name)."""
+
+    op: str
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+    name: str = ""
+
+
+class Graph:
+    """Nodes in the order in which they can be computed."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._known: dict[Node, int] = {}
+
+    def symbol(self, name: str) -> Expr:
+        """The symbol of that name."""
+        return self._node(Node("symbol", name=name))
+
+    def constant(self, value: float) -> Expr:
+        """A number. Raises ValueError for one that is not finite."""
+        if not math.isfinite(value):
+            raise ValueError(f"no kernel can hold the constant {value}")
+        return self._node(Node("const", value=float(value)))
+
+    def apply(self, op: str, *operands: Any) -> Expr:
+        """The node of an operation; numbers among themselves are computed at once."""
+        exprs = [x if isinstance(x, Expr) else self.constant(x) for x in operands]
+        nodes = [self.nodes[x.index] for x in exprs]
+        if all(n.op == "const" for n in nodes):
+            return self.constant(_compute(op, [n.value for n in nodes], SCALAR))
+        same = _without_effect(op, exprs, nodes)
+        return same if same is not None else self._node(Node(op, tuple(x.index for x in exprs)))
+
+    def namespace(self) -> Namespace:
+        """The functions of the equations, recorded into this graph."""
+        def record(op: str) -> Callable[..., Expr]:
+            return lambda *operands: self.apply(op, *operands)
+
+        return Namespace(**{name: record(name) for name in FUNCTIONS})
+
+    def _node(self, node: Node) -> Expr:
+        if node not in self._known:
+            self._known[node] = len(self.nodes)
+            self.nodes.append(node)
+        return Expr(self, self._known[node])
+
+
+class Expr:
+    """A value of the graph; arithmetic on it records, a question about it is refused."""
+
+    __slots__ = ("graph", "index")
+    __array_ufunc__ = None
+    """numpy must not take it for an array element."""
+
+    def __init__(self, graph: Graph, index: int) -> None:
+        self.graph, self.index = graph, index
+
+    def __add__(self, other: Any) -> Expr:
+        return self.graph.apply("+", self, other)
+
+    def __radd__(self, other: Any) -> Expr:
+        return self.graph.apply("+", other, self)
+
+    def __sub__(self, other: Any) -> Expr:
+        return self.graph.apply("-", self, other)
+
+    def __rsub__(self, other: Any) -> Expr:
+        return self.graph.apply("-", other, self)
+
+    def __mul__(self, other: Any) -> Expr:
+        return self.graph.apply("*", self, other)
+
+    def __rmul__(self, other: Any) -> Expr:
+        return self.graph.apply("*", other, self)
+
+    def __truediv__(self, other: Any) -> Expr:
+        return self.graph.apply("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Expr:
+        return self.graph.apply("/", other, self)
+
+    def __neg__(self) -> Expr:
+        return self.graph.apply("neg", self)
+
+    def __pos__(self) -> Expr:
+        return self
+
+    def __bool__(self) -> bool:
+        raise TypeError("an equation asks whether a symbol is true: it has a branch")
+
+    def __lt__(self, other: Any) -> bool:
+        raise TypeError("an equation compares symbols: it has a branch")
+
+    __le__ = __gt__ = __ge__ = __lt__
+
+
+def evaluate(graph: Graph, wanted: tuple[int, ...], symbols: Mapping[str, Any],
+             xp: Namespace) -> list[Any]:
+    """Values of the nodes ``wanted`` for values of the symbols they depend on."""
+    values: dict[int, Any] = {}
+    for index in needed(graph, wanted):
+        node = graph.nodes[index]
+        if node.op == "symbol":
+            values[index] = symbols[node.name]
+        elif node.op == "const":
+            values[index] = node.value
+        else:
+            values[index] = _compute(node.op, [values[a] for a in node.args], xp)
+    return [values[i] for i in wanted]
+
+
+def needed(graph: Graph, wanted: tuple[int, ...]) -> list[int]:
+    """All nodes that ``wanted`` depend on and themselves, in computable order."""
+    found: set[int] = set()
+    todo = list(wanted)
+    while todo:
+        index = todo.pop()
+        if index not in found:
+            found.add(index)
+            todo.extend(graph.nodes[index].args)
+    return sorted(found)
+
+
+def _compute(op: str, values: list[Any], xp: Namespace) -> Any:
+    if op == "neg":
+        return -values[0]
+    if op in _ARITHMETIC:
+        return _ARITHMETIC[op](*values)
+    return getattr(xp, op)(*values)
+
+
+def _without_effect(op: str, exprs: list[Expr], nodes: list[Node]) -> Expr | None:
+    """The operand that x + 0, x - 0, 1 x and x / 1 leave as it is."""
+    number = [n.value if n.op == "const" else None for n in nodes]
+    if (op == "+" and number[0] == 0.0) or (op == "*" and number[0] == 1.0):
+        return exprs[1]
+    if (op in "+-" and number[-1] == 0.0) or (op in "*/" and number[-1] == 1.0):
+        return exprs[0]
+    return None
