@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from dart_hal.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.submodels.delay import fit_delay
 from dart_hal.identify.submodels.driving import drive
 from dart_hal.identify.submodels.friction_motor import longitudinal_fit, vars_of
 from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger, untold
@@ -51,6 +52,8 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
         cpu = time.process_time() - begin
         fits |= {n: longitudinal_fit(n, found, base, mass, cpu) for n in names
                  if n in ("friction", "motor")}
+        if "delay" in names:
+            fits["delay"] = fit_delay(recordings, reference, base, found, ledger)
     if "steering" in names:
         fits["steering"] = fit_steering(recordings, reference, base, ledger)
     for name in names:

@@ -2,7 +2,9 @@
 
 The recorder holds a command until the next message, so the series is a
 staircase; it is delayed as a function of continuous time (each grid step
-takes the mean of what falls into it), never by whole samples.
+takes the mean of what falls into it), never by whole samples. Recorders of
+the DART files show a command 0 to 0.1 s after it was given: what is counted
+here begins when the log shows it. In our own runs the frames are known.
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.identify.runs import RUN
+from dart_hal.recording.dart import Recording
 from dart_hal.types import FloatArray
 
 DT = 0.01  # s
@@ -34,6 +38,24 @@ class Staircase:
         index = np.clip(np.searchsorted(self.t, edges, side="right") - 1, 0, None)
         total = area[index] + self.value[index] * (edges - self.t[index])
         return lagged(np.diff(total) / DT, lag)
+
+
+def step_of(recording: Recording) -> float:
+    """Median time [s] from message to message."""
+    step = np.diff(recording.messages.t)
+    return float(np.median(step)) if len(step) else 0.1
+
+
+def throttle_stairs(recording: Recording, stamp: FloatArray) -> Staircase:
+    """Throttle behind the gate. Ours: the last frame of a step, so it changed half a step ago."""
+    shift = 0.5 * step_of(recording) if recording.schema == RUN else 0.0
+    return Staircase(stamp - shift, recording.messages.throttle)
+
+
+def steering_stairs(recording: Recording, stamp: FloatArray) -> Staircase:
+    """Steering. Ours: the mean of the step that ends at the stamp."""
+    shift = step_of(recording) if recording.schema == RUN else 0.0
+    return Staircase(stamp - shift, recording.messages.steering)
 
 
 def lagged(u: FloatArray, lag: float) -> FloatArray:

@@ -1,0 +1,132 @@
+"""Delay and lag of the steering: yaw rate against command, on the true times.
+
+For every delay the yaw rate is regressed on a cubic of the delayed command
+times speed, each recording by itself: the delay of the smallest residual is
+that of the largest correlation, with no grid of samples between. With fast
+changes a first-order lag is told apart from the delay; a slow sine shows only
+their sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dart_hal.identify.solve import Solution, block_covariance, collinearity, least_squares
+from dart_hal.identify.submodels.stretches import MANY
+from dart_hal.identify.submodels.turning import Turning
+from dart_hal.recording.dart.model import IntArray
+from dart_hal.types import FloatArray
+
+LOW, HIGH = (-0.1, 0.0), (0.5, 0.4)  # s, delay and lag
+STEP = 0.008  # s; smaller differences of a staircase are noise
+COARSE = np.arange(0.0, 0.401, 0.025)  # s
+SEPARATE = 0.03  # s; a delay and a lag known better than this are two things
+INDEPENDENT = 0.1  # share of the delay's effect that a lag cannot have
+ROBUST = 3.0
+CLOCK = ("counted from when the log shows the command (0 to 0.1 s after it was given, 0.05 s in "
+         "the mean) to the motion as the {} shows it")
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """values (2,): delay, lag [s]; covariance (2, 2); apart: both are told."""
+
+    values: FloatArray
+    covariance: FloatArray
+    apart: bool
+    notes: tuple[str, ...]
+    n: int
+    rmse: float
+    converged: bool
+
+    def clipped(self) -> Timing:
+        """Delay not below zero, the sum kept: a log that is late cannot be undone by a model."""
+        delay, lag = self.values.tolist()
+        if delay >= 0.0:
+            return self
+        note = (f"the motion comes {-delay:.3f} s before the log shows the command: delay 0, what "
+                "is left of the sum counts as lag")
+        return replace(self, values=np.array([0.0, max(0.0, delay + lag)]),
+                       notes=(*self.notes, note))
+
+
+def steering_timing(series: Sequence[Turning]) -> Timing:
+    """Fit over all recordings, each with its own steering map, trim and gyro offset."""
+    coarse = [np.concatenate([_left(s, d, 0.0) for s in series]) for d in COARSE]
+    start = float(COARSE[int(np.argmin([r @ r for r in coarse]))])
+    scale = [max(float(np.std(_left(s, start, 0.0))), 1e-6) for s in series]
+    block = _blocks(series)
+
+    def residual(x: FloatArray) -> FloatArray:
+        lag = max(float(x[1]), 0.0) if len(x) > 1 else 0.0
+        return np.concatenate([_left(s, float(x[0]), lag) / k
+                               for s, k in zip(series, scale, strict=True)])
+
+    total = _solve(residual, [start], block)
+    joint = min((_solve(residual, [max(float(total[0].x[0]) - lag, 0.0), lag], block)
+                 for lag in (0.02, 0.1)), key=lambda found: found[0].rmse)
+    solution, covariance = joint
+    std = np.sqrt(np.diag(covariance))
+    independent = collinearity(solution)
+    apart = bool((std < SEPARATE).all() and independent[0] > INDEPENDENT)
+    said = _notes(series, total, joint, apart)
+    rmse = float(np.sqrt(np.mean(np.concatenate(
+        [_left(s, *map(float, solution.x)) for s in series]) ** 2)))
+    values = solution.x if apart else np.array([float(total[0].x[0]), 0.0])
+    return Timing(values, covariance, apart, said, len(solution.residual), rmse,
+                  solution.converged if apart else total[0].converged).clipped()
+
+
+def _left(s: Turning, delay: float, lag: float) -> FloatArray:
+    """Yaw rate (n,) [rad/s] that no cubic map of the command with slip and offset explains."""
+    c = s.answered(delay, lag)
+    v = s.speed
+    shape = np.column_stack([v, v * c, v * c * c, v * c**3, v**3 * c, np.ones_like(v)])
+    return np.asarray(s.yaw_rate - shape @ np.linalg.lstsq(shape, s.yaw_rate, rcond=None)[0])
+
+
+def _solve(residual: Callable[[FloatArray], FloatArray], start: list[float], block: IntArray
+           ) -> tuple[Solution, FloatArray]:
+    def slope(x: FloatArray) -> FloatArray:
+        columns = []
+        for i in range(len(x)):
+            up, down = x.copy(), x.copy()
+            up[i] += STEP
+            down[i] = max(down[i] - STEP, LOW[i])
+            columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
+        return np.stack(columns, axis=1)
+
+    k = len(start)
+    solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope, robust=ROBUST,
+                             tolerance=1e-5)
+    return solution, block_covariance(solution, block)
+
+
+def _blocks(series: Sequence[Turning]) -> IntArray:
+    """Whole recordings where there are 8 and more, else stretches of 2 s."""
+    parts, shift = [], 0
+    for i, s in enumerate(series):
+        parts.append(np.full(len(s.t), i) if len(series) >= MANY else s.block + shift)
+        shift += int(s.block.max()) + 1
+    return np.concatenate(parts).astype(np.int64)
+
+
+def _notes(series: Sequence[Turning], total: tuple[Solution, FloatArray],
+           joint: tuple[Solution, FloatArray], apart: bool) -> tuple[str, ...]:
+    sources = " and ".join(sorted({s.source for s in series}))
+    std = np.sqrt(np.diag(joint[1]))
+    yaw = float(np.mean(np.concatenate([s.yaw_lag for s in series])))
+    out = [f"steering, {len(series)} recording(s): as one pure delay {total[0].x[0]:.3f} +- "
+           f"{np.sqrt(total[1][0, 0]):.3f} s; as delay and lag {joint[0].x[0]:.3f} +- "
+           f"{std[0]:.3f} and {joint[0].x[1]:.3f} +- {std[1]:.3f} s",
+           "steering " + CLOCK.format(sources),
+           f"{yaw:.3f} s of the car's own yaw motion taken off (the base's tyres)"]
+    if "gyro" in sources:
+        out.append("gyro: the age of a message (0 to 0.1 s) is in the value")
+    if not apart:
+        out.append("steering: delay and lag cannot be told apart by these data (slow or few "
+                   "changes); their sum is given as a pure delay")
+    return tuple(out)
