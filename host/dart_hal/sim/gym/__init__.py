@@ -1,0 +1,30 @@
+"""DartCar-v0: the light simulation as a Gymnasium environment.
+
+Importing this package registers it; ``gymnasium.make("dart_hal.sim.gym:DartCar-v0")``
+imports by itself. Needs gymnasium (``pip install 'dart-hal[gym]'``); nothing
+else in ``dart_hal`` imports it.
+"""
+
+from __future__ import annotations
+
+from dart_hal.errors import UsageError
+
+try:
+    from gymnasium.envs.registration import register, registry
+except ImportError as err:
+    raise UsageError("the learning environment needs gymnasium",
+                     remedy="pip install 'dart-hal[gym]'") from err
+
+from dart_hal.sim.gym.config import SPREAD, GymConfig
+from dart_hal.sim.gym.env import DartCarEnv
+from dart_hal.sim.gym.tracks import TRACKS, Track, track_of
+from dart_hal.sim.gym.vector import DartCarVectorEnv
+
+__all__ = ["ENV_ID", "SPREAD", "TRACKS", "DartCarEnv", "DartCarVectorEnv", "GymConfig", "Track",
+           "track_of"]
+
+ENV_ID = "DartCar-v0"
+
+if ENV_ID not in registry:
+    register(ENV_ID, entry_point="dart_hal.sim.gym.env:DartCarEnv",
+             vector_entry_point="dart_hal.sim.gym.vector:DartCarVectorEnv")

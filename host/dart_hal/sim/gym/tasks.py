@@ -1,0 +1,161 @@
+"""What the car is asked to do: observation, reward and end, for one car or many.
+
+Everything is computed with ``Ops``, so that the single and the vector
+environment are the same formulas. Rewards and ends are judged by the truth,
+observations come from the sensors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+from dart_hal.sim.gym.config import GymConfig
+from dart_hal.sim.gym.tracks import make_locate, make_point, track_named
+from dart_hal.sim.light.ops import Ops
+from dart_hal.sim.light.sense import Reading
+from dart_hal.vehicle.namespace import Value
+
+AHEAD = (0.2, 0.4, 0.6, 0.9, 1.2)
+"""m along the path from the closest point: the points that are observed."""
+DRAWS = 8
+"""Uniform numbers of 0 to 1 that a reset draws for a task."""
+START_OFFSET, START_HEADING = 0.1, 0.2
+"""m and rad: a path episode starts at most this far off."""
+EFFORT = 0.05
+"""Reward lost per squared change of a command."""
+OFF_TRACK = -10.0
+"""Reward of the step that leaves the track."""
+LEVELS = 4
+"""Reference speeds of an episode of the speed task."""
+SLOWEST = 0.4
+"""m/s, the least reference of the speed task."""
+
+Limits = tuple[tuple[str, float], ...]
+_COMMON: Limits = (("speed", 10.0), ("yaw_rate", 35.0), ("throttle", 1.0), ("steering", 1.0),
+                   ("reference_speed", 10.0))
+
+
+class Outcome(NamedTuple):
+    """Of one step: reward, terminated, and true values for ``info``."""
+
+    reward: Value
+    terminated: Any
+    info: dict[str, Value]
+
+
+class Memory(NamedTuple):
+    """What a task keeps between steps, per car; ``s`` grows over laps."""
+
+    s: Value
+    levels: tuple[Value, ...]
+
+
+class Task(Protocol):
+    """``limits``: name and largest magnitude of every observed number."""
+
+    limits: Limits
+
+    def start(self, u: Sequence[Value]) -> tuple[tuple[Value, ...], Memory]:
+        """State of the centre of mass (6) and memory, from ``DRAWS`` uniform numbers."""
+
+    def observe(self, r: Reading, command: Sequence[Value], m: Memory) -> list[Value]:
+        """The observation, before it is clipped to the limits."""
+
+    def judge(self, state: Sequence[Value], change: Value, k: Value,
+              m: Memory) -> tuple[Outcome, Memory]:
+        """Outcome of a step of the environment, the k-th; change: squared, of the commands."""
+
+
+class PathTask:
+    """Follow a closed path at a reference speed with the rear axle."""
+
+    def __init__(self, c: GymConfig, ops: Ops, l_r: float) -> None:
+        track = track_named(c.track)
+        self._c, self._ops, self._l_r, self._length = c, ops, l_r, track.length
+        self._point, self._locate = make_point(track, ops), make_locate(track, ops)
+        self.limits: Limits = (*_COMMON, ("offset", 2.0), ("heading", math.pi), *(
+            (f"{axis}_{ahead:g}", 5.0) for ahead in AHEAD for axis in ("x", "y")))
+
+    def start(self, u: Sequence[Value]) -> tuple[tuple[Value, ...], Memory]:
+        f = self._ops.f
+        s = u[0] * self._length
+        x, y, heading, _ = self._point(s)
+        left = START_OFFSET * (2.0 * u[1] - 1.0)
+        yaw = heading + START_HEADING * (2.0 * u[2] - 1.0)
+        zero = 0.0 * s
+        return ((x - left * f.sin(heading) + self._l_r * f.cos(yaw),
+                 y + left * f.cos(heading) + self._l_r * f.sin(yaw), yaw,
+                 u[3] * self._c.speed, zero, zero), Memory(s, ()))
+
+    def observe(self, r: Reading, command: Sequence[Value], m: Memory) -> list[Value]:
+        f = self._ops.f
+        s, offset, heading = self._locate(r.x, r.y, m.s)
+        c, d = f.cos(r.yaw), f.sin(r.yaw)
+        seen = [r.speed, r.yaw_rate, *command, 0.0 * s + self._c.speed, offset,
+                self._turn(r.yaw - heading)]
+        for ahead in AHEAD:
+            x, y, _, _ = self._point(s + ahead)
+            seen += [(x - r.x) * c + (y - r.y) * d, (y - r.y) * c - (x - r.x) * d]
+        return seen
+
+    def judge(self, state: Sequence[Value], change: Value, k: Value,
+              m: Memory) -> tuple[Outcome, Memory]:
+        f, c = self._ops.f, self._c
+        x, y, yaw = state[0], state[1], state[2]
+        s, offset, heading = self._locate(x - self._l_r * f.cos(yaw), y - self._l_r * f.sin(yaw),
+                                          m.s)
+        off = f.fabs(offset) > c.half_width
+        progress = (s - m.s) / c.period
+        good = 1.0 - f.fmin(2.0, f.fabs(progress - c.speed) / c.speed) - (
+            offset / c.half_width) ** 2 - EFFORT * change
+        info = {"s": s, "offset": offset, "heading": self._turn(yaw - heading),
+                "speed": state[3]}
+        reward = self._ops.choose(off, OFF_TRACK + 0.0 * good, good)
+        return Outcome(reward, off, info), Memory(s, ())
+
+    def _turn(self, angle: Value) -> Value:
+        """The same angle between -pi and pi."""
+        return self._ops.f.atan2(self._ops.f.sin(angle), self._ops.f.cos(angle))
+
+
+class SpeedTask:
+    """Hold reference speeds that change, and go straight."""
+
+    def __init__(self, c: GymConfig, ops: Ops, l_r: float) -> None:
+        self._c, self._ops = c, ops
+        self.limits: Limits = (*_COMMON, ("error", 10.0))
+
+    def start(self, u: Sequence[Value]) -> tuple[tuple[Value, ...], Memory]:
+        zero = 0.0 * u[0]
+        low = min(SLOWEST, self._c.speed)
+        levels = tuple(low + (self._c.speed - low) * v for v in u[1:1 + LEVELS])
+        return ((zero, zero, zero, u[0] * self._c.speed, zero, zero), Memory(zero, levels))
+
+    def _reference(self, m: Memory) -> Value:
+        """``m.s`` counts the steps of the episode."""
+        part = self._c.limit / LEVELS
+        now = m.levels[0]
+        for i, level in enumerate(m.levels[1:], start=1):
+            now = self._ops.choose(m.s >= i * part, level, now)
+        return now
+
+    def observe(self, r: Reading, command: Sequence[Value], m: Memory) -> list[Value]:
+        wanted = self._reference(m)
+        return [r.speed, r.yaw_rate, *command, wanted, wanted - r.speed]
+
+    def judge(self, state: Sequence[Value], change: Value, k: Value,
+              m: Memory) -> tuple[Outcome, Memory]:
+        f, wanted = self._ops.f, self._reference(m)
+        error = wanted - state[3]
+        good = 1.0 - f.fmin(2.0, f.fabs(error)) - 0.1 * f.fmin(10.0, f.fabs(state[5])) - (
+            EFFORT * change)
+        info = {"speed": state[3], "error": error}
+        never = f.fabs(error) < 0.0
+        return Outcome(good, never, info), Memory(1.0 * k, m.levels)
+
+
+def make_task(c: GymConfig, ops: Ops, l_r: float) -> Task:
+    """The task of a configuration, for one car or many."""
+    return (PathTask if c.task == "path" else SpeedTask)(c, ops, l_r)
