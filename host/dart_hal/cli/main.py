@@ -19,6 +19,7 @@ VERBS = {
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder, and say what to type",
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
+    "evaluate": "how well a model predicts recordings, open loop, beside holding the velocities",
     "experiment": "drive the test for a sub-model, record it, fit it",
     "drive": "drive by keyboard, gamepad or a script",
     "record": "write a run to an MCAP file, raw bytes included",

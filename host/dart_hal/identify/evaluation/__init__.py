@@ -1,17 +1,21 @@
 """Open-loop prediction: how well a model says where the car will be in 0.5, 1 and 2 s.
 
-``prepare`` finds the windows, ``predict`` rolls them out, ``errors`` and
-``score`` judge, ``gains`` compares two models.
+``evaluate`` does it all. Its parts: ``prepare`` finds the windows, ``predict``
+rolls them out, ``errors`` and ``score`` judge, ``gains`` compares two models,
+``kinematic_limit`` says where rolling without slip ends.
 """
 
 from __future__ import annotations
 
 from .cases import Case, FileUse, Prepared, prepare, without
 from .compare import Gain, gain, gains
-from .predict import CHANNELS, UNITS, errors, hold, kinematic, measured, predict
+from .predict import CHANNELS, UNITS, dynamic, errors, hold, kinematic, measured, predict
+from .run import Evaluation, evaluate
 from .score import Score, score
+from .validity import KinematicLimit, kinematic_limit
 from .windows import HORIZONS
 
-__all__ = ["CHANNELS", "HORIZONS", "UNITS", "Case", "FileUse", "Gain", "Prepared", "Score",
-           "errors", "gain", "gains", "hold", "kinematic", "measured", "predict", "prepare",
+__all__ = ["CHANNELS", "HORIZONS", "UNITS", "Case", "Evaluation", "FileUse", "Gain",
+           "KinematicLimit", "Prepared", "Score", "dynamic", "errors", "evaluate", "gain",
+           "gains", "hold", "kinematic", "kinematic_limit", "measured", "predict", "prepare",
            "score", "without"]

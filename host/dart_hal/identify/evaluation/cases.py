@@ -13,6 +13,8 @@ from dart_hal.recording.dart.grid import L_R
 
 from .windows import Windows, covered, find_windows
 
+LEFT_OUT = "window(s) left out"
+
 
 @dataclass(frozen=True, slots=True)
 class Case:
@@ -136,7 +138,7 @@ def _case(key: str, recording: Recording, references: _References,
     g = grid(recording, reference, l_r)
     windows = find_windows(g)
     used = int(covered(windows, len(g)).sum())
-    why = [*said, *(f"{count} window(s) left out: {reason}" for count, reason in (
+    why = [*said, *(f"{count} {LEFT_OUT}: {reason}" for count, reason in (
         (windows.slow, "start at 0.3 m/s or slower"),
         (windows.bad, "hold samples that the mocap or the messages got wrong")) if count)]
     if not len(windows) and not why:

@@ -46,33 +46,48 @@ def starts(cases: Sequence[Case]) -> FloatArray:
     return np.concatenate([states(c.grid, c.windows.start) for c in cases], axis=1)
 
 
-def inputs(cases: Sequence[Case], series: Sequence[FloatArray]) -> FloatArray:
-    """(200, windows): what each window sees of a series (n,) per recording."""
-    steps = np.arange(LENGTH)[:, None]
-    return np.concatenate([s[c.windows.start[None, :] + steps]
-                           for c, s in zip(cases, series, strict=True)], axis=1)
+def joined(cases: Sequence[Case], series: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
+    """(series of all recordings end to end, start (windows,) of each window in it)."""
+    lengths = [len(c.grid) for c in cases]
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    return np.concatenate(series), np.concatenate(
+        [c.windows.start + offset for c, offset in zip(cases, offsets, strict=False)])
+
+
+def windowed(series: FloatArray, at: IntArray, samples: int = LENGTH) -> FloatArray:
+    """(samples, windows): what windows that start at ``at`` see of a joined series."""
+    return np.asarray(series[at[None, :] + np.arange(samples)[:, None]])
+
+
+def parts(n: int) -> list[slice]:
+    """Slices of at most LANES windows."""
+    return [slice(a, min(a + LANES, n)) for a in range(0, n, LANES)]
 
 
 def predict(p: Vehicle, cases: Sequence[Case], progress: Progress | None = None) -> FloatArray:
     """What the model says at the horizons. progress(share) is called as it goes."""
     series = [actuated(p, case.grid) for case in cases]
-    throttle = inputs(cases, [tau for tau, _ in series])
-    angle = inputs(cases, [delta for _, delta in series])
+    throttle, at = joined(cases, [tau for tau, _ in series])
+    angle, _ = joined(cases, [delta for _, delta in series])
     start = starts(cases)
-    n = start.shape[1]
-    out = np.empty((len(AT), 6, n))
-    for a in range(0, n, LANES):
-        part = slice(a, min(a + LANES, n))
+    out = np.empty((len(AT), 6, len(at)))
+    for part in parts(len(at)):
         with np.errstate(over="ignore", invalid="ignore"):  # a model may diverge: it is scored
-            out[:, :, part] = rollout(p, start[:, part], throttle[:, part], angle[:, part], at=AT)
+            out[:, :, part] = rollout(p, start[:, part], windowed(throttle, at[part]),
+                                      windowed(angle, at[part]), at=AT)
         if progress is not None:
-            progress(part.stop / n)
+            progress(part.stop / len(at))
     return out
 
 
 def kinematic(p: Vehicle) -> Vehicle:
     """The same car without tyre slip."""
     return replace(p, kind="kinematic")
+
+
+def dynamic(p: Vehicle) -> Vehicle:
+    """The same car on its tyres."""
+    return replace(p, kind="dynamic")
 
 
 def hold(cases: Sequence[Case]) -> FloatArray:

@@ -1,0 +1,65 @@
+"""``dart-hal evaluate``: how well a model predicts recordings, open loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.options import REFERENCE, json_option
+from dart_hal.cli.output import print_json, progress_bar
+from dart_hal.errors import UsageError
+from dart_hal.identify.evaluation import Evaluation, evaluate, kinematic
+from dart_hal.identify.runs import read_any
+from dart_hal.recording.dart import Reference
+from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.parameters import Vehicle
+
+
+@click.command("evaluate")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", default="paper", show_default=True, metavar="M",
+              help="a model.toml, or paper, paper-printed, upstream-2024")
+@click.option("--kinematic", "as_kinematic", is_flag=True,
+              help="the kinematic model with the same parameters: no tyre slip")
+@click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
+              help="where the mocap markers sat: m, rad, m (default: known by date, else fitted)")
+@click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="FILE|DIR",
+              help="picture of the errors, or all pictures into a folder")
+@json_option
+def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: Reference | None,
+            plot: Path | None, as_json: bool) -> None:
+    """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
+
+    FILES: recordings with motion capture, or folders of them. Beside the model
+    stands what holding the velocities would have given (CTRV), and how far the
+    kinematic model reaches on these recordings.
+    """
+    if not files:
+        raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
+                         remedy="dart-hal evaluate --model paper FOLDER")
+    vehicle = find_model(model)[1]
+    result = _run(kinematic(vehicle) if as_kinematic else vehicle, files, reference)
+    pictures = _draw(result, plot) if plot is not None else []
+    if as_json:
+        print_json({**result.to_json(), "plots": pictures})
+    else:
+        from dart_hal.cli.evaluate_table import show
+
+        show(result, pictures)
+
+
+def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None) -> Evaluation:
+    with progress_bar() as bar:
+        task = bar.add_task("reading", total=1.0)
+        recordings, skipped = read_any(files)
+        bar.update(task, completed=0.2, description="predicting")
+        return evaluate(vehicle, recordings, reference=reference, skipped=skipped,
+                        named=[f for f in files if not f.is_dir()],
+                        progress=lambda share: bar.update(task, completed=0.2 + 0.8 * share))
+
+
+def _draw(result: Evaluation, plot: Path) -> list[Path]:
+    from dart_hal.identify.evaluation.pictures import draw
+
+    return draw(result, plot)

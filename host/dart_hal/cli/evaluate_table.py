@@ -1,0 +1,111 @@
+"""The tables of ``dart-hal evaluate``."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from rich import box
+from rich.table import Table
+
+from dart_hal.cli.output import console
+from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
+from dart_hal.identify.evaluation.cases import LEFT_OUT
+from dart_hal.identify.evaluation.pictures import short
+
+DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
+EXACT, ROOMY, WIDTH = ("vy", "yaw_deg"), 100, 16
+"""Channels that never get one digit more; columns of a terminal that has room for it; of a name."""
+YEAR = re.compile(r"_20\d\d_")
+HEADS = ("v_x", "v_y", "yaw rate", "position", "yaw")
+
+
+def show(e: Evaluation, pictures: list[Path]) -> None:
+    """Files that gave nothing, the rows, and what follows from them last."""
+    _files(e)
+    console.print(_table(e))
+    for line in _gain(e):
+        console.print(line, markup=False, highlight=False)
+    if e.limit is not None:
+        console.print("how far the kinematic model reaches:")
+        for sentence in e.limit.sentences():
+            console.print(f"  {sentence}", markup=False, highlight=False)
+    for picture in pictures:
+        console.print(f"picture: {picture}", markup=False, highlight=False)
+
+
+def _files(e: Evaluation) -> None:
+    files = e.prepared.files
+    counts: dict[str, int] = {}
+    for use in files.values():
+        if not use.windows:
+            reason = use.why[0] if use.why else "no window"
+            counts[reason] = counts.get(reason, 0) + 1
+    console.print(f"{len(e.prepared.cases)} of {len(files)} file(s) used, "
+                  f"{e.prepared.windows} windows", highlight=False)
+    for reason, count in counts.items():
+        console.print(f"  skipped {count} file(s): {reason}", style="dim", markup=False,
+                      highlight=False)
+    slow, bad = (sum(getattr(c.windows, kind) for c in e.prepared.cases)
+                 for kind in ("slow", "bad"))
+    console.print(f"  windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples",
+                  style="dim", highlight=False)
+    for case in e.prepared.cases:
+        for why in files[case.file].why:
+            if LEFT_OUT not in why:  # these are in the sum
+                console.print(f"  {short(case.file)}: {why}", style="dim", markup=False,
+                              highlight=False)
+
+
+def _table(e: Evaluation) -> Table:
+    table = Table(title=f"{e.vehicle.name} ({e.vehicle.kind}) | holding the velocities: "
+                        "RMSE, below it the median", box=box.SIMPLE_HEAD, pad_edge=False,
+                  padding=(0, 0, 0, 1))
+    table.add_column("recording (1 s)", no_wrap=True)
+    table.add_column("n", justify="right", no_wrap=True)
+    for head, unit in zip(HEADS, UNITS, strict=True):
+        table.add_column(f"{head}\n[dim]{unit}[/]", justify="right", no_wrap=True)
+    for file in e.model.slices:
+        folder, _, name = short(file).rpartition("/")
+        _rows(table, e, (folder[:WIDTH], YEAR.sub(" ", name)[:WIDTH]), 1.0, file)
+    table.add_section()
+    for horizon in HORIZONS:
+        _rows(table, e, (f"all, at {horizon:g} s", ""), horizon, None)
+    return table
+
+
+def _rows(table: Table, e: Evaluation, label: tuple[str, str], horizon: float,
+          file: str | None) -> None:
+    where = e.model.slices[file] if file else slice(0, e.prepared.windows)
+    for i, kind in enumerate(("rmse", "median")):
+        ours, held = (getattr(score, kind)(horizon, file) for score in (e.model, e.ctrv))
+        table.add_row(label[i], "" if i else str(where.stop - where.start),
+                      *[_cell(ours[c], held[c], c) for c in CHANNELS], style="dim" if i else None)
+
+
+def _cell(model: float, held: float, channel: str) -> str:
+    """"model|CTRV", the model's green where it is the better one."""
+    digits = DIGITS[channel] + (console.width >= ROOMY and channel not in EXACT)
+    ours, theirs = _number(model, digits), _number(held, digits)
+    return f"[green]{ours}[/]|{theirs}" if model < held else f"{ours}|{theirs}"
+
+
+def _number(value: float, digits: int) -> str:
+    """Without the leading zero: five pairs have to fit beside a name."""
+    return f"{value:.{digits}f}".removeprefix("0") if math.isfinite(value) else "inf"
+
+
+def _gain(e: Evaluation) -> list[str]:
+    """What the model gains over holding the velocities, with intervals."""
+    gains = e.gain_over_ctrv(1.0)
+    lines = ["change of the RMSE at 1 s against holding the velocities (95 % over "
+             f"{gains['vx'].blocks} {gains['vx'].unit}):"]
+    for head, gain in zip(HEADS, gains.values(), strict=True):
+        if not math.isfinite(gain.value):
+            lines.append(f"  {head}: diverged")
+            continue
+        between = (f" ({-gain.high:+.0%} to {-gain.low:+.0%})" if math.isfinite(gain.low)
+                   else " (too few for an interval)")
+        lines.append(f"  {head} {-gain.value:+.0%}{between}")
+    return lines

@@ -1,0 +1,100 @@
+"""How far the kinematic model reaches, from the motion itself and from predictions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dart_hal.vehicle.parameters import Vehicle
+
+from .cases import Case
+from .limit import LEAST_RECORDINGS, Limit, find_limits
+from .noslip import SLOW
+from .takeover import HORIZON, Takeover, find_takeover
+
+RADII = (0.5, 1.0, 2.0)
+TITLES = {"vy": "lateral velocity", "yaw_rate": "yaw rate", "position": "position"}
+
+
+@dataclass(frozen=True, slots=True)
+class KinematicLimit:
+    """slip, curvature: evidence without a model; takeover: one per channel and variable."""
+
+    slip: Limit
+    curvature: Limit
+    takeover: tuple[Takeover, ...]
+    model: str
+
+    def to_json(self) -> dict[str, Any]:
+        """The field ``kinematic_limit`` of ``dart-hal evaluate --json``."""
+        takeover: dict[str, Any] = {"model": self.model, "horizon": HORIZON,
+                                    "speed": "measured", "by": {}}
+        for t in self.takeover:
+            takeover["by"].setdefault(t.by, {})[t.channel] = t.to_json()
+        return {"holds_to": {limit.by: {"value": limit.value, "ci95": [limit.low, limit.high],
+                                        "unit": unit, "supported": limit.supported}
+                             for limit, unit in ((self.slip, "m/s2"), (self.curvature, "m/s"))},
+                "rear_slip": self.slip.to_json(), "curvature_loss": self.curvature.to_json(),
+                "takeover": takeover, "statement": self.sentences()}
+
+    def sentences(self) -> list[str]:
+        """What is supported, and what is not."""
+        return [self._slip(), self._curvature(), self._takeover()]
+
+    def _slip(self) -> str:
+        limit = self.slip
+        tolerance = f"{math.degrees(limit.tolerance):.0f} deg"
+        if not math.isfinite(limit.value):
+            return (f"rear slip: {_why_none(limit)} pass {tolerance}, "
+                    "so no limit in lateral acceleration is stated")
+        circles = ", ".join(f"{math.sqrt(limit.value * r):.1f} m/s at {r:g} m" for r in RADII)
+        return (f"the rear axle slips by {tolerance} at {limit.value:.1f} m/s2 of lateral "
+                f"acceleration {_interval(limit)}: on circles {circles} radius")
+
+    def _curvature(self) -> str:
+        limit = self.curvature
+        tolerance = f"{limit.tolerance:.0%}"
+        if not math.isfinite(limit.value):
+            return (f"path curvature: {_why_none(limit)} lose {tolerance}, "
+                    "so no limit in speed is stated")
+        accel, speed = limit.spread()
+        matters = "" if not math.isfinite(accel) else (
+            f"; single recordings scatter by {speed:.0%} in speed and {accel:.0%} in lateral "
+            "acceleration")
+        return (f"at a held steering command the path is {tolerance} less curved at "
+                f"{limit.value:.1f} m/s than below {SLOW} m/s {_interval(limit)}{matters}")
+
+    def _takeover(self) -> str:
+        found, none = [], []
+        for t in self.takeover:
+            unit = "m/s" if t.by == "speed" else "m/s2"
+            if math.isfinite(t.taken_from):
+                found.append(f"{TITLES[t.channel]} from {t.taken_from:g} {unit}")
+            else:
+                none.append(f"{TITLES[t.channel]} by {t.by.replace('_', ' ')}")
+        head = f"{self.model}, at the measured speed: its dynamic form predicts "
+        better = (f"better for certain, all the way up, in {', '.join(found)}" if found else
+                  "nothing better for certain all the way up")
+        rest = f"; not supported by these recordings: {', '.join(none)}" if none and found else ""
+        return head + better + rest
+
+
+def kinematic_limit(p: Vehicle, cases: Sequence[Case], seed: int = 0) -> KinematicLimit:
+    """Limits from the motion, and where the dynamic form of ``p`` takes over."""
+    slip, curvature = find_limits(cases, p.body.l_r, seed)
+    return KinematicLimit(slip, curvature, tuple(find_takeover(p, cases, seed)), p.name)
+
+
+def _interval(limit: Limit) -> str:
+    if not limit.supported:
+        return f"(no interval: {limit.recordings} recording(s), {LEAST_RECORDINGS} needed)"
+    high = f"{limit.high:.1f}" if math.isfinite(limit.high) else "no upper end"
+    return f"(95 %: {limit.low:.1f} to {high}; {limit.recordings} recordings)"
+
+
+def _why_none(limit: Limit) -> str:
+    if not limit.curves:
+        return "no recording turns long enough over a range of speeds to"
+    return f"{limit.recordings} recording(s) do not"
