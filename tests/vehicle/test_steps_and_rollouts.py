@@ -10,8 +10,9 @@ import pytest
 
 from dart_hal.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024, Batch, rollout, stack
+from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.flat import bounds, names, unit, value, with_values
-from dart_hal.vehicle.load import find_model, model_of, vehicle_of
+from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Delay
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 

@@ -1,46 +1,22 @@
-"""A ``model.toml`` as a vehicle and back; what a file leaves out is the paper's."""
+"""Models by name or file, for every verb that takes one."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
 
 from dart_hal.config import ModelFile, load_model
 from dart_hal.errors import UsageError
-from dart_hal.vehicle.flat import names, value
-from dart_hal.vehicle.parameters import AxleTyres, PaperTyres, Vehicle
+from dart_hal.vehicle.file import model_of, vehicle_from
+from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER, SETS
-
-GROUPS = ("body", "friction", "motor", "steering", "delay")
 
 
 def vehicle_of(model: ModelFile | None) -> Vehicle:
-    """The vehicle of a model file; None = the paper's. Raises ConfigError on a bad value."""
-    if model is None:
-        return PAPER
-    groups = {name: replace(getattr(PAPER, name), **model.values(name)) for name in GROUPS}
-    given = model.values("tyres")
-    tyres: PaperTyres | AxleTyres
-    if "rear_D" in given:
-        tyres = AxleTyres(**given)
-    else:
-        assert isinstance(PAPER.tyres, PaperTyres)
-        tyres = replace(PAPER.tyres, **given)
-    return replace(PAPER, name=model.name, tyres=tyres, kind=model.kind,
-                   slip=model.forms.get("slip", PAPER.slip), **groups)
+    """The vehicle of a model file; None, and what a file leaves out: the paper's.
 
-
-def model_of(p: Vehicle) -> ModelFile:
-    """The model file of a vehicle; ``vehicle_of`` gives the same vehicle back."""
-    sections: dict[str, dict[str, float]] = {}
-    for name in names(p):
-        number = value(p, name)
-        if math.isfinite(number):
-            section, _, key = name.partition(".")
-            sections.setdefault(section, {})[key] = number
-    return ModelFile(name=p.name, kind="kinematic" if p.kind == "kinematic" else "dynamic",
-                     forms={"slip": p.slip}, **sections)  # type: ignore[arg-type]
+    Raises ConfigError on a bad value.
+    """
+    return PAPER if model is None else vehicle_from(model, PAPER)
 
 
 def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
