@@ -14,7 +14,7 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
 from . import curves
-from .folders import Rows
+from .folders import LEAST_ROWS, Rows
 from .lateral import fast
 
 LAGS = 11
@@ -48,12 +48,13 @@ class Correlation:
 
 
 def correlation(rows: Rows) -> Correlation:
-    """Cross-correlate. Errors: RecordingError with less than 50 rows above 0.8 m/s."""
+    """Cross-correlate. Errors: RecordingError with less than LEAST_ROWS rows above 0.8 m/s."""
     use = fast(rows)
     n = int(use.sum())
-    if n < 50:
-        raise RecordingError("too few fast rows for a delay", found=f"{n} rows above 0.8 m/s",
-                             expected="at least 50", remedy="give recordings with more driving")
+    if n < LEAST_ROWS:
+        raise RecordingError("too few rows for delay: it needs rows above 0.8 m/s",
+                             found=f"{n} such row(s)", expected=f"at least {LEAST_ROWS}",
+                             remedy="give recordings of the test that the paper made for it")
     p = PAPER.steering
     x = np.array([p.k_left, p.a_left_rad, p.s0, p.a_right_rad, p.k_right])
     command = curves.steering(x, rows.steering[use])[0]

@@ -31,4 +31,5 @@ def steering_problem(rows: Rows) -> Problem:
         ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"), ("-", "rad", "-", "rad", "-"),
         (0.1, 0.2, -0.1, 0.2, 0.1), (5.0, 0.6, 0.1, 0.6, 5.0), "rad",
         {0: gains, 2: (-0.05, 0.0, 0.05), 4: gains},
-        (p.k_left, p.a_left_rad, p.s0, p.a_right_rad, p.k_right))
+        (p.k_left, p.a_left_rad, p.s0, p.a_right_rad, p.k_right),
+        needs="rows above 0.8 m/s")

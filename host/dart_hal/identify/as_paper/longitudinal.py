@@ -44,7 +44,8 @@ def friction_problem(rows: Rows, variant: bool = False) -> Problem:
     return Problem(
         "friction", curves.friction, (v[use],), force[use], ("a", "b", "c"),
         ("N", "s/m", "N s/m"), (0.1, 1.0, 0.0), (3.0, 100.0, 2.0), "N",
-        {1: (2.0, 4.0, 8.0, 12.0, 18.0, 30.0, 60.0)}, (p.a, p.b, p.c))
+        {1: (2.0, 4.0, 8.0, 12.0, 18.0, 30.0, 60.0)}, (p.a, p.b, p.c),
+        needs="coasting: throttle 0")
 
 
 def motor_problem(rows: Rows) -> Problem:

@@ -9,16 +9,21 @@ from itertools import product
 
 import numpy as np
 
+from dart_hal.errors import RecordingError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.solve import Solution, least_squares, plain_covariance
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 
 from .curves import Curve
+from .folders import LEAST_ROWS
 
 DOUBT = 0.5
 """A standard error above this share of the value: the data do not tell it."""
 THIN = 300
 """Samples that are enough to find a first guess."""
+FREE = 1e-11
+"""Eigenvalue of the scaled normal matrix below which a direction is free."""
 TOLERANCE = 1e-8
 """Of the loss: parameters are then exact to a thousandth of their standard error."""
 
@@ -29,7 +34,8 @@ class Problem:
 
     names and units (k,) as in ``model.toml``; paper (k,): the values of the
     paper's code, None where it has no such sub-model. grid: candidates of the
-    parameters that do not enter linearly, by position; amplitudes are the rest.
+    parameters that do not enter linearly, by position; amplitudes are the
+    rest. needs: the rows that count, in words.
     """
 
     submodel: str
@@ -44,6 +50,7 @@ class Problem:
     grid: Mapping[int, tuple[float, ...]]
     paper: tuple[float, ...] | None = None
     notes: tuple[str, ...] = field(default=())
+    needs: str = "rows"
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Model minus data, (n,)."""
@@ -108,7 +115,15 @@ class _Last:
 
 
 def solve(p: Problem) -> Fit:
-    """Plain least squares; errors as if the residuals were independent, as in the paper."""
+    """Plain least squares; errors as if the residuals were independent, as in the paper.
+
+    Errors: RecordingError with less than LEAST_ROWS rows that count.
+    """
+    if len(p.target) < LEAST_ROWS:
+        raise RecordingError(f"too few rows for {p.submodel}: it needs {p.needs}",
+                             found=f"{len(p.target)} such row(s)",
+                             expected=f"at least {LEAST_ROWS}",
+                             remedy="give recordings of the test that the paper made for it")
     start = time.process_time()
     curve = _Last(p)
     solution = least_squares(lambda x: curve(x)[0] - p.target, first_guess(thinned(p)).tolist(),
@@ -118,13 +133,29 @@ def solve(p: Problem) -> Fit:
 
 
 def as_fit(p: Problem, s: Solution, cpu_s: float) -> Fit:
-    """The result with its standard errors and what they are worth."""
-    covariance = plain_covariance(s)
+    """The result with its standard errors and what they are worth.
+
+    A parameter on which the residuals do not depend, alone or together with
+    others, has an infinite error, and the fit counts as not converged.
+    """
+    covariance, untold = plain_covariance(s), _untold(s)
+    covariance[untold, :] = covariance[:, untold] = np.inf
     std = np.sqrt(np.diag(covariance))
     edge = tuple(n for n, stopped in zip(p.names, s.at_bound, strict=True) if stopped)
     parameters = {
         name: Estimate(float(value), float(error), unit,
                        bool(name not in edge and error < DOUBT * abs(value)))
         for name, value, error, unit in zip(p.names, s.x, std, p.units, strict=True)}
-    return Fit(p.submodel, parameters, covariance, len(p.target), s.rmse, p.unit, s.converged,
-               edge, cpu_s, p.notes)
+    lost = [name for name, no in zip(p.names, untold, strict=True) if no]
+    notes = p.notes + ((f"{', '.join(lost)}: these rows do not tell",) if lost else ())
+    return Fit(p.submodel, parameters, covariance, len(p.target), s.rmse, p.unit,
+               s.converged and not lost, edge, cpu_s, notes)
+
+
+def _untold(s: Solution) -> BoolArray:
+    """Parameters (k,) that can be changed without changing any residual."""
+    size = np.linalg.norm(s.jacobian, axis=0)
+    scaled = s.jacobian / np.where(size > 0.0, size, 1.0)
+    value, direction = np.linalg.eigh(scaled.T @ scaled)
+    free = np.abs(direction[:, value < FREE]) > 1e-2
+    return np.asarray(np.any(free, axis=1) | (size == 0.0))

@@ -28,6 +28,7 @@ LOW = (1.0, 0.5, 0.01 * PER_DEGREE, -100.0)
 HIGH = (10.0, 1.5, 5.0 * PER_DEGREE, 0.0)
 REAR = "rear_cornering_stiffness"
 REAR_LOW, REAR_HIGH = (0.01 * PER_DEGREE, -0.1), (PER_DEGREE, 0.1)
+NEEDS = f"rows between {FROM:g} and {TO:g} s"
 GAINS = tuple(b * PER_DEGREE for b in (0.1, 0.2, 0.35, 0.7))
 
 
@@ -89,7 +90,7 @@ def front_problem(data: Tyres, name: str = "tyres_front") -> Problem:
     return Problem(
         name, curves.pacejka, (data.front_slip,), data.front_force, FRONT, FRONT_UNITS, LOW, HIGH,
         "N", {1: (0.7, 1.2), 2: GAINS, 3: (-15.0, -3.0, 0.0)},
-        (p.front_D, p.front_C, p.front_B, p.front_E))
+        (p.front_D, p.front_C, p.front_B, p.front_E), needs=NEEDS)
 
 
 def front_problem_without_e(data: Tyres) -> Problem:
