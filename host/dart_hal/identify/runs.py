@@ -23,13 +23,17 @@ from dart_hal.recording.dart.sensors import GAP
 from dart_hal.types import FloatArray, State
 
 EVERY = 10  # frames of 10 ms
+SHORTEST = 100  # frames: 1 s
+WINDOW = 10  # frames: 0.1 s, over which the speed is a mean
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
-def read_run(path: str | Path) -> Recording:
+def read_run(path: str | Path, every: int = EVERY) -> Recording:
     """A run as a Recording: schema "run", no mocap, 10 Hz.
 
+    every: frames of 10 ms that one message is made of; 1 keeps the timing of all
+    commands. The speed is a mean over the last 0.1 s at any rate.
     Errors: RecordingError for a file that is no run or holds less than 1 s.
     """
     path = Path(path)
@@ -42,14 +46,15 @@ def read_run(path: str | Path) -> Recording:
     except DartHalError as err:
         raise RecordingError(f"{path}: the run cannot be replayed", found=err.what,
                              read=str(path), remedy=err.remedy) from err
-    if len(states) < 10 * EVERY:
+    if len(states) < SHORTEST:
         raise RecordingError(f"{path}: the run is too short", found=f"{len(states)} frames",
                              expected="at least 1 s", read=str(path),
                              remedy="leave this file out")
     lost = states[-1].health.lost
-    notes = [Note(f"{len(states)} frames at 100 Hz, means of {EVERY} used")]
+    notes = [Note(f"{len(states)} frames at 100 Hz, " + (f"means of {every} used" if every > 1
+                                                        else "all used"))]
     notes += [Note("frames lost on the line", lost)] if lost else []
-    return Recording(path, RUN, _messages(states, files), None, "ok", None,
+    return Recording(path, RUN, _messages(states, files, every), None, "ok", None,
                      hashlib.sha256(path.read_bytes()).hexdigest(), tuple(notes))
 
 
@@ -68,33 +73,61 @@ def undithered(command: FloatArray, count: float) -> FloatArray:
     return out
 
 
-def _messages(states: Sequence[State], files: CarFiles) -> Messages:
-    n = len(states) // EVERY * EVERY
-    used = states[:n]
+def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
+    """One message each ``every`` frames, and one where the throttle jumps.
 
-    def mean(values: Iterable[float | None]) -> np.ndarray:
-        table = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
-        return np.asarray(table.reshape(-1, EVERY).mean(axis=1))
-
-    def last(values: Iterable[float]) -> np.ndarray:
-        return np.array(list(values)).reshape(-1, EVERY)[:, -1]
-
+    Commands are the means from a message to the next, over which they count as
+    held: so neither dithering nor the thinning shifts what the car was told.
+    """
     steering, throttle = files.config.steering, files.config.throttle
-    span = steering.direction * steering.span_us
-    command = (mean(s.applied.steering_us for s in used) - steering.center_us) / span
     clock, pwm = files.oscillator_hz, files.config.pwm
     count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
-    command = undithered(command, count / steering.span_us)
-    tau = (last(s.applied.throttle_us for s in used) - files.neutral_us) / throttle.span_us
-    t = last(s.t for s in used)
-    segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])
+    tau = np.array([s.applied.throttle for s in states])
+    ends = _ends(tau, every, 1.5 * count / throttle.span_us)
+
+    def before(values: Iterable[float | None]) -> FloatArray:
+        table = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
+        return np.array([table[e + 1 - every:e + 1].mean() for e in ends])
+
+    def after(values: FloatArray) -> FloatArray:
+        return np.array([values[a + 1:b + 1].mean()
+                         for a, b in zip(ends, [*ends[1:], len(values) - 1], strict=True)])
+
+    span = steering.direction * steering.span_us
+    command = (after(np.array([s.applied.steering_us for s in states]))
+               - steering.center_us) / span
+    if every == EVERY:  # groups of one level; finer messages keep what the servo got
+        command = undithered(command, count / steering.span_us)
+    tau = after(tau)
+    t = np.array([s.t for s in states])
+    segment = np.concatenate([[0], np.cumsum(np.diff(t[ends]) > GAP)])
     return Messages(
-        t=freeze(t), arrival=freeze(t), segment=freeze_index(segment),
+        t=freeze(t[ends]), arrival=freeze(t[ends]), segment=freeze_index(segment),
         throttle=freeze(tau), throttle_raw=freeze(tau), steering=freeze(np.round(command, 6)),
-        gate=freeze_flags(np.ones(len(t))), speed=freeze(mean(s.speed for s in used)),
-        yaw_rate=freeze(mean(s.yaw_rate for s in used)),
-        accel_x=freeze(mean(s.accel_x for s in used)),
-        accel_y=freeze(mean(s.accel_y for s in used)))
+        gate=freeze_flags(np.ones(len(ends))), speed=freeze(_speed(states, t)[ends]),
+        yaw_rate=freeze(before(s.yaw_rate for s in states)),
+        accel_x=freeze(before(s.accel_x for s in states)),
+        accel_y=freeze(before(s.accel_y for s in states)))
+
+
+def _ends(tau: FloatArray, every: int, least: float) -> list[int]:
+    """Last frame of each message: regular ones, and the last before a jump of tau (n,)."""
+    jumps = np.flatnonzero(np.abs(np.diff(tau)) > least)
+    regular = np.arange(max(every, WINDOW), len(tau) - 1, every)
+    return sorted({int(i) for i in (*regular, *jumps[jumps >= WINDOW])})
+
+
+def _speed(states: Sequence[State], t: FloatArray) -> FloatArray:
+    """Mean speed (n,) m/s of the last 0.1 s: travel between two frames, free of any lag.
+
+    ``State.speed`` is 10 to 20 ms old, the more the slower the wheel turns.
+    """
+    x, y = np.array([(s.pose.x, s.pose.y) for s in states]).T
+    sign = np.array([np.copysign(1.0, s.speed) for s in states])
+    travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)) * sign[1:])])
+    out = np.zeros(len(t))
+    out[WINDOW:] = (travel[WINDOW:] - travel[:-WINDOW]) / (t[WINDOW:] - t[:-WINDOW])
+    return out
 
 
 def read_any(paths: Iterable[str | Path]) -> tuple[list[Recording], list[tuple[str, str]]]:

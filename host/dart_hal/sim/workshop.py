@@ -1,4 +1,4 @@
-"""Chalk and tape in the virtual world: what a person could measure, as well as one can."""
+"""Chalk, tape and scale in the virtual world: what a person could measure, as well as one can."""
 
 from __future__ import annotations
 
@@ -15,12 +15,18 @@ SIGHT = math.radians(0.5)
 """rad, one sigma of sighting along the car's side."""
 
 
+SCALE = 0.002
+"""kg, one sigma of a kitchen scale."""
+
+
 class SimWorkshop:
     """Answers from the true motion with a person's errors, repeatable by the seed."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._rng = np.random.default_rng([world.car.seed, 400])
+        # its own: weighing must not change what the tape says
+        self._scale = np.random.default_rng([world.car.seed, 401])
         self.mark()
 
     def mark(self) -> None:
@@ -35,3 +41,16 @@ class SimWorkshop:
     def turns(self) -> float:
         """Yaw since the mark [rad], left positive."""
         return self._world.truth().yaw - self._yaw + SIGHT * float(self._rng.normal())
+
+    def mass(self) -> tuple[float, float]:
+        """(reading, one sigma) of the scale [kg], the car ready to drive."""
+        return self._weigh(self._world.car.vehicle.body.mass), SCALE
+
+    def axle_loads(self) -> tuple[float, float, float]:
+        """(front, rear, one sigma) [kg]: one axle on the scale, the other level beside it."""
+        body = self._world.car.vehicle.body
+        rear = body.mass * body.l_f / body.wheelbase
+        return self._weigh(body.mass - rear), self._weigh(rear), SCALE
+
+    def _weigh(self, kilograms: float) -> float:
+        return kilograms + SCALE * float(self._scale.normal())

@@ -1,0 +1,168 @@
+"""``dart-hal experiment``: drive the test for a sub-model, record it, fit it."""
+
+from __future__ import annotations
+
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
+from dart_hal.cli.drive import WAIVE
+from dart_hal.cli.options import Number, car_options, json_option
+from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.errors import ExperimentFailed, UsageError
+from dart_hal.experiment.floor import Floor
+from dart_hal.experiment.handover import Outcome, fit_run, mass_of
+from dart_hal.experiment.make import conduct, make_plan
+from dart_hal.experiment.plans import NAMES, Plan
+from dart_hal.experiment.runner import Drive
+from dart_hal.links.base import Backend, open_backend
+
+SIM_FLOOR = "10"
+"""m: the floor of a simulated car, where nobody has to say how large theirs is."""
+
+
+@click.command("experiment")
+@click.argument("submodel", type=click.Choice(NAMES))
+@car_options
+@click.option("--space", "space", default=None, metavar="METRES",
+              help="free floor: 8 (8 m x 8 m) or 12x3 (12 m along the car, 3 m across); needed on "
+                   f"a real car, {SIM_FLOOR} on sim://")
+@click.option("--speed", type=Number(0.2, 6.0), default=None, metavar="MAX",
+              help="m/s at most (default: what the test wants, or less if the floor is short)")
+@click.option("--mass", type=Number(0.2, 20.0), default=None, metavar="KG",
+              help="the car on a kitchen scale, ready to drive (default: car.toml's, +- 2 %)")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="recording to write  [default: runs/SUBMODEL-TIME.mcap]")
+@click.option("--waive", multiple=True, type=click.Choice(WAIVE),
+              help="arm although this is missing")
+@click.option("--no-fit", is_flag=True, help="drive and record only")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="picture of the path and the commands")
+@click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
+@json_option
+def command(submodel: str, url: str | None, car_name: str, cars: Path | None, space: str | None,
+            speed: float | None, mass: float | None, out: Path | None, waive: tuple[str, ...],
+            no_fit: bool, plot: Path | None, yes: bool, as_json: bool) -> None:
+    """Drive the test for SUBMODEL on a free floor, record it, and fit it.
+
+    Nothing is written but the recording; `dart-hal identify` makes a model.toml of
+    one or several of them.
+    """
+    out = out or Path("runs") / f"{submodel}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+    backend = open_backend(url or DEFAULT_URL)
+    try:  # before anything is recorded or asked
+        simulated = backend.url.scheme == "sim"
+        files = _files(backend, car_name, cars)
+        plan = make_plan(submodel, files, _floor(backend, space, submodel), speed)
+        weighed = mass_of(files, mass, backend.workshop)
+    except BaseException:
+        backend.close()
+        raise
+    with Car.over(backend, car=car_name, cars=cars, record=out) as car:
+        notices(car.notices)
+        _agree(plan, simulated, yes)
+        drive = _drive(car, plan, waive, out)
+        source = car.url
+    outcome = None if no_fit else fit_run(out, submodel, files, weighed)
+    if as_json:
+        print_json(to_json(source, out, plan, drive, outcome))
+    else:
+        show(out, drive, outcome)
+    if drive.stopped:
+        sys.exit(1)
+
+
+def _files(backend: Backend, car_name: str, cars: Path | None) -> CarFiles:
+    """The files that the Car will have. Raises ConfigError."""
+    folders = [cars] if cars else None
+    if backend.car_toml is not None:
+        return parse_car(backend.car_toml, backend.url.text, folders)
+    return load_car(backend.car or car_name, folders)
+
+
+def _floor(backend: Backend, space: str | None, submodel: str) -> Floor:
+    """What was said, on sim:// a default. Raises UsageError."""
+    if backend.bus is None:
+        raise UsageError(f"{backend.url.text} has nothing to drive",
+                         expected="a car with its I2C bus",
+                         remedy=f"dart-hal identify {submodel} FILES fits recordings")
+    if space is None and backend.url.scheme != "sim":
+        raise UsageError("say how much free floor there is", expected="--space 8 or 12x3",
+                         remedy=f"dart-hal experiment {submodel} --space METRES")
+    return Floor.parse(space or SIM_FLOOR)
+
+
+def _agree(plan: Plan, simulated: bool, yes: bool) -> None:
+    """Say what is coming; ask before a real car moves. Errors: ExperimentFailed."""
+    console.print(f"This {plan}.{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
+    for note in plan.notes:
+        console.print(f"  {note}", markup=False, highlight=False)
+    if simulated or yes:
+        return
+    if not sys.stdin.isatty():
+        raise ExperimentFailed("not started: nobody agreed to it", found="no terminal to ask at",
+                               remedy="once the floor is free: the same command with --yes")
+    if not click.confirm("Is the floor free? Start", err=True):
+        raise ExperimentFailed("not started: it was not agreed to",
+                               remedy="agree once the floor is free; in a script: --yes")
+
+
+def _drive(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
+    """The drive with a bar; what was recorded until a Ctrl-C or a fault is kept, and said."""
+    try:
+        with progress_bar() as bar:
+            task = bar.add_task("arming", total=1.0)
+            return conduct(car, plan, lambda share, text: bar.update(
+                task, completed=share, description=text), waive=waive)
+    except BaseException:
+        console.print(f"what was driven until then is in {out}", markup=False, highlight=False)
+        raise
+
+
+def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome | None
+            ) -> dict[str, Any]:
+    """The object of ``--json``."""
+    result: dict[str, Any] = {
+        "experiment": plan.name, "url": source, "recording": out,
+        "duration_s": drive.frames[-1].t if drive.frames else 0.0,
+        "top_speed": max((f.speed for f in drive.frames), default=0.0),
+        "stopped": drive.stopped or None, "notes": list(plan.notes)}
+    if outcome is not None:
+        result |= {"fits": {name: fit.to_json() for name, fit in outcome.fits.items()},
+                   "base": {name: {p: outcome.before(name, p) for p in fit.parameters}
+                            for name, fit in outcome.fits.items()},
+                   "mass_kg": {"value": outcome.mass.value, "std": outcome.mass.std},
+                   "files": {file: {"used": r.used, "dropped": r.dropped, "why": list(r.why)}
+                             for file, r in outcome.files.items()}}
+    return result
+
+
+def show(out: Path, drive: Drive, outcome: Outcome | None) -> None:
+    """The fit beside the model before, and what there is to say about it."""
+    if outcome is not None:
+        for name in outcome.fits:
+            console.print(_table(name, outcome))
+            for note in outcome.fits[name].notes:
+                console.print(f"  {note}", style="dim", markup=False, highlight=False)
+    if drive.stopped:
+        console.print(f"ended early: {drive.stopped}", style="yellow", markup=False)
+    console.print(f"recorded in {out}; nothing else was written", markup=False, highlight=False)
+
+
+def _table(name: str, outcome: Outcome) -> Table:
+    fit = outcome.fits[name]
+    table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}")
+    for column in ("parameter", "fitted", "one sigma", "before", "unit", ""):
+        table.add_column(column, justify="left" if column == "" else "right")
+    for key, e in fit.parameters.items():
+        said = "" if e.identifiable else "not told"
+        table.add_row(key, f"{e.value:.5g}", f"{e.std:.2g}",
+                      f"{outcome.before(name, key):.5g}", e.unit, said)
+    return table

@@ -1,0 +1,1 @@
+"""Room of the experiments: a sub-model's test, driven on any car, recorded and fitted."""

@@ -1,0 +1,69 @@
+"""From a recorded drive to a fit: what ``identify`` makes of it, beside the model before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dart_hal.config import CarFiles
+from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.runs import EVERY, read_run
+from dart_hal.identify.submodels import fit_submodels
+from dart_hal.links.base import Workshop
+from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.parameters import Vehicle
+
+from .scales import with_scales
+
+TIMING = 1
+"""Frames to a message where timing is the question: at ten, a command is held for 0.1 s."""
+MASS_STD = 0.02
+"""Relative std of a mass in car.toml that nobody has weighed for this experiment."""
+
+
+SCALE_STD = 0.002
+"""kg, one sigma of a kitchen scale."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """fits by sub-model, report by file as ``identify`` prints it, base values beside them."""
+
+    fits: Mapping[str, Fit]
+    files: Mapping[str, Any]
+    base: Vehicle
+    mass: Estimate
+
+    @property
+    def sound(self) -> bool:
+        """Whether the fit that the experiment is about may be used."""
+        return all(fit.sound for fit in self.fits.values())
+
+    def before(self, submodel: str, name: str) -> float:
+        """The value of the model that the car had before."""
+        return float(getattr(getattr(self.base, submodel), name))
+
+
+def mass_of(files: CarFiles, kilograms: float | None = None, workshop: Workshop | None = None
+            ) -> Estimate:
+    """The car's mass [kg]: as weighed, else on the workshop's scale, else car.toml's."""
+    if kilograms is not None:
+        return Estimate(kilograms, SCALE_STD, "kg")
+    if workshop is not None:
+        value, std = workshop.mass()
+        return Estimate(value, std, "kg")
+    entry = files.config.geometry.mass
+    return Estimate(entry, MASS_STD * entry, "kg")
+
+
+def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Outcome:
+    """Fit the sub-model ``name`` to a recorded drive.
+
+    Errors: RecordingError for a run that is too short or cannot be read.
+    """
+    base = vehicle_of(files.model)
+    every = TIMING if name == "delay" else EVERY
+    fits, reports = fit_submodels([read_run(path, every)], [name], base=base, mass=mass)
+    return Outcome({n: with_scales(fit, files) for n, fit in fits.items()}, reports, base, mass)

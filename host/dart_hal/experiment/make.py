@@ -1,0 +1,49 @@
+"""An experiment by its name: its plan, and its drive on an open Car."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dart_hal.car import Car
+from dart_hal.config import CarFiles
+from dart_hal.errors import UsageError
+
+from .circles import plan_circles
+from .floor import Floor
+from .plans import NAMES, Plan
+from .runner import Drive, Progress, run
+from .steering import plan_steering, run_steering
+from .straight import plan_straight
+
+
+def make_plan(name: str, files: CarFiles, floor: Floor, speed: float | None) -> Plan:
+    """The rehearsed plan of experiment ``name`` on ``floor``, speed [m/s] at most.
+
+    Errors: UsageError for another name, ExperimentFailed when the floor is too
+    small or the speed too high for it.
+    """
+    if name in ("friction", "motor"):
+        return plan_straight(name, files, floor, speed)
+    if name == "steering":
+        return plan_steering(files, floor, speed)
+    if name in ("delay", "tyres"):
+        return plan_circles(name, files, floor, speed)
+    raise UsageError(f"no experiment {name!r}", expected=", ".join(NAMES))
+
+
+def conduct(car: Car, plan: Plan, progress: Progress = lambda share, text: None, *,
+            waive: Sequence[str] = ()) -> Drive:
+    """Arm the car and drive the plan; the car is left stopped, whatever happens.
+
+    The steering sweep needs pulses, so it is driven in raw mode, which waives
+    clock and calibration by itself. Errors: NotArmed, ExperimentFailed,
+    CalibrationFailed, LinkLost.
+    """
+    try:
+        if plan.sweep is not None:
+            with car.raw():
+                return run_steering(car, plan, progress)
+        car.arm(waive=waive)
+        return run(car, plan, progress)
+    finally:
+        car.stop()

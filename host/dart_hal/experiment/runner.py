@@ -1,0 +1,215 @@
+"""Drives a plan on a Car, frame by frame: the telemetry is the clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Protocol
+
+from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.steering_map import steering_map
+from dart_hal.config import CarFiles
+from dart_hal.types import Applied, Pose, State
+from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.speed_law import SpeedLaw
+
+from .limits import Rolling
+from .plans import Plan, Segment
+from .watch import Stopped, Watch, in_frame
+
+SOURCE = "experiment"
+MAX_THROTTLE = 0.4
+"""Of the speed loop: slow driving needs 0.25; more means that the speed is not seen."""
+RESTS = 0.2
+"""s without an edge: the car stands."""
+ALIGNED = 0.06
+"""rad beside a whole turn: about one step of 50 ms on the tightest circle."""
+MEAN_OVER = 1.0
+"""s over which a relative throttle remembers what the speed loop needed."""
+
+Progress = Callable[[float, str], None]
+
+
+class ExperimentCar(Protocol):
+    """What a drive needs of a Car."""
+
+    files: CarFiles
+
+    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
+    def drive(self, *, steering: float = ..., throttle: float = ..., valid_for: float = ...,
+              source: str = ...) -> Applied: ...
+    def stop(self) -> object: ...
+    @property
+    def mode(self) -> str: ...
+    @property
+    def causes(self) -> tuple[str, ...]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame of a drive: t s from its start, pose in the frame of the start, command."""
+
+    t: float
+    pose: Pose
+    speed: float
+    throttle: float
+    steering: float
+    segment: str
+    measured: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What was driven. stopped: why it ended early, "" = it did not."""
+
+    plan: Plan
+    frames: tuple[Frame, ...]
+    stopped: str = ""
+
+
+class Runner:
+    """One drive of one plan. ``car`` is armed; it is left rolling out: stop() it."""
+
+    def __init__(self, car: ExperimentCar, plan: Plan) -> None:
+        files = car.files
+        vehicle = vehicle_of(files.model)
+        self._car, self._plan, self._track = car, plan, plan.track()
+        self._wheelbase = files.config.geometry.wheelbase
+        table = files.calibration.steering.map if files.calibration else None
+        self._map = steering_map(files.config, table)
+        self._rolling = Rolling(vehicle)
+        self._watch = Watch(plan.fence, plan.speed, self._rolling)
+        self._law = SpeedLaw(vehicle, max_throttle=MAX_THROTTLE)
+        self._held = 0.0
+        self._start: Pose | None = None
+        self._frames: list[Frame] = []
+        self._ticks, self._rested = 0, 0.0
+        self._dt = 0.0
+        self._neutral, self._span = files.neutral_us, files.config.throttle.span_us
+        clock, pwm = files.oscillator_hz, files.config.pwm
+        self._count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
+
+    def drive(self, progress: Progress = lambda share, text: None) -> Drive:
+        """Every segment in order; fence and top speed end the drive, its data are kept.
+
+        Errors: ExperimentFailed when car or sensors do not answer; what the Car raises.
+        """
+        stopped = ""
+        segments = iter(self._plan.segments)
+        segment: Segment | None = next(segments)
+        done = 0
+        began: float | None = None
+        first: float | None = None
+        last: float | None = None
+        try:
+            for state in self._car.states():
+                self._dt = 0.0 if last is None else min(state.t - last, 0.1)
+                last = state.t
+                began = state.t if began is None else began
+                first = state.t if first is None else first
+                pose = self._seen(state)
+                while segment is not None and self._over(segment, state, pose, state.t - first):
+                    segment, first, done = next(segments, None), state.t, done + 1
+                if segment is None:
+                    break
+                self._command(segment, state, pose, state.t - first, began)
+                if len(self._frames) % 20 == 0:
+                    progress(done / len(self._plan.segments), segment.name)
+        except Stopped as reason:
+            stopped = str(reason)
+        finally:
+            self._car.stop()
+        return Drive(self._plan, tuple(self._frames), stopped)
+
+    # -- one frame -----------------------------------------------------------
+
+    def _seen(self, state: State) -> Pose:
+        if self._start is None:
+            self._start, self._ticks = state.pose, state.ticks
+        pose = in_frame(state.pose, self._start)
+        if self._track is not None:
+            self._track.seen(pose)
+        self._rested = 0.0 if state.ticks != self._ticks else self._rested + self._dt
+        self._ticks = state.ticks
+        return pose
+
+    def _command(self, segment: Segment, state: State, pose: Pose, t: float,
+                 began: float) -> None:
+        throttle = self._throttle(segment, state, t)
+        steering = self._steering(segment, state, pose, t)
+        # frames come before the watch looks, so that a picture shows where it ended
+        self._frames.append(Frame(state.t - began, pose, state.speed, throttle,
+                                  self._map.command_of(steering), segment.name, segment.measured))
+        self._watch.look(state, pose, throttle, self._car.mode, self._car.causes,
+                         self._lane(segment, pose))
+        self._car.drive(steering=steering, throttle=throttle, source=SOURCE)
+
+    def _throttle(self, segment: Segment, state: State, t: float) -> float:
+        if segment.throttle is not None:
+            level = segment.throttle(t) + (self._held if segment.relative else 0.0)
+            return self._whole(max(level, 0.0))
+        if segment.speed == 0.0:
+            self._law.reset()
+            self._held = 0.0
+            return 0.0
+        wanted = self._law.throttle(segment.speed, state.speed, self._dt)
+        share = min(self._dt / MEAN_OVER, 1.0)
+        self._held += (wanted - self._held) * (share if self._held else 1.0)
+        return wanted
+
+    def _whole(self, throttle: float) -> float:
+        """The throttle nearest to it that is a whole count: no dithering between two."""
+        pulse = round((self._neutral + self._span * throttle) / self._count) * self._count
+        return (pulse - self._neutral) / self._span if throttle else 0.0
+
+    def _steering(self, segment: Segment, state: State, pose: Pose, t: float) -> float:
+        """Road-wheel angle [rad] by the map that the Car inverts again."""
+        if not isinstance(segment.steering, str):
+            return self._map.angle_of(max(-1.0, min(1.0, segment.steering(t))))
+        assert self._track is not None
+        follow = (self._track.along_lane if segment.steering == "lane"
+                  else self._track.along_path)
+        return follow(pose, state.speed, self._wheelbase)
+
+    def _lane(self, segment: Segment, pose: Pose) -> Pose | None:
+        if isinstance(segment.steering, str) and self._track is not None:
+            return self._track.nearest(pose, lane=segment.steering == "lane")
+        return None
+
+    # -- the end of a segment --------------------------------------------------
+
+    def _over(self, segment: Segment, state: State, pose: Pose, t: float) -> bool:
+        return (t >= segment.seconds or state.speed >= segment.top_speed
+                or abs(state.speed * (state.yaw_rate or 0.0)) >= segment.top_lateral
+                or (segment.rolls_out and self._lane_ends(state))
+                or self._reached(segment, pose))
+
+    def _lane_ends(self, state: State) -> bool:
+        return (self._track is not None
+                and self._track.remaining < self._rolling(state.speed) + 0.1)
+
+    def _reached(self, segment: Segment, pose: Pose) -> bool:
+        if segment.until == "standstill":
+            return self._rested > RESTS
+        if segment.until == "room":
+            return self._track is not None and self._track.remaining >= segment.room
+        if segment.until == "heading":
+            return (abs(pose.yaw) > math.pi
+                    and abs(math.remainder(pose.yaw, 2.0 * math.pi)) < ALIGNED)
+        return False
+
+
+def run(car: ExperimentCar, plan: Plan, progress: Progress = lambda share, text: None) -> Drive:
+    """Drive ``plan`` on an armed car; see ``Runner.drive``."""
+    return Runner(car, plan).drive(progress)
+
+
+def with_figures(plan: Plan, drive: Drive) -> Plan:
+    """The plan with time, path and top speed of a drive, its rehearsal."""
+    frames = drive.frames
+    steps = [math.hypot(b.pose.x - a.pose.x, b.pose.y - a.pose.y)
+             for a, b in pairwise(frames)]
+    return replace(plan, seconds=frames[-1].t, path=sum(steps),
+                   reached=max(f.speed for f in frames))
