@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.errors import UsageError
+from dart_hal.errors import BadCommand, UsageError
 from dart_hal.sim.light.car import DEFAULT, vehicle_named
 from dart_hal.sim.light.config import LightConfig
 from dart_hal.sim.light.history import ArrayHistory
 from dart_hal.sim.light.noise import Seed
 from dart_hal.sim.light.ops import ARRAY_OPS
-from dart_hal.sim.light.plant import Plant
+from dart_hal.sim.light.plant import MakeStepper, Plant
 from dart_hal.sim.light.sense import SIGNALS, Reading, depth_of
-from dart_hal.sim.light.stepper import State8, make_array_stepper
+from dart_hal.sim.light.stepper import Fineness, State8, Stepper, make_array_stepper
 from dart_hal.vehicle import Vehicle, stack
 
 Array = NDArray[Any]
@@ -46,12 +46,19 @@ class LightBatch(Plant):
             each = [vehicle_named(v) for v in vehicle]
             _check(each, n)
             p, first = stack(each, c.dtype), each[0]
-        super().__init__(p, c, ARRAY_OPS, make_array_stepper, seeds, False, first)
+        super().__init__(p, c, ARRAY_OPS, self._make_stepper_of(c), seeds, False, first)
         if c.sensors is not None:
             self._past = ArrayHistory(depth_of(c.sensors, c.step), SIGNALS, n, c.dtype)
         self._lanes_restarted = np.zeros(n, dtype=bool)
         self.state = tuple(np.zeros((8, n), dtype=c.dtype))
         self.reset()
+
+    @staticmethod
+    def _make_stepper_of(c: LightConfig) -> MakeStepper:
+        def make(p: Vehicle, step: float, method: str, fine: Fineness) -> Stepper:
+            return make_array_stepper(p, step, method, fine, c.dtype, c.engine)
+
+        return make
 
     def _seeds(self, seed: int | Sequence[Seed]) -> Sequence[Seed]:
         if isinstance(seed, int):
@@ -110,10 +117,17 @@ class LightBatch(Plant):
         self._lanes_restarted[where] = True
 
     def advance(self, throttle: Array, steering: Array, steps: int = 1) -> State8:
-        """State after ``steps`` steps with commands -1..1, (n,) each, held."""
+        """State after ``steps`` steps with commands -1..1, (n,) each, held.
+
+        Raises BadCommand for other shapes, NaN or infinity.
+        """
         kind = self.config.dtype
-        return super().advance(np.asarray(throttle, dtype=kind), np.asarray(steering, dtype=kind),
-                               steps)
+        commands = [np.asarray(v, dtype=kind) for v in (throttle, steering)]
+        if any(v.shape != (self.n,) or not np.isfinite(v).all() for v in commands):
+            raise BadCommand("a command for each car, and each a number",
+                             found=f"shapes {[v.shape for v in commands]}, or NaN",
+                             expected=f"two arrays ({self.n},) of -1 to 1")
+        return super().advance(commands[0], commands[1], steps)
 
     def read(self, going: Any = True) -> Reading:
         """What the sensors say now, arrays (n,). Raises UsageError for bare physics."""

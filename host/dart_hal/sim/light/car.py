@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
+from dart_hal.errors import BadCommand
 from dart_hal.sim.light.config import LightConfig
 from dart_hal.sim.light.history import ScalarHistory
 from dart_hal.sim.light.noise import Seed
@@ -71,6 +73,13 @@ class LightCar(Plant):
             self._past.fill(self._before(self.state))
         self._restarted = True
         return self.state
+
+    def advance(self, throttle: float, steering: float, steps: int = 1) -> State8:
+        """State after ``steps`` steps with commands -1..1 held. Raises BadCommand for NaN."""
+        if not (isfinite(throttle) and isfinite(steering)):
+            raise BadCommand("a command is not a number", found=f"{throttle}, {steering}",
+                             expected="-1 to 1")
+        return super().advance(throttle, steering, steps)
 
     def read(self, going: bool = True) -> Reading:
         """What the sensors say now. Raises UsageError for a car without sensors."""

@@ -169,8 +169,9 @@ class Disturbance(Checked):
 class LightConfig:
     """One simulation: ``step`` [s], the parts, and the numbers that computes with.
 
-    ``sensors`` None: bare physics, ``read`` is refused. ``dtype``: of a batch,
-    "float64" or "float32"; one car is always float64.
+    ``sensors`` None: bare physics, ``read`` is refused. Of a batch: ``dtype``
+    "float64" or "float32", ``engine`` "auto", "numpy" or "native"; one car is
+    always ``math`` in float64.
     """
 
     step: float = 0.01
@@ -179,6 +180,7 @@ class LightConfig:
     disturbance: Disturbance = field(default_factory=Disturbance)
     method: str = "rk4"
     dtype: str = "float64"
+    engine: str = "auto"
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.step <= 0.05:

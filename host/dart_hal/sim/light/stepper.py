@@ -17,8 +17,11 @@ from typing import Any
 import numpy as np
 
 from dart_hal.vehicle import Vehicle, make_car_step, make_slip, make_tyres
-from dart_hal.vehicle.flat import bind, value
+from dart_hal.vehicle.batch import prepare
+from dart_hal.vehicle.flat import bind, names
 from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.native.call import aligned, call
+from dart_hal.vehicle.native.kernel import Kernel
 
 STABLE = 2.0
 """Largest rate times step that is allowed; RK4 is stable up to 2.78, Euler to 2."""
@@ -83,21 +86,26 @@ def make_scalar_stepper(p: Vehicle, step: float, method: str, fine: Fineness) ->
     return stepper
 
 
-def make_array_stepper(p: Vehicle, step: float, method: str, fine: Fineness) -> Stepper:
-    """The same for arrays of cars; parameters may be arrays, a value for each."""
-    coarse = make_car_step(p, np, step, method)
+def make_array_stepper(p: Vehicle, step: float, method: str, fine: Fineness,
+                       dtype: str = "float64", engine: str = "auto") -> Stepper:
+    """The same for arrays of cars; parameters may be arrays, a value for each.
+
+    engine: "native" (compiled), "numpy", or "auto" = native where there is a
+    kernel; the two agree to 1e-12 in float64. Raises UsageError when "native"
+    is wanted and there is none.
+    """
+    coarse = _over_arrays(p, step, method, dtype, engine)
     if fine.parts == 1:
-        return lambda state, tau, s: coarse(*state, tau, s)
-    short = make_car_step(p, np, step / fine.parts, method)
+        return lambda state, tau, s: coarse(state, tau, s, 1, None)
+    short = _over_arrays(p, step / fine.parts, method, dtype, engine)
 
     def stepper(state: State8, tau: Value, s: Value) -> State8:
         slow = np.flatnonzero(np.abs(state[3]) < fine.speed)
         if len(slow) == len(state[3]):
-            return _repeat(short, state, tau, s, fine.parts)
-        new = coarse(*state, tau, s)
+            return short(state, tau, s, fine.parts, None)
+        new = coarse(state, tau, s, 1, None)
         if len(slow):
-            some = make_car_step(_lanes(p, slow), np, step / fine.parts, method)
-            crept = _repeat(some, tuple(v[slow] for v in state), tau[slow], s[slow], fine.parts)
+            crept = short(tuple(v[slow] for v in state), tau[slow], s[slow], fine.parts, slow)
             for whole, part in zip(new, crept, strict=True):
                 whole[slow] = part
         return new
@@ -105,17 +113,43 @@ def make_array_stepper(p: Vehicle, step: float, method: str, fine: Fineness) -> 
     return stepper
 
 
-def _repeat(step: Callable[..., State8], state: State8, tau: Value, s: Value,
-            times: int) -> State8:
-    for _ in range(times):
-        state = step(*state, tau, s)
-    return state
+Arrays = Callable[[State8, Value, Value, int, Any], State8]
+"""``steps(state, throttle, steering, times, lanes)``; lanes: which cars the arrays hold."""
 
 
-def _lanes(p: Vehicle, lanes: Any) -> Vehicle:
-    """The vehicles of some lanes of a stacked one."""
-    def of(name: str) -> Value:
-        v = value(p, name)
-        return v[lanes] if isinstance(v, np.ndarray) else v
+def _over_arrays(p: Vehicle, step: float, method: str, dtype: str, engine: str) -> Arrays:
+    kernel = prepare(p, "car", step, dtype, method, engine)
+    return _numpy(p, step, method) if kernel is None else _native(kernel)
 
-    return bind(p, of)
+
+def _native(kernel: Kernel) -> Arrays:
+    def steps(state: State8, tau: Value, s: Value, times: int, lanes: Any) -> State8:
+        h = kernel.h
+        if lanes is not None and h.ndim == 2:
+            h = aligned(h[:, lanes], h.dtype)
+        new: State8 = tuple(call(kernel.run, h, np.asarray(state), tau[None], s[None], [1],
+                                 times, None)[0])
+        return new
+
+    return steps
+
+
+def _numpy(p: Vehicle, step: float, method: str) -> Arrays:
+    of_all = make_car_step(p, np, step, method)
+    varied = any(np.ndim(_value(p, name)) for name in names(p))
+
+    def steps(state: State8, tau: Value, s: Value, times: int, lanes: Any) -> State8:
+        advance = of_all
+        if lanes is not None and varied:
+            advance = make_car_step(bind(p, lambda name: (
+                v[lanes] if np.ndim(v := _value(p, name)) else v)), np, step, method)
+        for _ in range(times):
+            state = advance(*state, tau, s)
+        return state
+
+    return steps
+
+
+def _value(p: Vehicle, name: str) -> Value:
+    group, _, key = name.partition(".")
+    return getattr(getattr(p, group), key)
