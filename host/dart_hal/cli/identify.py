@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -52,7 +51,8 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
     start = _base(base, target)
-    typed = shlex.join(["dart-hal", *sys.argv[1:]])
+    typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
+                                     "--reference": reference})
     outcome: Outcome
     data: Any
     if root is not None:
@@ -85,6 +85,16 @@ def _check(files: Sequence[Path], root: Path | None, reference: Reference | None
     if root is None and not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal identify all FOLDER")
+
+
+def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
+    """The command line, for the provenance of the file."""
+    words = ["dart-hal", "identify", submodel, *map(str, files)]
+    for name, value in options.items():
+        if isinstance(value, Reference):
+            value = f"{value.lx},{value.theta},{value.ly}"
+        words += [] if value is None else [name, str(value)]
+    return shlex.join(words)
 
 
 def _base(base: str | None, target: Path | None) -> ModelFile:

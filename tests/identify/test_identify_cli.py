@@ -1,0 +1,189 @@
+"""``dart-hal identify`` from the outside: JSON, exit status, what is written and what is not."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dart_hal.cli.main import main
+from dart_hal.config import load_model
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.load import model_of, vehicle_of
+
+EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+FIT_KEYS = {"parameters", "n", "rmse", "loss", "unit", "converged", "identifiable", "cpu_s"}
+NAMES = {"friction": {"a", "b", "c"}, "motor": {"d", "e", "g"},
+         "steering": {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"},
+         "delay": {"steering_s"},
+         "tyres": {"front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness"}}
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """``run(*words)`` -> (exit status, JSON of standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*words):
+        with pytest.raises(SystemExit) as end:
+            main(["identify", *map(str, words)])
+        out, err = capsys.readouterr()
+        return end.value.code, json.loads(out) if out.strip() else None, err
+    return call
+
+
+def test_as_paper_prints_the_contract(run, tmp_path):
+    status, document, _ = run("all", "--as-paper", EXCERPT, "--json")
+    assert status == 0
+    assert set(NAMES) <= set(document["fits"])
+    for name, keys in NAMES.items():
+        fit = document["fits"][name]
+        assert set(fit) >= FIT_KEYS
+        assert set(fit["parameters"]) == keys == set(fit["identifiable"])
+        assert all(set(p) == {"value", "std", "unit"} for p in fit["parameters"].values())
+        assert fit["loss"] == pytest.approx(fit["rmse"]**2)
+    assert document["fits"]["friction"]["loss"] == pytest.approx(.0360688, rel=1e-4)
+    assert document["fits"]["friction"]["paper"]["rmse"] == pytest.approx(.1899, abs=6e-5)
+    assert document["fits"]["tyres"]["at_bound"] == ["front_C"]
+    assert document["fits"]["tyres"]["derived"]["front_stiffness_BCD"]["unit"] == "N/rad"
+    assert len(document["files"]) == 43
+    assert all(set(f) == {"used", "dropped", "why"} for f in document["files"].values())
+    assert document["model"] is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_as_paper_with_out_writes_what_is_sound(run, tmp_path):
+    status, document, err = run("all", "--as-paper", EXCERPT, "--out", "m/model.toml", "--json")
+    assert (status, document["model"]) == (0, "m/model.toml")
+    model = load_model(tmp_path / "m/model.toml")
+    car = vehicle_of(model)
+    assert car.motor.d == pytest.approx(21.070, abs=0.01)
+    assert car.tyres == PAPER.tyres  # C at its bound: the base's values stay
+    assert "not written: tyres: front_C stopped at the edge" in err
+    assert set(model.covariance) == {"friction", "motor", "steering", "delay"}
+    assert len(model.provenance["files"]) == 43
+    assert all(len(digest) == 64 for digest in model.provenance["files"].values())
+    typed = model.provenance["sections"]["motor"]["command"]
+    assert typed == f"dart-hal identify all --as-paper {EXCERPT} --out m/model.toml"
+
+
+def test_an_unsound_fit_does_not_touch_a_good_file(run, tmp_path):
+    path = tmp_path / "model.toml"
+    run("friction", "--as-paper", EXCERPT, "--out", path)
+    before = path.read_bytes()
+    status, document, err = run("tyres", "--as-paper", EXCERPT, "--out", path, "--json")
+    assert status == 1
+    assert document["model"] is None
+    assert document["fits"]["tyres"]["sound"] is False
+    assert "as it was" in err
+    assert path.read_bytes() == before
+
+
+def test_one_sub_model_after_the_other_into_one_file(run, tmp_path):
+    path = tmp_path / "model.toml"
+    run("friction", "--as-paper", EXCERPT, "--out", path)
+    run("motor", "--as-paper", EXCERPT, "--out", path)
+    car = vehicle_of(load_model(path))
+    assert car.friction.a == pytest.approx(1.7258, abs=1e-3)
+    assert car.motor.d == pytest.approx(21.070, abs=0.01)
+
+
+def test_a_base_gives_what_is_not_identified(run, tmp_path):
+    run("friction", "--as-paper", EXCERPT, "--out", "m.toml", "--base", "upstream-2024")
+    car = vehicle_of(load_model(tmp_path / "m.toml"))
+    assert car.body.mass == 1.58
+    assert car.friction.a == pytest.approx(1.7258, abs=1e-3)
+
+
+def test_a_dry_run_writes_nothing(run, tmp_path):
+    status, document, err = run("friction", "--as-paper", EXCERPT, "--out", "m.toml", "--dry-run",
+                                "--json")
+    assert (status, document["model"]) == (0, None)
+    assert "dry run" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_table_says_value_error_paper_and_what_is_not_told(run):
+    _, document, err = run("tyres", "--as-paper", EXCERPT)
+    assert document is None
+    assert "0.3851 +- 0.00088 N/deg" in err
+    assert "22.301" in err  # the paper's, beside it
+    assert "at bound" in err
+    assert "caution: tyres: front_C stopped at the edge of the allowed interval" in err
+
+
+@pytest.mark.parametrize(("words", "what"), [
+    (["all"], "no recording named"),
+    (["all", "x.csv", "--as-paper", "."], "takes its own folders"),
+    (["all", "--as-paper", "nowhere"], "no recording"),
+    (["all", "nowhere.csv"], "no such file"),
+    (["friction", "x.csv", "--reference", "0.1,0.2"], "LX,THETA,LY"),
+    (["friction", "x.csv", "--reference", "93,0,0"], "metres"),
+    (["friction", "x.csv", "--base", "nobody"], "no model is called"),
+    (["nothing", "x.csv"], "nothing")])
+def test_usage_and_input_errors(run, words, what):
+    status, document, _ = run(*words, "--json")
+    assert status == 2
+    assert set(document) == {"error"}
+    assert set(document["error"]) == {"code", "what", "found", "try"}
+    assert what in json.dumps(document)
+
+
+def test_a_broken_model_file_is_not_overwritten(run, tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text("this is [no toml")
+    status, document, _ = run("friction", "--as-paper", EXCERPT, "--out", path, "--json")
+    assert status == 2
+    assert "model.toml" in document["error"]["what"]
+    assert path.read_text() == "this is [no toml"
+
+
+def test_pictures(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    _, document, _ = run("all", "--as-paper", EXCERPT, "--plot", "pics", "--json")
+    names = {Path(p).name for p in document["plots"]}
+    assert names == {f"{n}.png" for n in (*NAMES, "step_response")}
+    assert all((tmp_path / p).read_bytes()[:4] == b"\x89PNG" for p in document["plots"])
+
+
+def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
+    """The default path: per recording, unusable files of a folder listed with the reason."""
+    folder = tmp_path / "mixed"
+    folder.mkdir()
+    for name in ("19_step_input_data", "circles_27_sept_2024"):
+        for file in sorted((EXCERPT / name).glob("*.csv.gz"))[:3]:
+            shutil.copy(file, folder / f"{name[:2]}_{file.name}")
+    (folder / "broken.csv").write_text("a,b\n1,2\n")
+    status, document, _ = run("friction", folder, "--json")
+    assert status in (0, 1)
+    assert set(document["fits"]) == {"friction"}
+    assert len(document["files"]) == 5
+    broken = next(r for f, r in document["files"].items() if f.endswith("broken.csv"))
+    assert broken["used"] == 0
+    assert "not a DART recording" in broken["why"][0]
+    dead = next(r for f, r in document["files"].items() if "ci_" in f)
+    assert any("encoder dead" in why for why in dead["why"])
+    fit = document["fits"]["friction"]
+    assert set(fit) >= FIT_KEYS
+    if fit["sound"]:
+        model = load_model(tmp_path / document["model"])
+        assert model.friction["a"].value == fit["parameters"]["a"]["value"]
+        assert all(len(v) == 64 for v in model.provenance["files"].values())
+    else:
+        assert document["model"] is None
+
+
+def test_pictures_of_recordings(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    files = sorted((EXCERPT / "19_step_input_data").glob("*.csv.gz"))[5:8]
+    _, document, _ = run("friction", *files, "--plot", "pics", "--dry-run", "--json")
+    if document["fits"]["friction"]["n"]:
+        assert {Path(p).name for p in document["plots"]} == {"friction.png", "step_response.png"}
+    assert document["model"] is None
+
+
+def test_the_base_model_round_trips():
+    assert vehicle_of(model_of(PAPER)) == PAPER

@@ -1,0 +1,61 @@
+"""What the pictures take from recordings, and from a fit made the paper's way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dart_hal.identify.as_paper import fit_as_paper
+from dart_hal.identify.plots import draw, evidence_as_paper, evidence_of
+from dart_hal.identify.plots.from_recordings import HELD, Motion
+from dart_hal.identify.runs import read_any
+from dart_hal.vehicle import PAPER, make_friction
+
+EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+
+
+@pytest.fixture(scope="module")
+def made():
+    return fit_as_paper(EXCERPT)
+
+
+def test_a_command_counts_as_held_after_its_time():
+    t = 0.1 * np.arange(30)
+    command = np.where(t < 1.05, 0.2, 0.3)
+    motion = Motion("x", t, *(np.zeros(30) for _ in range(5)))
+    held = motion.held(command)
+    assert held.tolist() == [bool(h) for h in np.where(
+        t < 1.05, t > HELD + 1e-9, t > 1.1 + HELD + 1e-9)]
+
+
+def test_the_paper_s_pictures_show_the_very_rows_of_the_fits(made):
+    evidence = evidence_as_paper(made)
+    for name, data in (("friction", evidence.friction.force), ("motor", evidence.motor.force),
+                       ("steering", evidence.steering.angle),
+                       ("tyres_front", evidence.tyres.front_force)):
+        assert len(data) == made.fits[name].n
+    assert evidence.step.throttle.max() > 0.3  # the step is in the picture
+
+
+def test_recordings_give_forces_of_the_right_sign_and_size(made):
+    recordings, _ = read_any([EXCERPT / "19_step_input_data", EXCERPT / "30_step_steering_data",
+                              EXCERPT / "50_tire_model_data"])
+    evidence = evidence_of(recordings, made.fits)
+    fast = evidence.friction.v > 0.5
+    expected = make_friction(PAPER.friction, np)(evidence.friction.v[fast])
+    assert np.median(evidence.friction.force[fast] - expected) == pytest.approx(0.0, abs=0.2)
+    for low, high in ((-1.0, -0.5), (0.5, 1.0)):  # + = left
+        side = (evidence.steering.command >= low) & (evidence.steering.command <= high)
+        assert np.sign(np.median(evidence.steering.angle[side])) == np.sign(low)
+    tyres = evidence.tyres
+    assert np.corrcoef(tyres.rear_slip, tyres.rear_force)[0, 1] > 0.8
+    assert np.abs(tyres.front_slip).max() < np.radians(40.0)  # rad, not deg
+
+
+def test_only_what_was_fitted_is_drawn(made, tmp_path):
+    pytest.importorskip("matplotlib")
+    evidence = evidence_as_paper(made)
+    pictures = draw(evidence, {"steering": made.fits["steering"]}, tmp_path)
+    assert [p.name for p in pictures] == ["steering.png"]
