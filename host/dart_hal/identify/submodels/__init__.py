@@ -7,15 +7,17 @@ that are taken as independent, because the samples of a drive are not.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from dart_hal.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.delay import fit_delay
 from dart_hal.identify.submodels.driving import drive
-from dart_hal.identify.submodels.friction_motor import longitudinal_fit, vars_of
-from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger, untold
+from dart_hal.identify.submodels.friction_motor import longitudinal_fit
+from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger
 from dart_hal.identify.submodels.steering import fit_steering
+from dart_hal.identify.submodels.tyres import fit_tyres
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PAPER, Vehicle
 
@@ -56,7 +58,16 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
             fits["delay"] = fit_delay(recordings, reference, base, found, ledger)
     if "steering" in names:
         fits["steering"] = fit_steering(recordings, reference, base, ledger)
-    for name in names:
-        if name not in fits:
-            fits[name] = untold(name, vars_of(base, name), ["not fitted yet"])
+    if "tyres" in names:
+        fits["tyres"] = fit_tyres(recordings, reference, base, fitted_car(base, fits), ledger)
     return {n: fits[n] for n in names}, ledger.reports()
+
+
+def fitted_car(base: Vehicle, fits: Mapping[str, Fit]) -> Vehicle:
+    """base with the steering map and delay found along, where they are sound."""
+    out = base
+    if "steering" in fits and fits["steering"].sound:
+        out = replace(out, steering=replace(out.steering, **fits["steering"].values()))
+    if "delay" in fits and fits["delay"].sound:
+        out = replace(out, delay=replace(out.delay, **fits["delay"].values()))
+    return out

@@ -38,19 +38,13 @@ def combine(parts: Mapping[str, Straight]) -> tuple[Straight, list[str]]:
     fits = list(parts.values())
     free = tuple(n for n in NAMES if any(n in f.free for f in fits))
     rows = [NAMES.index(n) for n in free]
-    x = np.stack([f.x[rows] for f in fits])
-    covariance = np.stack([_widened(f)[np.ix_(rows, rows)] for f in fits])
-    between = _between(x, covariance)
-    precision = np.linalg.inv(covariance + np.diag(between))
-    total = np.linalg.inv(precision.sum(axis=0))
-    mean = total @ np.einsum("dij,dj->i", precision, x)
-    off = x - mean
-    chi2 = float(np.einsum("di,dij,dj->", off, precision, off))
-    freedom = max((len(fits) - 1) * len(rows), 1)
+    mean, covariance, between = random_effects(
+        np.stack([f.x[rows] for f in fits]),
+        np.stack([_widened(f)[np.ix_(rows, rows)] for f in fits]))
     full = fits[0].x.copy()
     full[rows] = np.clip(mean, LOW[rows], HIGH[rows])
     out = np.zeros((len(NAMES), len(NAMES)))
-    out[np.ix_(rows, rows)] = total * max(1.0, chi2 / freedom)
+    out[np.ix_(rows, rows)] = covariance
     best = np.max([f.independent for f in fits if set(free) <= set(f.free)] or
                   [f.independent for f in fits], axis=0)
     result = Straight(free, full, out, np.asarray(best),
@@ -67,6 +61,22 @@ def _widened(f: Straight) -> FloatArray:
             out[i, :] = out[:, i] = 0.0
             out[i, i] = WIDE[i] ** 2
     return np.asarray(out + np.diag(1e-10 * WIDE**2))
+
+
+def random_effects(x: FloatArray, covariance: FloatArray
+                   ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(mean (k,), covariance (k, k), variance between (k,)) of x (s, k) with (s, k, k).
+
+    Each session weighs by its own covariance plus the spread between them.
+    """
+    between = _between(x, covariance)
+    precision = np.linalg.inv(covariance + np.diag(between))
+    total = np.linalg.inv(precision.sum(axis=0))
+    mean = total @ np.einsum("dij,dj->i", precision, x)
+    off = x - mean
+    chi2 = float(np.einsum("di,dij,dj->", off, precision, off))
+    freedom = max((len(x) - 1) * x.shape[1], 1)
+    return np.asarray(mean), np.asarray(total * max(1.0, chi2 / freedom)), between
 
 
 def _between(x: FloatArray, covariance: FloatArray) -> FloatArray:

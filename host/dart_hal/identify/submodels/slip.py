@@ -22,10 +22,22 @@ MISFIT = 0.01  # rad; no stretch's mean angle is better than that (backlash, flo
 
 
 def slip_of(samples: Samples, square: FloatArray, owner: IntArray) -> tuple[float, float]:
-    """(kappa, std) [s2/m2]; square (n,) v^2; owner (n,): recording of each sample.
+    """(kappa, std) [s2/m2] of data and prior together; arguments as ``slip_in_data``."""
+    found = slip_in_data(samples, square, owner)
+    if found is None:
+        return 0.0, KAPPA_STD
+    value, std = found
+    precision = 1.0 / KAPPA_STD**2 + 1.0 / std**2
+    return value / std**2 / precision, float(precision**-0.5)
 
-    Means of stretches, so that the counting noise of v does not enter both
-    sides; levels are compared within one recording.
+
+def slip_in_data(samples: Samples, square: FloatArray, owner: IntArray
+                 ) -> tuple[float, float] | None:
+    """(kappa, std) [s2/m2]; None: no command at two speeds.
+
+    square (n,) v^2; owner (n,): recording of each sample. Means of stretches,
+    so that the counting noise of v does not enter both sides; levels are
+    compared within one recording.
     """
     _, index = np.unique(samples.block, return_inverse=True)
     count = np.bincount(index).astype(np.float64)
@@ -47,9 +59,8 @@ def slip_of(samples: Samples, square: FloatArray, owner: IntArray) -> tuple[floa
     y = angle - (np.bincount(group, weight * angle) / total)[group]
     information = float(weight @ x**2)
     if information <= 0.0:
-        return 0.0, KAPPA_STD
+        return None
     value = float(weight @ (x * y)) / information
     score = np.bincount(group, weight * x * (y - value * x))
     variance = max(float(score @ score) / information**2, MISFIT**2 / information)
-    precision = 1.0 / KAPPA_STD**2 + 1.0 / variance
-    return value / variance / precision, float(precision**-0.5)
+    return value, float(np.sqrt(variance))
