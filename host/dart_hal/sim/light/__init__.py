@@ -1,8 +1,9 @@
 """Simulation without firmware, for controllers and learning.
 
-``LightCar`` is one car over ``math``, ``LightBatch`` many over numpy, on the
-same equations as the virtual world. What they leave out against ``sim://``:
-bits, frames, registers and faults; the speed controller's brake.
+``LightCar`` is one car over ``math``, ``LightBatch`` many at once, ``LightWorld``
+several that can touch, all on the equations of the virtual world. What they
+leave out against ``sim://``: bits, frames, registers, faults, and the speed
+controller's brake.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from dart_hal.sim.light.config import (
     Sensors,
 )
 from dart_hal.sim.light.sense import Reading
+from dart_hal.sim.light.world import Area, LightWorld, Outline, WorldConfig
 
 __all__ = [
-    "DART_ACTUATORS", "FIRMWARE", "PERFECT", "RECORDED", "Actuators", "Disturbance", "Encoder",
-    "Inertial", "LightBatch", "LightCar", "LightConfig", "Mocap", "Reading", "Sensors",
-    "vehicle_named",
+    "DART_ACTUATORS", "FIRMWARE", "PERFECT", "RECORDED", "Actuators", "Area", "Disturbance",
+    "Encoder", "Inertial", "LightBatch", "LightCar", "LightConfig", "LightWorld", "Mocap",
+    "Outline", "Reading", "Sensors", "WorldConfig", "vehicle_named",
 ]
