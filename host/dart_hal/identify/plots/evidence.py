@@ -46,12 +46,13 @@ class Turning:
 
 @dataclass(frozen=True, slots=True)
 class Slipping:
-    """Slip angle [rad] and lateral force [N] of both axles, (n,) each."""
+    """Slip angle [rad] and lateral force [N] of both axles, (n,) each; label: which data."""
 
     front_slip: FloatArray
     front_force: FloatArray
     rear_slip: FloatArray
     rear_force: FloatArray
+    label: str = "data"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ a second and differentiated. The fits do not use these derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +15,13 @@ import numpy as np
 from dart_hal.identify.as_paper import curves
 from dart_hal.identify.as_paper.filters import slope, smooth
 from dart_hal.identify.fit import Fit
+from dart_hal.identify.submodels import fitted_car
+from dart_hal.identify.submodels.report import Ledger
+from dart_hal.identify.submodels.tyre_forces import tyre_forces
 from dart_hal.recording.dart import Recording, Reference, grid, reference_for, savgol_derivative
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
-from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_slip, make_steering
-from dart_hal.vehicle.inverse import make_inverse_dynamics
+from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_steering
 
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
 
@@ -27,6 +29,7 @@ HELD = 0.4  # s; a command this old has been answered
 THIN, SMOOTH = 10, 31  # grid samples of 10 ms
 MOST = 6000  # points in one picture
 STRAIGHT, GRIP = 0.6, 4.0  # m/s2 of lateral acceleration
+OFFSETS = np.radians(np.arange(-6.0, 6.05, 0.1))
 LAGS = np.arange(0.0, 0.6, 0.01)
 
 
@@ -178,27 +181,36 @@ def _map(fits: Mapping[str, Fit], base: Vehicle) -> Steering:
 
 def _slipping(recordings: Sequence[Recording], fits: Mapping[str, Fit],
               reference: Reference | None, base: Vehicle) -> Slipping | None:
+    """The forces that the tyre fit sees, at slip angles freed of each recording's offsets."""
+    car, ledger = fitted_car(base, fits), Ledger()
     columns: list[list[FloatArray]] = [[], [], [], []]
-    for r in recordings:
-        if r.mocap is not None and (reference or reference_for(r)) is not None:
-            for column, part in zip(columns, _forces(r, fits, reference, base), strict=True):
-                column.append(part)
+    for recording in recordings:
+        part = tyre_forces(recording, reference, car, ledger)
+        if part is not None:
+            columns[0].append(_placed(part.seen(part.alpha_f), part.force_f, _front(fits["tyres"])))
+            columns[1].append(part.force_f)
+            columns[2].append(_placed(part.seen(part.alpha_r), part.force_r, _rear(fits["tyres"])))
+            columns[3].append(part.force_r)
     found = _thinned(*columns)
-    return Slipping(*found) if found else None
+    if not found:
+        return None
+    front_slip, front_force, rear_slip, rear_force = found
+    return Slipping(front_slip, front_force, rear_slip, rear_force,
+                    "data, slip offset of each recording out")
 
 
-def _forces(r: Recording, fits: Mapping[str, Fit], reference: Reference | None, base: Vehicle
-            ) -> tuple[FloatArray, ...]:
-    """Slip angles and forces of one recording by exact inverse dynamics of the bicycle."""
-    body = base.body
-    g = grid(r, reference, body.l_r)
-    wait = (fits["delay"].parameters["steering_s"].value if "delay" in fits
-            else base.delay.steering_s)
-    delta = make_steering(_map(fits, base), np)(np.interp(g.t - wait, g.t, g.steering))
-    _, front, rear = make_inverse_dynamics(base, np)(
-        savgol_derivative(g.v_x, SMOOTH) - g.omega * g.v_y,
-        savgol_derivative(g.v_y, SMOOTH) + g.omega * g.v_x,
-        savgol_derivative(g.omega, SMOOTH), delta)
-    slip_f, slip_r = make_slip(body, np)(g.v_x, g.v_y, g.omega, np.cos(delta), np.sin(delta))
-    use = np.flatnonzero(~g.bad & (g.v_x > 0.5))[::THIN]
-    return slip_f[use], front[use], slip_r[use], rear[use]
+def _placed(slip: FloatArray, force: FloatArray, curve: Callable[[FloatArray], FloatArray]
+            ) -> FloatArray:
+    """slip (n,) moved by the one offset at which the force lies nearest to the curve."""
+    error = [float(np.mean((curve(slip + by) - force)**2)) for by in OFFSETS]
+    return np.asarray(slip + OFFSETS[int(np.argmin(error))])
+
+
+def _front(fit: Fit) -> Callable[[FloatArray], FloatArray]:
+    x = np.array([fit.parameters[f"front_{n}"].value for n in "DCBE"])
+    return lambda alpha: curves.pacejka(x, alpha)[0]
+
+
+def _rear(fit: Fit) -> Callable[[FloatArray], FloatArray]:
+    stiffness = fit.parameters["rear_cornering_stiffness"].value
+    return lambda alpha: np.asarray(stiffness * alpha)

@@ -45,7 +45,7 @@ def draw_tyres(data: Slipping, fit: Fit) -> Any:
     figure, (left, right) = style.new_figure(1, 2, figsize=(10.4, 4.6))
     p = PUBLISHED.tyres
     assert isinstance(p, PaperTyres)
-    style.scatter(left, np.degrees(data.front_slip), data.front_force, "data")
+    style.scatter(left, np.degrees(data.front_slip), data.front_force, data.label)
     alpha = np.radians(np.linspace(*style.limits(np.degrees(data.front_slip)), 300))
     ours = curves.pacejka(style.values(fit, *FRONT), alpha)[0]
     style.line(left, np.degrees(alpha), ours, fit, "front")
@@ -54,7 +54,7 @@ def draw_tyres(data: Slipping, fit: Fit) -> Any:
     left.set_ylim(*style.limits(data.front_force))
     left.set_xlim(*np.degrees(alpha[[0, -1]]))
     style.finish(left, "front slip angle [deg]", "front lateral force [N]", _front_title(fit))
-    style.scatter(right, np.degrees(data.rear_slip), data.rear_force, "data")
+    style.scatter(right, np.degrees(data.rear_slip), data.rear_force, data.label)
     alpha = np.radians(np.linspace(*style.limits(np.degrees(data.rear_slip)), 50))
     stiffness = fit.parameters[REAR]
     style.line(right, np.degrees(alpha), stiffness.value * alpha, fit, "rear")
