@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from .cases import Case, FileUse, Prepared, prepare, without
 from .compare import Gain, gain, gains
-from .predict import CHANNELS, UNITS, dynamic, errors, hold, kinematic, measured, predict
+from .prediction import CHANNELS, UNITS, dynamic, errors, hold, kinematic, measured, predict
 from .run import Evaluation, evaluate
-from .score import Score, score
+from .scores import Score, score
 from .validity import KinematicLimit, kinematic_limit
 from .windows import HORIZONS
 

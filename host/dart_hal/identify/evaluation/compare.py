@@ -19,7 +19,7 @@ from dart_hal.recording.dart.model import IntArray
 from dart_hal.types import FloatArray
 
 from .cases import Case
-from .predict import CHANNELS
+from .prediction import CHANNELS
 from .windows import HORIZONS, SAMPLE
 
 ENOUGH, STRETCH = 8, 10.0

@@ -16,7 +16,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from .cases import Case
 from .commands import actuated
 from .picture_limit import draw_limit
-from .predict import CHANNELS, UNITS, states
+from .prediction import CHANNELS, UNITS, states
 from .run import Evaluation
 from .windows import HORIZONS, LENGTH, SAMPLE
 

@@ -13,8 +13,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Prepared, prepare
 from .compare import Gain, gains
-from .predict import Progress, errors, hold, measured, predict
-from .score import Score, score
+from .prediction import Progress, errors, hold, measured, predict
+from .scores import Score, score
 from .validity import KinematicLimit, kinematic_limit
 from .windows import HORIZONS
 

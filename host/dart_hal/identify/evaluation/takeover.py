@@ -23,7 +23,7 @@ from .cases import Case
 from .commands import actuated
 from .compare import LEAST_BLOCKS, Gain, blocks, gain
 from .noslip import SPUN, slip_of
-from .predict import (
+from .prediction import (
     AT,
     CHANNELS,
     dynamic,
@@ -35,7 +35,7 @@ from .predict import (
     starts,
     windowed,
 )
-from .score import rms
+from .scores import rms
 from .windows import HORIZONS
 
 EDGES = {"lateral_acceleration": np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0]),

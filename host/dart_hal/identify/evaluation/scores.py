@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.types import FloatArray
 
 from .cases import Case
-from .predict import CHANNELS
+from .prediction import CHANNELS
 from .windows import HORIZONS
 
 Numbers = dict[str, float]
@@ -57,7 +57,7 @@ class Score:
 
 
 def score(errors: FloatArray, cases: Sequence[Case]) -> Score:
-    """Figures of ``predict.errors`` (horizons, 5, windows) of these recordings."""
+    """Figures of ``prediction.errors`` (horizons, 5, windows) of these recordings."""
     slices, at = {}, 0
     for case in cases:
         slices[case.file] = slice(at, at + len(case))

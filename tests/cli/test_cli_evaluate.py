@@ -1,0 +1,166 @@
+"""``dart-hal evaluate``: its JSON, its table, and what it refuses."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DATA = Path(__file__).resolve().parents[1] / "recorded" / "data"
+FREE = DATA / "91_free_driving_16_sept_2024"
+CIRCLE = DATA / "circles_27_sept_2024"
+STRAIGHT = DATA / "19_step_input_data"
+CHANNELS = ["vx", "vy", "yaw_rate", "position", "yaw_deg"]
+NO_MOCAP = next(iter(sorted(STRAIGHT.glob("*.gz"))))
+
+
+def one(folder: Path) -> Path:
+    return next(iter(sorted(folder.glob("*.gz"))))
+
+
+@pytest.fixture
+def moved_to(tmp_path):
+    """A copy of the free drive whose mocap clock says another day."""
+    def make(seconds: float, rows: int | None = None) -> Path:
+        lines = gzip.decompress(one(FREE).read_bytes()).decode().splitlines()
+        head = lines[0].split(",")
+        at = [h.strip() for h in head].index("vicon time")
+        out = [lines[0]]
+        for line in lines[1:rows]:
+            cells = line.split(",")
+            cells[at] = repr(float(cells[at]) + seconds)
+            out.append(",".join(cells))
+        path = tmp_path / "later.csv"
+        path.write_text("\r\n".join(out) + "\r\n")
+        return path
+    return make
+
+
+def test_json_has_the_shape_of_the_contract(verb):
+    got = verb("evaluate", "--model", "paper", "--json", FREE, CIRCLE, STRAIGHT).json
+    assert got["model"] == "paper"
+    assert got["kind"] == "dynamic"
+    used = [f for f, use in got["files"].items() if use["used"]]
+    for part in (got["horizons"], got["ctrv"]):
+        assert list(part) == ["0.5", "1.0", "2.0"]
+        for horizon in part.values():
+            assert list(horizon["pooled"]) == [*CHANNELS, "n"]
+            assert list(horizon["median"]) == CHANNELS
+            assert sorted(horizon["by_file"]) == sorted(used)
+            assert horizon["pooled"]["n"] == sum(v["n"] for v in horizon["by_file"].values()) == 228
+    assert got["horizons"]["1.0"]["by_file"][used[0]]["yaw_rate"] == pytest.approx(0.415, abs=5e-4)
+    assert set(got["gain_over_ctrv"]["1.0"]) == set(CHANNELS)
+    skipped = [use for f, use in got["files"].items() if f.startswith("19_")]
+    assert len(skipped) == 13
+    assert all(use["windows"] == 0 and "no motion capture" in use["why"][0] for use in skipped)
+    for use in got["files"].values():
+        assert set(use) == {"used", "windows", "dropped", "why"}
+
+
+def test_pooled_is_made_of_its_files(verb):
+    got = verb("evaluate", "--json", FREE, CIRCLE).json["horizons"]["1.0"]
+    for channel in CHANNELS:
+        total = sum(f["n"] * f[channel]**2 for f in got["by_file"].values())
+        assert got["pooled"][channel] == pytest.approx(math.sqrt(total / got["pooled"]["n"]))
+
+
+def test_kinematic_is_another_model_beside_the_same_baseline(verb):
+    dynamic = verb("evaluate", "--json", FREE).json
+    rolling = verb("evaluate", "--json", "--kinematic", FREE).json
+    assert rolling["kind"] == "kinematic"
+    assert rolling["ctrv"] == dynamic["ctrv"]
+    assert rolling["horizons"]["1.0"]["pooled"]["yaw_rate"] == pytest.approx(0.865, abs=9e-4)
+    assert rolling["kinematic_limit"] == dynamic["kinematic_limit"]
+
+
+def test_same_input_same_bytes(verb):
+    assert verb("evaluate", "--json", CIRCLE).out == verb("evaluate", "--json", CIRCLE).out
+
+
+def test_the_limit_says_what_is_not_supported(verb):
+    limit = verb("evaluate", "--json", CIRCLE).json["kinematic_limit"]
+    assert limit["holds_to"]["lateral_acceleration"] == {
+        "value": None, "ci95": [None, None], "unit": "m/s2", "supported": False}
+    assert any("no limit" in s for s in limit["statement"])
+
+
+def test_table_shows_both_and_keeps_standard_output_empty(verb):
+    ran = verb("evaluate", FREE)
+    assert ran.code == 0
+    assert ran.out == ""
+    assert "holding the velocities" in ran.err
+    assert ".42|.78" in ran.err, "yaw rate at 1 s, model and held"
+    assert "how far the kinematic model reaches" in ran.err
+
+
+def test_a_recording_without_mocap_is_refused_by_name(verb):
+    error = verb("evaluate", "--json", NO_MOCAP).error
+    assert "no motion capture" in error["what"]
+    assert "no motion capture" in verb("evaluate", "--json", FREE, NO_MOCAP).error["what"]
+
+
+def test_a_folder_without_any_mocap_is_refused(verb):
+    error = verb("evaluate", "--json", STRAIGHT).error
+    assert "no recording can be used" in error["what"]
+    assert "13 file(s)" in error["found"]
+
+
+@pytest.mark.parametrize("arguments", [
+    [], [DATA / "nowhere"], [CIRCLE, "--model", "papre"], [CIRCLE, "--reference", "0.1,0.2"],
+    [CIRCLE, "--reference", "a,b,c"], [CIRCLE, "--plot", "picture.bmp"]])
+def test_bad_arguments_are_refused(verb, arguments):
+    assert verb("evaluate", "--json", *arguments).error["what"]
+
+
+def test_a_day_of_no_table_gets_a_fitted_mounting_and_says_so(verb, moved_to):
+    path = moved_to(2.0 * 365.25 * 86400.0)
+    got = verb("evaluate", "--json", path).json
+    (use,) = got["files"].values()
+    assert "fitted L_x" in use["why"][0]
+    assert "2026-09" in use["why"][0]
+    (reference,) = got["references"].values()
+    assert reference["lx"] == pytest.approx(0.115, abs=0.02), "where September's markers sat"
+    given = verb("evaluate", "--json", "--reference", "0.115,0.01,-0.01", path).json
+    known = verb("evaluate", "--json", one(FREE)).json
+    for channel in CHANNELS:
+        assert given["horizons"]["1.0"]["pooled"][channel] == pytest.approx(
+            known["horizons"]["1.0"]["pooled"][channel], rel=1e-3)
+
+
+def test_a_day_of_no_table_without_turns_asks_for_the_mounting(verb, moved_to):
+    path = moved_to(2.0 * 365.25 * 86400.0, rows=900)
+    error = verb("evaluate", "--json", path).error
+    assert "where the markers sat" in error["what"]
+    assert "--reference" in error["try"]
+
+
+def test_a_recording_without_a_window_is_refused_by_name(verb, moved_to):
+    error = verb("evaluate", "--json", moved_to(0.0, rows=160)).error
+    assert "no window" in error["what"]
+
+
+def test_a_model_file_is_taken_however_odd_its_car(verb, tmp_path):
+    model = tmp_path / "model.toml"
+    model.write_text('schema = "dart-hal/model/1"\nname = "odd"\nkind = "dynamic"\n'
+                     "[body]\nwheelbase = 0.6\nl_f = 0.3\nl_r = 0.3\nmass = 12.0\n"
+                     "yaw_inertia = 0.5\n")
+    got = verb("evaluate", "--json", "--model", model, CIRCLE).json
+    assert got["model"] == "odd"
+    assert all(np.isfinite(v) for v in got["horizons"]["2.0"]["pooled"].values())
+    assert got["ctrv"]["1.0"]["pooled"]["vy"] != pytest.approx(
+        verb("evaluate", "--json", CIRCLE).json["ctrv"]["1.0"]["pooled"]["vy"], rel=0.05), "l_r"
+
+
+def test_pictures_one_file_or_a_folder(verb, tmp_path):
+    pytest.importorskip("matplotlib")
+    got = verb("evaluate", "--json", FREE, "--plot", tmp_path / "a.png").json
+    assert got["plots"] == [str(tmp_path / "a.png")]
+    got = verb("evaluate", "--json", FREE, "--plot", tmp_path / "all").json
+    names = sorted(Path(p).name for p in got["plots"])
+    assert names == ["errors.png", "kinematic_limit.png", "windows.png"]
+    for path in [*got["plots"], tmp_path / "a.png"]:
+        assert Path(path).read_bytes()[:4] == b"\x89PNG"
+        assert Path(path).stat().st_size > 20_000
