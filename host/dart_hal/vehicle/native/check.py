@@ -64,13 +64,13 @@ def disagreement(got: Any, wanted: Any) -> float:
 
 def reference(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
     """A vehicle of that form with the numbers of a shipped set; in lanes a little varied."""
-    known = UPSTREAM_2024 if isinstance(form.tyres, AxleTyres) else PAPER
-    lagged = replace(known, delay=UPSTREAM_2024.delay)
+    tyres = UPSTREAM_2024.tyres if isinstance(form.tyres, AxleTyres) else PAPER.tyres
+    known = replace(UPSTREAM_2024, tyres=tyres)   # no number of it is 0 and hides a term
 
     def of(name: str) -> Any:
         if name == "tyres.rear_max":
             return 4.0 * (1.0 + np.arange(lanes) / 8) if lanes else 4.0
-        number = value(lagged, name)
+        number = value(known, name)
         return number * draw.uniform(0.98, 1.02, lanes) if lanes else number
 
     return bind(form, of)
