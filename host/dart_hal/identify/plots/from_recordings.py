@@ -133,16 +133,18 @@ def _driving(motions: Sequence[Motion], friction: Fit | None, base: Vehicle) -> 
 
 
 def _step(motions: Sequence[Motion]) -> StepResponse | None:
-    """12 s around the greatest rise of throttle in nearly straight driving."""
+    """12 s around the greatest rise of throttle that is followed by straight driving."""
     best, rise = None, 0.05
     for m in motions:
-        change = np.diff(m.throttle) * (m.lateral[1:] < STRAIGHT)
-        if len(change) and change.max() > rise and m.v.max() > 0.5:
-            best, rise = (m, int(np.argmax(change))), float(change.max())
+        change = np.diff(m.throttle)
+        for i in np.flatnonzero(change > rise)[np.argsort(-change[change > rise])]:
+            use = (m.t > m.t[i] - 2.0) & (m.t < m.t[i] + 10.0)
+            straight = np.quantile(m.lateral[use], 0.95) < STRAIGHT
+            if change[i] > rise and straight and m.v[use].max() > 0.5:
+                best, rise = (m, use), float(change[i])
     if best is None:
         return None
-    m, i = best
-    use = (m.t > m.t[i] - 2.0) & (m.t < m.t[i] + 10.0)
+    m, use = best
     return StepResponse(m.t[use] - m.t[use][0], m.throttle[use], m.v[use], m.force[use], m.name)
 
 

@@ -102,7 +102,7 @@ def draw_step(data: StepResponse, friction: Fit | None, motor: Fit | None) -> An
     style.paper(top, data.t, v)
     style.paper(bottom, data.t, force)
     bottom.set_ylim(*style.limits(data.force, force))
-    style.finish(top, "", "velocity [m/s]", f"Step response, throttle shaded: {data.title}")
+    style.finish(top, "", "velocity [m/s]", f"Step response, throttle shaded: {data.title[-44:]}")
     style.finish(bottom, "time [s]", "force m dv/dt [N]")
     return figure
 
