@@ -61,7 +61,7 @@ class Plant:
         c = self.config
         self._steppers = tuple(
             (piece, self._make_stepper(vehicle, piece.duration, c.method,
-                                       fineness(self._nominal, piece.duration, c.method)))
+                                       fineness(vehicle, piece.duration, c.method)))
             for piece in self._pieces)
         if self._kick is not None:
             self._kick.set_mass(vehicle.body.mass)

@@ -12,11 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from dart_hal.vehicle import Vehicle, make_car_step, make_slip, make_tyres
+from dart_hal.types import FloatArray
+from dart_hal.vehicle import PAPER, Vehicle, make_car_step, make_slip, make_tyres
 from dart_hal.vehicle.batch import prepare
 from dart_hal.vehicle.flat import bind, names
 from dart_hal.vehicle.namespace import Value
@@ -33,39 +35,47 @@ Stepper = Callable[[State8, Value, Value], State8]
 
 @dataclass(frozen=True, slots=True)
 class Fineness:
-    """Below ``speed`` [m/s] a step is divided by ``parts``."""
+    """Below ``speed`` [m/s] a step is divided by ``parts``; arrays for a stack of vehicles."""
 
-    speed: float
-    parts: int
+    speed: Value
+    parts: Value
 
 
 def fineness(p: Vehicle, step: float, method: str = "rk4") -> Fineness:
     """How finely steps of ``step`` s must be divided near standstill.
 
-    From the fastest rate of the lateral equations, linear in the slip angle.
-    A vehicle that is too stiff at all speeds is divided everywhere (speed inf).
+    From the fastest rate of the lateral equations, linear in the slip angle. A
+    vehicle that is too stiff at all speeds is divided everywhere (speed inf).
     """
-    limit = STABLE if method == "rk4" else 0.5 * STABLE
+    limit = (STABLE if method == "rk4" else 0.5 * STABLE) / step
     still = p.friction.a * p.friction.b / p.body.mass
-    stiff = _stiffness(p) if p.kind == "dynamic" else 0.0
-    slip = make_slip(p.body, math, p.slip)
+    stiff = _stiffness(p) if p.kind == "dynamic" else 0.0 * still
+    divisor = _divisors(p.slip)
+    fastest = np.maximum(still, stiff / divisor[0])
+    slow = np.searchsorted(divisor, stiff / limit)      # none of the rates is too fast from there
+    speed = np.where(still > limit, math.inf, np.where(slow < len(divisor), 0.01 * slow, math.inf))
+    parts = np.maximum(1, np.ceil(fastest / limit)).astype(int)
+    return Fineness(speed, parts) if np.ndim(parts) else Fineness(float(speed), int(parts))
+
+
+@lru_cache(maxsize=8)
+def _divisors(form: str) -> FloatArray:
+    """What the slip angle is divided by, at least, from each 0.01 m/s upwards [m/s]."""
+    slip = make_slip(PAPER.body, math, form)            # the divisor knows no body
     grid = [0.01 * k for k in range(round(FASTEST / 0.01) + 1)]
-    rates = [max(still, stiff * abs(slip(v, -1e-6, 0.0, 1.0, 0.0)[1]) / 1e-6) for v in grid]
-    parts = max(1, math.ceil(max(rates) * step / limit))
-    slow = [v for v, rate in zip(grid, rates, strict=True) if rate * step > limit]
-    speed = 0.0 if not slow else (math.inf if slow[-1] >= FASTEST else slow[-1] + 0.01)
-    return Fineness(speed, parts)
+    divisor = np.array([1e-6 / abs(slip(v, -1e-6, 0.0, 1.0, 0.0)[1]) for v in grid])
+    least: FloatArray = np.minimum.accumulate(divisor[::-1])[::-1]
+    return least
 
 
-def _stiffness(p: Vehicle) -> float:
-    """Fastest rate of (v_y, omega) at an effective speed of 1 m/s [1/s]."""
-    front, rear = (f(1e-6) / 1e-6 for f in make_tyres(p.tyres, p.body))
+def _stiffness(p: Vehicle) -> Value:
+    """Fastest rate of (v_y, omega) at a divisor of 1 m/s [1/s]: the larger eigenvalue."""
+    front, rear = (f(1e-6) / 1e-6 for f in make_tyres(p.tyres, p.body, np))
     b = p.body
-    coupling = b.l_f * front - b.l_r * rear
-    matrix = np.array([[(front + rear) / b.mass, coupling / b.mass],
-                       [coupling / b.yaw_inertia,
-                        (b.l_f**2 * front + b.l_r**2 * rear) / b.yaw_inertia]])
-    return float(np.abs(np.linalg.eigvals(matrix)).max())
+    across, turning = (front + rear) / b.mass, (
+        b.l_f**2 * front + b.l_r**2 * rear) / b.yaw_inertia
+    coupling = (b.l_f * front - b.l_r * rear) ** 2 / (b.mass * b.yaw_inertia)
+    return 0.5 * (across + turning + np.sqrt((across - turning) ** 2 + 4.0 * coupling))
 
 
 def make_scalar_stepper(p: Vehicle, step: float, method: str, fine: Fineness) -> Stepper:
@@ -95,19 +105,23 @@ def make_array_stepper(p: Vehicle, step: float, method: str, fine: Fineness,
     is wanted and there is none.
     """
     coarse = _over_arrays(p, step, method, dtype, engine)
-    if fine.parts == 1:
+    if np.max(fine.parts) == 1:
         return lambda state, tau, s: coarse(state, tau, s, 1, None)
-    short = _over_arrays(p, step / fine.parts, method, dtype, engine)
+    short = {m: _over_arrays(p, step / m, method, dtype, engine)
+             for m in np.unique(fine.parts).tolist()}
+    same = short[fine.parts] if isinstance(fine.parts, int) else None
 
     def stepper(state: State8, tau: Value, s: Value) -> State8:
         slow = np.flatnonzero(np.abs(state[3]) < fine.speed)
-        if len(slow) == len(state[3]):
-            return short(state, tau, s, fine.parts, None)
+        if same and len(slow) == len(state[3]):
+            return same(state, tau, s, fine.parts, None)
         new = coarse(state, tau, s, 1, None)
-        if len(slow):
-            crept = short(tuple(v[slow] for v in state), tau[slow], s[slow], fine.parts, slow)
-            for whole, part in zip(new, crept, strict=True):
-                whole[slow] = part
+        for parts, steps in short.items():
+            lanes = slow if same else slow[fine.parts[slow] == parts]
+            if len(lanes):
+                crept = steps(tuple(v[lanes] for v in state), tau[lanes], s[lanes], parts, lanes)
+                for whole, part in zip(new, crept, strict=True):
+                    whole[lanes] = part
         return new
 
     return stepper
