@@ -165,6 +165,18 @@ def test_the_motor_labels_were_made_with_another_friction(made):
     assert loss != pytest.approx(.144374, rel=1e-3)
 
 
+def test_a_few_rows_at_rest_decide_the_motor(made):
+    """What the handbook says: a late start is taken for a weak motor."""
+    problem = made.problems["motor"]
+    throttle, speed = problem.inputs
+    keep = ~((throttle > 0.15) & (speed < 0.1))
+    assert (~keep).sum() == 45
+    moving = solve(replace(problem, inputs=(throttle[keep], speed[keep]),
+                           target=problem.target[keep]))
+    assert list(moving.values().values()) == pytest.approx([25.7, 5.12, -.134], rel=5e-3)
+    assert moving.rmse == pytest.approx(.255, abs=1e-3)
+
+
 def test_smoothing_is_scipys():
     from scipy.signal import savgol_filter
 
