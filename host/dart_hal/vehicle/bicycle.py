@@ -12,11 +12,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from dart_hal.vehicle.compose import Hook, force_hooks
+from dart_hal.vehicle.effect import Forces
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor_gains
-from dart_hal.vehicle.namespace import Value, adapt
+from dart_hal.vehicle.namespace import Namespace, Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.tyres import make_slip, make_tyres
+from dart_hal.vehicle.tyres import Force, Slip, make_slip, make_tyres
 
 Rates = tuple[Value, Value, Value, Value, Value, Value]
 
@@ -36,6 +38,9 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callabl
     friction = make_friction(p.friction, f)
     angles = make_slip(p.body, f, slip or p.slip)
     front, rear = make_tyres(p.tyres, p.body, f)
+    hooks = force_hooks(p, f)
+    if hooks:
+        return _extended(p, f, hooks, friction, angles, front, rear)
 
     def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
               cd: Value, sd: Value) -> Rates:
@@ -48,6 +53,32 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callabl
                 (share_r * f_w + f_xf * cd - f_yf * sd) * per_mass + om * vy,
                 (f_yr + f_left) * per_mass - om * vx,
                 (l_f * f_left - l_r * f_yr) * per_inertia)
+
+    return rates
+
+
+def _extended(p: Vehicle, f: Namespace, hooks: tuple[Hook, ...], friction: Callable[..., Value],
+              angles: Slip, front: Force, rear: Force) -> Callable[..., Rates]:
+    """The same motion with the forces passed through the effects of the vehicle."""
+    sin, cos = f.sin, f.cos
+    l_f, l_r = p.body.l_f, p.body.l_r
+    per_mass, per_inertia = 1.0 / p.body.mass, 1.0 / p.body.yaw_inertia
+    share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
+
+    def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
+              cd: Value, sd: Value) -> Rates:
+        alpha_f, alpha_r = angles(vx, vy, om, cd, sd)
+        f_w = k0 - k1 * vx + friction(vx, brake)
+        q = Forces(eta, vx, vy, om, cd, sd, alpha_f, alpha_r, share_f * f_w, share_r * f_w,
+                   front(alpha_f), rear(alpha_r), 0.0, 0.0, 0.0)
+        for hook in hooks:
+            q = hook(q)
+        f_left = q.f_yf * q.cos_d + q.f_xf * q.sin_d
+        ce, se = cos(eta), sin(eta)
+        return (vx * ce - vy * se, vx * se + vy * ce, om,
+                (q.f_xr + q.f_xf * q.cos_d - q.f_yf * q.sin_d + q.f_x) * per_mass + om * vy,
+                (q.f_yr + f_left + q.f_y) * per_mass - om * vx,
+                (l_f * f_left - l_r * q.f_yr + q.m_z) * per_inertia)
 
     return rates
 

@@ -1,4 +1,4 @@
-"""A vehicle as a row of named numbers, and back: "friction.a", "tyres.front_D", ...
+"""A vehicle as a row of named numbers, and back: "friction.a", "quadratic_drag.k", ...
 
 What a fit varies, a covariance is about and a compiled kernel takes. ``stack``
 makes one vehicle whose parameters are arrays, a value for each car of a batch.
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from dart_hal.errors import UsageError
+from dart_hal.errors import ConfigError, UsageError
+from dart_hal.vehicle.effect import Applied
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -21,28 +22,37 @@ GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
 
 
 def names(p: Vehicle) -> tuple[str, ...]:
-    """Names of all parameters, "group.key", in a fixed order."""
-    return tuple(f"{group}.{f.name}" for group in GROUPS for f in fields(getattr(p, group))
+    """Names of all parameters, "group.key" and "effect.key", in a fixed order."""
+    base = tuple(f"{group}.{f.name}" for group in GROUPS for f in fields(getattr(p, group))
                  if "unit" in f.metadata)
+    return base + tuple(f"{applied.name}.{parameter.name}" for applied in p.effects
+                        for parameter in applied.effect.parameters)
 
 
 def value(p: Vehicle, name: str) -> Any:
     """The parameter of that name. Raises UsageError for an unknown one."""
-    group, _, key = name.partition(".")
-    if name not in names(p):
-        raise UsageError(f"no parameter is called {name!r}", expected=", ".join(names(p)))
-    return getattr(getattr(p, group), key)
+    group, key, applied = _find(p, name)
+    if applied is None:
+        return getattr(getattr(p, group), key)
+    return applied.values[_index(applied, key)]
 
 
 def unit(p: Vehicle, name: str) -> str:
     """Unit of the parameter of that name."""
-    return str(_metadata(p, name)["unit"])
+    group, key, applied = _find(p, name)
+    if applied is None:
+        return str(_metadata(p, group, key)["unit"])
+    return applied.effect.parameters[_index(applied, key)].unit
 
 
 def bounds(p: Vehicle, name: str) -> tuple[float, float]:
     """Interval in which the parameter must lie."""
-    meta = _metadata(p, name)
-    return float(meta["low"]), float(meta["high"])
+    group, key, applied = _find(p, name)
+    if applied is None:
+        meta = _metadata(p, group, key)
+        return float(meta["low"]), float(meta["high"])
+    parameter = applied.effect.parameters[_index(applied, key)]
+    return parameter.low, parameter.high
 
 
 def with_values(p: Vehicle, values: Mapping[str, float]) -> Vehicle:
@@ -52,25 +62,52 @@ def with_values(p: Vehicle, values: Mapping[str, float]) -> Vehicle:
     unknown name.
     """
     changes: dict[str, dict[str, float]] = {}
+    effects = {applied.name: applied for applied in p.effects}
     for name, number in values.items():
-        value(p, name)
-        group, _, key = name.partition(".")
-        changes.setdefault(group, {})[key] = float(number)
+        group, key, applied = _find(p, name)
+        if applied is None:
+            changes.setdefault(group, {})[key] = float(number)
+        else:
+            effects[group] = applied_with(effects[group], {key: float(number)})
     groups: dict[str, Any] = {group: replace(getattr(p, group), **part)
                               for group, part in changes.items()}
-    return replace(p, **groups)
+    return replace(p, effects=tuple(effects.values()), **groups)
+
+
+def applied_with(applied: Applied, values: Mapping[str, float]) -> Applied:
+    """An effect with some values changed. Raises ConfigError out of bounds."""
+    numbers = list(applied.values)
+    for key, number in values.items():
+        i = _index(applied, key)
+        parameter = applied.effect.parameters[i]
+        if not parameter.low <= number <= parameter.high:
+            raise ConfigError(
+                f"{applied.name}.{key} = {number!r} is out of range",
+                found=f"{number!r} {parameter.unit}",
+                expected=f"{parameter.low} to {parameter.high} {parameter.unit}",
+                remedy="check the unit; files hold SI units and radians")
+        numbers[i] = number
+    return Applied(applied.effect, tuple(numbers))
 
 
 def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
     """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
+    changed = {group: {f.name: of(f"{group}.{f.name}") for f in fields(getattr(p, group))
+                       if "unit" in f.metadata} for group in GROUPS}
+    effects = tuple(Applied(a.effect, tuple(of(f"{a.name}.{parameter.name}")
+                                            for parameter in a.effect.parameters))
+                    for a in p.effects)
+    return replace(unchecked(p, changed), effects=effects)
+
+
+def unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) -> Vehicle:
+    """A clone with changed parameters, {group: {key: value}}, that may be arrays or symbols."""
     out = replace(p)
-    for group in GROUPS:
+    for group, part in changes.items():
         old = getattr(p, group)
         new = object.__new__(type(old))
         for f in fields(old):
-            object.__setattr__(new, f.name,
-                               of(f"{group}.{f.name}") if "unit" in f.metadata
-                               else getattr(old, f.name))
+            object.__setattr__(new, f.name, part.get(f.name, getattr(old, f.name)))
         object.__setattr__(out, group, new)
     return out
 
@@ -85,25 +122,37 @@ def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle
         raise UsageError("no vehicle to stack", expected="at least one")
     first = vehicles[0]
     for v in vehicles[1:]:
-        if (v.kind, v.slip, type(v.tyres)) != (first.kind, first.slip, type(first.tyres)):
+        if form(v) != form(first):
             raise UsageError("vehicles of different equations do not run in one batch",
                              found=f"{form(v)} beside {form(first)}",
                              expected="the same kind, slip angles and tyre form")
 
     def of(name: str) -> Value:
-        group, _, key = name.partition(".")
-        numbers = [getattr(getattr(v, group), key) for v in vehicles]
+        numbers = [value(v, name) for v in vehicles]
         return numbers[0] if len(set(numbers)) == 1 else np.array(numbers, dtype=dtype)
 
     return bind(first, of)
 
 
 def form(p: Vehicle) -> str:
-    """Which equations a vehicle has, in words: "dynamic, PaperTyres, all_speeds"."""
-    return f"{p.kind}, {type(p.tyres).__name__}, {p.slip}"
+    """Which equations a vehicle has, in words: "dynamic, PaperTyres, all_speeds, grip"."""
+    return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *(a.name for a in p.effects)))
 
 
-def _metadata(p: Vehicle, name: str) -> Any:
-    value(p, name)
+def _find(p: Vehicle, name: str) -> tuple[str, str, Applied | None]:
     group, _, key = name.partition(".")
+    if group in GROUPS and any(f.name == key and "unit" in f.metadata
+                               for f in fields(getattr(p, group))):
+        return group, key, None
+    for applied in p.effects:
+        if applied.name == group and any(q.name == key for q in applied.effect.parameters):
+            return group, key, applied
+    raise UsageError(f"no parameter is called {name!r}", expected=", ".join(names(p)))
+
+
+def _index(applied: Applied, key: str) -> int:
+    return [parameter.name for parameter in applied.effect.parameters].index(key)
+
+
+def _metadata(p: Vehicle, group: str, key: str) -> Any:
     return next(f.metadata for f in fields(getattr(p, group)) if f.name == key)

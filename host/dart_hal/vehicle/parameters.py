@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from dart_hal.errors import ConfigError
+from dart_hal.vehicle.effect import Applied
 
 GRAVITY = 9.81
 """m/s2, in every figure of this project."""
@@ -147,7 +148,8 @@ class Vehicle:
     """One complete parameter set.
 
     ``kind``: the bicycle that moves it, "dynamic" or "kinematic"; ``slip``: the
-    form of its slip angles, see ``tyres.make_slip``.
+    form of its slip angles, see ``tyres.make_slip``; ``effects``: what it has
+    beyond the base model, in the order in which it acts.
     """
 
     name: str
@@ -159,6 +161,7 @@ class Vehicle:
     delay: Delay = field(default_factory=Delay)
     kind: str = "dynamic"
     slip: str = "all_speeds"
+    effects: tuple[Applied, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value, known in (("kind", self.kind, KINDS), ("slip", self.slip, SLIPS)):

@@ -13,6 +13,7 @@ from typing import Any
 
 from dart_hal.errors import UsageError
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
+from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import (
     Inputs,
     State6,
@@ -45,7 +46,7 @@ def make_car_step(p: Vehicle, xp: Any = math, dt: Value = 0.01,
     they are a queue of commands, not an equation. Raises UsageError for an
     unknown method.
     """
-    f = adapt(xp)
+    f, p = adapt(xp), settled(p)
     body = _body(p, f, method)
     steering = make_steering(p.steering, f)
     (start_t, half_t), (start_s, half_s) = (
@@ -71,7 +72,7 @@ def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: i
     tau: throttle behind gate, delay and lag; delta [rad]: road-wheel angle;
     both held. Raises UsageError for an unknown method.
     """
-    f = adapt(xp)
+    f, p = adapt(xp), settled(p)
     inputs, advance, kinematic = _parts(p, f, method)
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, tau: Value,

@@ -1,0 +1,44 @@
+"""How the effects of a vehicle enter its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from dart_hal.vehicle.effect import Applied, Forces, Signal
+from dart_hal.vehicle.namespace import adapt
+from dart_hal.vehicle.parameters import Vehicle
+
+Hook = Callable[[Forces], Forces]
+
+
+def settled(p: Vehicle) -> Vehicle:
+    """The vehicle with those effects in its parameters that are a change of parameters.
+
+    The others stay. To do it twice changes nothing more.
+    """
+    effects = p.effects
+    for applied in effects:
+        if applied.effect.vehicle is not None:
+            p = applied.effect.vehicle(p, *applied.values)
+    left = tuple(_without_vehicle(a) for a in effects if a.effect.force or a.effect.signals)
+    return replace(p, effects=left)
+
+
+def force_hooks(p: Vehicle, xp: Any) -> tuple[Hook, ...]:
+    """What the effects of a settled vehicle do to its forces, in their order."""
+    f = adapt(xp)
+    return tuple(a.effect.force(p, f, *a.values) for a in p.effects if a.effect.force)
+
+
+def signals(p: Vehicle, channel: str) -> tuple[tuple[Applied, Signal], ...]:
+    """The effects that change a signal, in their order."""
+    return tuple((a, a.effect.signals[channel]) for a in p.effects
+                 if channel in a.effect.signals)
+
+
+def _without_vehicle(applied: Applied) -> Applied:
+    if applied.effect.vehicle is None:
+        return applied
+    return Applied(replace(applied.effect, vehicle=None), applied.values)

@@ -1,0 +1,151 @@
+"""What an effect is: one physical cause that a base model lacks, with its place in the car.
+
+An effect has parameters with a null value at which it changes nothing, to the
+last bit, and hooks at the places where it enters. Hooks are written over a
+namespace like every other equation here: one definition serves simulator,
+diagnosis and extended model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from dart_hal.vehicle.namespace import Value
+
+STAGES = ("command", "actuator", "force", "motion", "measurement")
+CHANNELS = ("throttle", "steering", "angle", "wheel", "gyro", "accel", "pose")
+"""Signals that an effect may change: commands behind gate, delay and lag (-1..1);
+road-wheel angle [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/s];
+(a_x, a_y) [m/s2] at the IMU; (x, y, yaw) of the mocap marker [m, rad]."""
+
+
+class Forces(NamedTuple):
+    """What acts on the car at one instant; a force hook returns it changed.
+
+    eta [rad], v_x, v_y [m/s], omega [rad/s]; cos_d, sin_d of the road-wheel
+    angle; alpha_f, alpha_r [rad]; f_xf, f_xr: drive and friction at the axles
+    along the wheel, f_yf, f_yr: lateral, in the axle's own frame [N]; f_x, f_y
+    [N], m_z [N m]: what acts on the body besides, in body axes, 0 at first.
+    """
+
+    eta: Value
+    v_x: Value
+    v_y: Value
+    omega: Value
+    cos_d: Value
+    sin_d: Value
+    alpha_f: Value
+    alpha_r: Value
+    f_xf: Value
+    f_xr: Value
+    f_yf: Value
+    f_yr: Value
+    f_x: Value
+    f_y: Value
+    m_z: Value
+
+
+class Now(NamedTuple):
+    """What a signal hook may know besides the signal itself.
+
+    t [s] since the start of the recording; v_x, v_y [m/s], omega [rad/s], yaw
+    [rad]; a_x, a_y [m/s2] in body axes, omega_dot [rad/s2]; drive: force at the
+    wheels [N]; turns: revolutions of the encoder's gear.
+    """
+
+    t: Value = 0.0
+    v_x: Value = 0.0
+    v_y: Value = 0.0
+    omega: Value = 0.0
+    yaw: Value = 0.0
+    a_x: Value = 0.0
+    a_y: Value = 0.0
+    omega_dot: Value = 0.0
+    drive: Value = 0.0
+    turns: Value = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Static:
+    """``make(p, f, *values) -> (signal, now) -> signal``: no memory."""
+
+    make: Callable[..., Callable[[Any, Now], Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Stateful:
+    """``make(p, f, dt, *values) -> (first, step)``: a signal with memory, every dt [s].
+
+    first(signal) -> state, a tuple; step(signal, now, *state) -> (signal, *state).
+    """
+
+    make: Callable[..., tuple[Callable[..., tuple[Any, ...]], Callable[..., tuple[Any, ...]]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """``seconds(*values) -> s``: the signal comes that much later."""
+
+    seconds: Callable[..., Value]
+
+
+Signal = Static | Stateful | Late
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of an effect: unit, null value, interval, and three sizes to tell it by.
+
+    sizes: small, medium and large departure from null, of either sign where the
+    interval allows; ``per_recording``: a property of a drive, not of the car.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    sizes: tuple[float, float, float]
+    null: float = 0.0
+    per_recording: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Effect:
+    """One entry of the catalogue.
+
+    title: completes "the car ..." in a report; physics: one paragraph; stage:
+    one of STAGES; confused_with: effects that look alike; experiment: the drive
+    that tells them apart. Hooks: ``vehicle(p, *values) -> p`` changes parameters
+    of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
+    ``signals`` by channel.
+    """
+
+    name: str
+    title: str
+    physics: str
+    stage: str
+    parameters: tuple[Parameter, ...]
+    confused_with: tuple[str, ...]
+    experiment: str
+    vehicle: Callable[..., Any] | None = None
+    force: Callable[..., Callable[[Forces], Forces]] | None = None
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+
+    @property
+    def nulls(self) -> tuple[float, ...]:
+        """Values at which it changes nothing."""
+        return tuple(parameter.null for parameter in self.parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """An effect of a particular car: values in the order of its parameters."""
+
+    effect: Effect
+    values: tuple[Value, ...]
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
