@@ -42,7 +42,7 @@ for r in range(ROUNDS):
     reward = drive(env, k, seed=1000 * r)
     chosen = k[:, np.argsort(reward)[-BEST:]]
     mean, spread = chosen.mean(axis=1), chosen.std(axis=1)
-    print(f"round {r + 1}: reward per step, best {reward.max():+.2f}, median {np.median(reward):+.2f}")
+    print(f"round {r + 1}: reward per step {np.median(reward):+.2f}, the best {reward.max():+.2f}")
 
 learnt = drive(env, np.repeat(mean[:, None], CARS, axis=1), seed=1_000_000)
 print(f"learnt {np.round(mean, 2).tolist()}: {learnt.mean():+.2f} per step on new starts, "
