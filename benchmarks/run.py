@@ -19,6 +19,7 @@ import bench_emulation
 import bench_encoder
 import bench_estimation
 import bench_firmware
+import bench_vehicle
 import bench_identify
 from figures import Figure, machine
 from rich.console import Console
@@ -42,6 +43,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "encoder": bench_encoder.figures,
     "decode": bench_decode.figures,
     "estimation": estimation,
+    "vehicle": bench_vehicle.figures,
     "emulation": bench_emulation.figures,
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,

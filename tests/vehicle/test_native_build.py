@@ -118,6 +118,20 @@ def test_what_the_compiler_said_is_passed_on(tmp_path):
 
 
 @needs_compiler
+def test_a_compiler_without_vectors_still_compiles(nothing_built, monkeypatch):
+    """An older processor, another C library: fewer flags, the same numbers."""
+    plain = nothing_built / "plain-cc"
+    real = " ".join(compiler())
+    plain.write_text(f"""#!/bin/sh
+for a in "$@"; do case "$a" in -m*|-lmvec) echo "unknown $a" >&2; exit 1;; esac; done
+exec {real} "$@"
+""", encoding="utf-8")
+    plain.chmod(0o755)
+    monkeypatch.setenv("CC", str(plain))
+    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+
+
+@needs_compiler
 def test_a_damaged_library_is_no_kernel(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])
     broken = build.cache_folder() / f"{build.key(text, F64)}.so"

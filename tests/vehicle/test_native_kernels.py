@@ -209,3 +209,14 @@ def test_motion_of_floats_equals_a_native_window():
     got = rollout(PAPER, np.array([one]).T, np.full((1, 1), 0.3), np.full((1, 1), 0.2),
                   engine="native")
     assert got[0, :, 0] == pytest.approx(step(*one, 0.3, 0.2), rel=1e-13)
+
+
+def test_an_exponential_that_underflows_costs_no_accuracy():
+    """Fast cars: exp(-100 v^2) of the slip angles is far below what a float can hold."""
+    state = np.array([[0.0, 0, 0, 8.0, 0.1, 2.0, 0.3, 0.2], [0, 0, 0, 0.0, 0, 0, 0.3, 0.2]]).T
+    held = np.full((20, 2), 0.3), np.full((20, 2), 0.2)
+    native, numpy = (car_rollout(PAPER, state, *held, engine=e) for e in ("native", "numpy"))
+    assert apart(native, numpy) < 1e-12
+    single = car_rollout(PAPER, state.astype(np.float32),
+                         *(u.astype(np.float32) for u in held), engine="native")
+    assert apart(single, numpy) < 2e-5

@@ -24,7 +24,7 @@ from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 DT, SAMPLES, SUBSTEPS = 0.01, 3, 2
 CARS = 19
 """More than a vector and not a multiple of it."""
-TOLERANCE = {64: 1e-12, 32: 2e-5}
+TOLERANCE = {64: 1e-12, 32: 1e-4}
 """Of the scale of a value, at least 1."""
 SPREAD = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5, "s": 1.0,
           "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
@@ -37,6 +37,8 @@ def check(run: Run, traced: Traced, variant: Variant, form: Vehicle, kind: str,
     for n in (1, CARS):
         p = reference(form, n if variant.lanes else 0, draw)
         start = np.stack([draw.uniform(-1, 1, n) * SPREAD[q] for q in STATES[kind]])
+        if form.slip == "paper":    # as published it divides by v_x
+            start[3] = 0.5 + np.abs(start[3])
         inputs = [draw.uniform(-1, 1, (SAMPLES, n)) * SPREAD[q] for q in traced.inputs]
         dtype = np.float64 if variant.bits == 64 else np.float32
         h = aligned(coefficients(traced, p, DT, n if variant.lanes else 0), dtype)

@@ -10,11 +10,15 @@
 #if BITS == 32
 typedef float real;
 #define F(function) function##f
+#define LEAST -87.0f
 #else
 typedef double real;
 #define F(function) function
+#define LEAST -708.0
 #endif
 #define R(number) ((real)number)
+/* what would underflow takes libmvec out of its vectors, at half the speed of a step */
+#define EXP(x) F(exp)(F(fmax)(x, LEAST))
 #if LANES
 #define H(k) h[(k) * ldh + i]
 #else
@@ -106,11 +110,11 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
             F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v205)) * vx)));
         const real v224 = H(2) * v223;
         const real v225 = H(18) * F(atan2)((vx * v142) - (v187 * v141), F(fabs)(v190) + (R(0.1) *
-            F(exp)((R(-100.0) * v190) * v190)));
+            EXP((R(-100.0) * v190) * v190)));
         const real v233 = H(16) * F(sin)(H(17) * F(atan)(v225 - (H(19) * (v225 -
             F(atan)(v225)))));
         const real v237 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy, v205 +
-            (R(0.1) * F(exp)((R(-100.0) * vx) * vx)))));
+            (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
         const real v240 = (v233 * v141) + (v224 * v142);
         const real v241 = F(sin)(eta + R(1.5707963267948966));
         const real v242 = F(sin)(eta);
@@ -129,11 +133,11 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
             (H(6) * v290)) * v268)));
         const real v308 = H(2) * v307;
         const real v309 = H(18) * F(atan2)((v268 * v162) - (v274 * v161), F(fabs)(v277) + (R(0.1)
-            * F(exp)((R(-100.0) * v277) * v277)));
+            * EXP((R(-100.0) * v277) * v277)));
         const real v317 = H(16) * F(sin)(H(17) * F(atan)(v309 - (H(19) * (v309 -
             F(atan)(v309)))));
         const real v320 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v272) - v270,
-            v290 + (R(0.1) * F(exp)((R(-100.0) * v268) * v268)))));
+            v290 + (R(0.1) * EXP((R(-100.0) * v268) * v268)))));
         const real v323 = (v317 * v161) + (v308 * v162);
         const real v324 = F(sin)(v266 + R(1.5707963267948966));
         const real v325 = F(sin)(v266);
@@ -152,11 +156,11 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
             (H(6) * v373)) * v351)));
         const real v391 = H(2) * v390;
         const real v392 = H(18) * F(atan2)((v351 * v162) - (v357 * v161), F(fabs)(v360) + (R(0.1)
-            * F(exp)((R(-100.0) * v360) * v360)));
+            * EXP((R(-100.0) * v360) * v360)));
         const real v400 = H(16) * F(sin)(H(17) * F(atan)(v392 - (H(19) * (v392 -
             F(atan)(v392)))));
         const real v403 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v355) - v353,
-            v373 + (R(0.1) * F(exp)((R(-100.0) * v351) * v351)))));
+            v373 + (R(0.1) * EXP((R(-100.0) * v351) * v351)))));
         const real v406 = (v400 * v161) + (v391 * v162);
         const real v407 = F(sin)(v349 + R(1.5707963267948966));
         const real v408 = F(sin)(v349);
@@ -175,11 +179,11 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
             F(tanh)(H(4) * v434)) + ((H(5) + (H(6) * v456)) * v434)));
         const real v474 = H(2) * v473;
         const real v475 = H(18) * F(atan2)((v434 * v182) - (v440 * v181), F(fabs)(v443) + (R(0.1)
-            * F(exp)((R(-100.0) * v443) * v443)));
+            * EXP((R(-100.0) * v443) * v443)));
         const real v483 = H(16) * F(sin)(H(17) * F(atan)(v475 - (H(19) * (v475 -
             F(atan)(v475)))));
         const real v486 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v438) - v436,
-            v456 + (R(0.1) * F(exp)((R(-100.0) * v434) * v434)))));
+            v456 + (R(0.1) * EXP((R(-100.0) * v434) * v434)))));
         const real v489 = (v483 * v181) + (v474 * v182);
         const real v490 = F(sin)(v432 + R(1.5707963267948966));
         const real v491 = F(sin)(v432);
@@ -273,11 +277,11 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
             v86)) * vx)));
         const real v105 = H(2) * v104;
         const real v106 = H(13) * F(atan2)((vx * v63) - (v68 * v62), F(fabs)(v71) + (R(0.1) *
-            F(exp)((R(-100.0) * v71) * v71)));
+            EXP((R(-100.0) * v71) * v71)));
         const real v114 = H(11) * F(sin)(H(12) * F(atan)(v106 - (H(14) * (v106 -
             F(atan)(v106)))));
         const real v118 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy, v86 +
-            (R(0.1) * F(exp)((R(-100.0) * vx) * vx)))));
+            (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
         const real v121 = (v114 * v62) + (v105 * v63);
         const real v122 = F(sin)(eta + R(1.5707963267948966));
         const real v123 = F(sin)(eta);
@@ -295,11 +299,11 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
             * v171)) * v149)));
         const real v189 = H(2) * v188;
         const real v190 = H(13) * F(atan2)((v149 * v63) - (v155 * v62), F(fabs)(v158) + (R(0.1) *
-            F(exp)((R(-100.0) * v158) * v158)));
+            EXP((R(-100.0) * v158) * v158)));
         const real v198 = H(11) * F(sin)(H(12) * F(atan)(v190 - (H(14) * (v190 -
             F(atan)(v190)))));
         const real v201 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v153) - v151,
-            v171 + (R(0.1) * F(exp)((R(-100.0) * v149) * v149)))));
+            v171 + (R(0.1) * EXP((R(-100.0) * v149) * v149)))));
         const real v204 = (v198 * v62) + (v189 * v63);
         const real v205 = F(sin)(v147 + R(1.5707963267948966));
         const real v206 = F(sin)(v147);
@@ -318,11 +322,11 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
             * v254)) * v232)));
         const real v272 = H(2) * v271;
         const real v273 = H(13) * F(atan2)((v232 * v63) - (v238 * v62), F(fabs)(v241) + (R(0.1) *
-            F(exp)((R(-100.0) * v241) * v241)));
+            EXP((R(-100.0) * v241) * v241)));
         const real v281 = H(11) * F(sin)(H(12) * F(atan)(v273 - (H(14) * (v273 -
             F(atan)(v273)))));
         const real v284 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v236) - v234,
-            v254 + (R(0.1) * F(exp)((R(-100.0) * v232) * v232)))));
+            v254 + (R(0.1) * EXP((R(-100.0) * v232) * v232)))));
         const real v287 = (v281 * v62) + (v272 * v63);
         const real v288 = F(sin)(v230 + R(1.5707963267948966));
         const real v289 = F(sin)(v230);
@@ -341,11 +345,11 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
             * v337)) * v315)));
         const real v355 = H(2) * v354;
         const real v356 = H(13) * F(atan2)((v315 * v63) - (v321 * v62), F(fabs)(v324) + (R(0.1) *
-            F(exp)((R(-100.0) * v324) * v324)));
+            EXP((R(-100.0) * v324) * v324)));
         const real v364 = H(11) * F(sin)(H(12) * F(atan)(v356 - (H(14) * (v356 -
             F(atan)(v356)))));
         const real v367 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v319) - v317,
-            v337 + (R(0.1) * F(exp)((R(-100.0) * v315) * v315)))));
+            v337 + (R(0.1) * EXP((R(-100.0) * v315) * v315)))));
         const real v370 = (v364 * v62) + (v355 * v63);
         const real v371 = F(sin)(v313 + R(1.5707963267948966));
         const real v372 = F(sin)(v313);
@@ -471,9 +475,9 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
             F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v211)) * vx)));
         const real v229 = H(2) * v228;
         const real v234 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((vx * v150) - (v195 *
-            v149), F(fabs)(v198) + F(exp)((R(-3.0) * v198) * v198))));
+            v149), F(fabs)(v198) + EXP((R(-3.0) * v198) * v198))));
         const real v239 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy, v211 +
-            F(exp)((R(-3.0) * vx) * vx))));
+            EXP((R(-3.0) * vx) * vx))));
         const real v242 = (v234 * v149) + (v229 * v150);
         const real v243 = F(sin)(eta + R(1.5707963267948966));
         const real v244 = F(sin)(eta);
@@ -492,9 +496,9 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
             (H(6) * v291)) * v270)));
         const real v308 = H(2) * v307;
         const real v313 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v270 * v170) - (v276 *
-            v169), F(fabs)(v279) + F(exp)((R(-3.0) * v279) * v279))));
+            v169), F(fabs)(v279) + EXP((R(-3.0) * v279) * v279))));
         const real v318 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v274) - v272,
-            v291 + F(exp)((R(-3.0) * v270) * v270))));
+            v291 + EXP((R(-3.0) * v270) * v270))));
         const real v321 = (v313 * v169) + (v308 * v170);
         const real v322 = F(sin)(v268 + R(1.5707963267948966));
         const real v323 = F(sin)(v268);
@@ -513,9 +517,9 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
             (H(6) * v370)) * v349)));
         const real v387 = H(2) * v386;
         const real v392 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v349 * v170) - (v355 *
-            v169), F(fabs)(v358) + F(exp)((R(-3.0) * v358) * v358))));
+            v169), F(fabs)(v358) + EXP((R(-3.0) * v358) * v358))));
         const real v397 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v353) - v351,
-            v370 + F(exp)((R(-3.0) * v349) * v349))));
+            v370 + EXP((R(-3.0) * v349) * v349))));
         const real v400 = (v392 * v169) + (v387 * v170);
         const real v401 = F(sin)(v347 + R(1.5707963267948966));
         const real v402 = F(sin)(v347);
@@ -534,9 +538,9 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
             F(tanh)(H(4) * v428)) + ((H(5) + (H(6) * v449)) * v428)));
         const real v466 = H(2) * v465;
         const real v471 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v428 * v190) - (v434 *
-            v189), F(fabs)(v437) + F(exp)((R(-3.0) * v437) * v437))));
+            v189), F(fabs)(v437) + EXP((R(-3.0) * v437) * v437))));
         const real v476 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v432) - v430,
-            v449 + F(exp)((R(-3.0) * v428) * v428))));
+            v449 + EXP((R(-3.0) * v428) * v428))));
         const real v479 = (v471 * v189) + (v466 * v190);
         const real v480 = F(sin)(v426 + R(1.5707963267948966));
         const real v481 = F(sin)(v426);
@@ -630,9 +634,9 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
             v92)) * vx)));
         const real v110 = H(2) * v109;
         const real v115 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((vx * v71) - (v76 *
-            v70), F(fabs)(v79) + F(exp)((R(-3.0) * v79) * v79))));
+            v70), F(fabs)(v79) + EXP((R(-3.0) * v79) * v79))));
         const real v120 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy, v92 +
-            F(exp)((R(-3.0) * vx) * vx))));
+            EXP((R(-3.0) * vx) * vx))));
         const real v123 = (v115 * v70) + (v110 * v71);
         const real v124 = F(sin)(eta + R(1.5707963267948966));
         const real v125 = F(sin)(eta);
@@ -650,9 +654,9 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
             * v172)) * v151)));
         const real v189 = H(2) * v188;
         const real v194 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v151 * v71) - (v157 *
-            v70), F(fabs)(v160) + F(exp)((R(-3.0) * v160) * v160))));
+            v70), F(fabs)(v160) + EXP((R(-3.0) * v160) * v160))));
         const real v199 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v155) - v153,
-            v172 + F(exp)((R(-3.0) * v151) * v151))));
+            v172 + EXP((R(-3.0) * v151) * v151))));
         const real v202 = (v194 * v70) + (v189 * v71);
         const real v203 = F(sin)(v149 + R(1.5707963267948966));
         const real v204 = F(sin)(v149);
@@ -671,9 +675,9 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
             * v251)) * v230)));
         const real v268 = H(2) * v267;
         const real v273 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v230 * v71) - (v236 *
-            v70), F(fabs)(v239) + F(exp)((R(-3.0) * v239) * v239))));
+            v70), F(fabs)(v239) + EXP((R(-3.0) * v239) * v239))));
         const real v278 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v234) - v232,
-            v251 + F(exp)((R(-3.0) * v230) * v230))));
+            v251 + EXP((R(-3.0) * v230) * v230))));
         const real v281 = (v273 * v70) + (v268 * v71);
         const real v282 = F(sin)(v228 + R(1.5707963267948966));
         const real v283 = F(sin)(v228);
@@ -692,9 +696,9 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
             * v330)) * v309)));
         const real v347 = H(2) * v346;
         const real v352 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v309 * v71) - (v315 *
-            v70), F(fabs)(v318) + F(exp)((R(-3.0) * v318) * v318))));
+            v70), F(fabs)(v318) + EXP((R(-3.0) * v318) * v318))));
         const real v357 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v313) - v311,
-            v330 + F(exp)((R(-3.0) * v309) * v309))));
+            v330 + EXP((R(-3.0) * v309) * v309))));
         const real v360 = (v352 * v70) + (v347 * v71);
         const real v361 = F(sin)(v307 + R(1.5707963267948966));
         const real v362 = F(sin)(v307);
