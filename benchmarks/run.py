@@ -19,8 +19,8 @@ import bench_emulation
 import bench_encoder
 import bench_estimation
 import bench_firmware
-import bench_vehicle
 import bench_identify
+import bench_vehicle
 from figures import Figure, machine
 from rich.console import Console
 from rich.table import Table
