@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import click
 
@@ -39,8 +40,10 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal evaluate --model paper FOLDER")
     vehicle = find_model(model)[1]
+    if plot is not None:
+        _drawing().check_target(plot)
     result = _run(kinematic(vehicle) if as_kinematic else vehicle, files, reference)
-    pictures = _draw(result, plot) if plot is not None else []
+    pictures = _drawing().draw(result, plot) if plot is not None else []
     if as_json:
         print_json({**result.to_json(), "plots": pictures})
     else:
@@ -59,7 +62,8 @@ def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None)
                         progress=lambda share: bar.update(task, completed=0.2 + 0.8 * share))
 
 
-def _draw(result: Evaluation, plot: Path) -> list[Path]:
-    from dart_hal.identify.evaluation.pictures import draw
+def _drawing() -> ModuleType:
+    """Loaded when a picture is asked for: most evaluations draw none."""
+    from dart_hal.identify.evaluation import pictures
 
-    return draw(result, plot)
+    return pictures

@@ -11,8 +11,7 @@ from rich.table import Table
 
 from dart_hal.cli.output import console
 from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
-from dart_hal.identify.evaluation.cases import LEFT_OUT
-from dart_hal.identify.evaluation.pictures import short
+from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
 EXACT, ROOMY, WIDTH = ("vy", "yaw_deg"), 100, 16

@@ -69,7 +69,7 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
     a file of ``named``, and when no window is left.
     """
     asked = {path.resolve() for path in named}
-    files = {_short(Path(file)): FileUse(why=(reason,)) for file, reason in skipped}
+    files = {_key(Path(file)): FileUse(why=(reason,)) for file, reason in skipped}
     references = _References(recordings, reference)
     cases = []
     for recording in recordings:
@@ -96,6 +96,13 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
 def without(prepared: Prepared, files: Sequence[str]) -> Prepared:
     """The same without the cases of ``files``: for left-out recordings and days."""
     return replace(prepared, cases=tuple(c for c in prepared.cases if c.file not in files))
+
+
+def short(file: str) -> str:
+    """Folder and file for a label, without what all DART files are called."""
+    folder, _, name = file.rpartition("/")
+    name = name.removesuffix(".gz").removesuffix(".csv").replace("car_1_Datarecording_", "")
+    return f"{folder[:14]}/{name[:28]}" if folder else name[:40]
 
 
 class _References:
@@ -153,7 +160,7 @@ def _day(recording: Recording) -> str:
     return f"{when:%Y-%m-%d}" if when else str(recording.path)
 
 
-def _short(path: Path) -> str:
+def _key(path: Path) -> str:
     return f"{path.parent.name}/{path.name}"
 
 

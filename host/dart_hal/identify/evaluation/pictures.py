@@ -13,7 +13,7 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 
-from .cases import Case
+from .cases import Case, short
 from .commands import actuated
 from .picture_limit import draw_limit
 from .prediction import CHANNELS, UNITS, states
@@ -29,15 +29,28 @@ SHOWN = (0.05, 0.25, 0.5, 0.75, 0.9, 0.98)
 """Quantiles of the position error at 2 s of the windows that are drawn."""
 
 
-def draw(e: Evaluation, target: str | Path) -> list[Path]:
-    """One picture into a file, or all three into a folder; what was written.
+def check_target(target: str | Path) -> bool:
+    """Whether ``target`` is a file (else a folder), before any work is done for it.
 
     Errors: UsageError when matplotlib is missing or the suffix is unknown.
     """
     target = Path(target)
-    if target.suffix and not target.is_dir():
-        if target.suffix.lower() not in FORMATS:
-            raise UsageError(f"no plot format {target.suffix!r}", expected=", ".join(FORMATS))
+    style.new_figure()
+    if not target.suffix or target.is_dir():
+        return False
+    if target.suffix.lower() not in FORMATS:
+        raise UsageError(f"no plot format {target.suffix!r}", found=str(target),
+                         expected=f"a folder, or a file ending in {', '.join(FORMATS)}")
+    return True
+
+
+def draw(e: Evaluation, target: str | Path) -> list[Path]:
+    """The errors into a file, or all three pictures into a folder; what was written.
+
+    Errors: as ``check_target``.
+    """
+    target = Path(target)
+    if check_target(target):
         figure = draw_errors(e)
         target.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(target, dpi=110)
@@ -85,13 +98,6 @@ def draw_windows(e: Evaluation) -> Any:
     figure.suptitle(f"{e.vehicle.name} ({e.vehicle.kind}): 2 s from the dot, axes in m along and "
                     "left of the start", x=0.01, ha="left", fontsize=11)
     return figure
-
-
-def short(file: str) -> str:
-    """Folder and file for a label, without what all DART files are called."""
-    folder, _, name = file.rpartition("/")
-    name = name.removesuffix(".gz").removesuffix(".csv").replace("car_1_Datarecording_", "")
-    return f"{folder[:14]}/{name[:28]}" if folder else name[:40]
 
 
 def _over_horizon(axes: Any, e: Evaluation, channel: str, unit: str) -> None:

@@ -71,7 +71,10 @@ class KinematicLimit:
         for t in self.takeover:
             unit = "m/s" if t.by == "speed" else "m/s2"
             if math.isfinite(t.taken_from):
-                found.append(f"{TITLES[t.channel]} from {t.taken_from:g} {unit}")
+                whole = t.taken_from == t.bins[0].low
+                found.append(f"{TITLES[t.channel]} " + (
+                    f"at any {t.by.replace('_', ' ')}" if whole else
+                    f"from {t.taken_from:g} {unit}"))
             else:
                 none.append(f"{TITLES[t.channel]} by {t.by.replace('_', ' ')}")
         head = f"{self.model}, at the measured speed: its dynamic form predicts "
