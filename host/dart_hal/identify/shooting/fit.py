@@ -107,12 +107,13 @@ class _Work:
                  prior: FloatArray, progress: Progress | None) -> None:
         self._problem, self._base, self._names, self._prior = problem, base, names, prior
         self._start = np.array([value(base, name) for name in names])
-        limits = np.array([bounds(base, name) for name in names])
-        self.low, self.high = ((limits - self._start[:, None]) / prior[:, None]).T
+        self._limits = np.array([bounds(base, name) for name in names]).T
+        self.low, self.high = (self._limits - self._start) / prior
         self._progress, self._rounds = progress, 0
 
     def vehicle(self, x: FloatArray) -> Vehicle:
-        numbers = self._start + self._prior * x
+        # the way there and back through the units of the prior may miss a bound by one digit
+        numbers = np.clip(self._start + self._prior * x, *self._limits)
         return with_values(self._base, dict(zip(self._names, numbers.tolist(), strict=True)))
 
     def error(self, x: FloatArray) -> FloatArray:
