@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.config import Quantity, load_model
+from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.write import Source, model_from, why_unsound, write
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
@@ -84,6 +85,19 @@ def test_an_unsound_section_keeps_the_identified_values_of_before(tmp_path):
     assert model.provenance["sections"]["friction"]["command"] == "again"
     assert set(model.provenance["files"]) == {"a.csv", "b.csv"}
     assert len(list((tmp_path / "history").iterdir())) == 1
+
+
+def test_a_joint_covariance_takes_the_place_of_the_single_ones(tmp_path):
+    fits = {name: fit(name, values) for name, values in (("friction", FRICTION), ("motor", MOTOR))}
+    joint = Covariance(("friction.a", "motor.d"), ((0.01, 0.002), (0.002, 0.04)))
+    path = write(model_from(fits, model_of(PAPER), SOURCE, joint=joint), tmp_path / "model.toml")
+    assert load_model(path).covariance == {"joint": joint}
+    # a later fit of one section alone: the joint table no longer holds
+    model = model_from({"motor": fits["motor"]}, load_model(path), SOURCE).model
+    assert set(model.covariance) == {"motor"}
+    # a section that was left out: no joint table either
+    bad = {**fits, "motor": replace(fits["motor"], converged=False)}
+    assert "joint" not in model_from(bad, model_of(PAPER), SOURCE, joint=joint).model.covariance
 
 
 def test_values_that_no_car_can_have_are_left_out():

@@ -59,7 +59,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         outcome, data = as_paper(root, names, typed)
     else:
         outcome, data = per_recording(files, names, vehicle_of(start), typed, reference)
-    written = model_from(outcome.fits, start, outcome.source)
+    written = model_from(outcome.fits, start, outcome.source, joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
     pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []
     if as_json:

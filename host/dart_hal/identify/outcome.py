@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.runs import read_any
@@ -26,7 +27,8 @@ class Outcome:
     """fits by sub-model (as_paper: also rows of its comparison), report by file.
 
     published: the paper's values beside them; derived: what the data do tell
-    where single parameters are not told; source: for the file's provenance.
+    where single parameters are not told; source: for the file's provenance;
+    joint: covariance across sub-models, where they were fitted together.
     """
 
     fits: Mapping[str, Fit]
@@ -34,6 +36,7 @@ class Outcome:
     published: Mapping[str, Published]
     source: Source
     derived: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    joint: Covariance | None = None
 
     @property
     def sound(self) -> bool:

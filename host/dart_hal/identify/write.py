@@ -77,8 +77,12 @@ def why_unsound(fit: Fit) -> str:
 
 
 def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
-               name: str = "identified") -> Written:
-    """The base with every sound sub-model in it, its errors and its covariance."""
+               name: str = "identified", joint: Covariance | None = None) -> Written:
+    """The base with every sound sub-model in it, its errors and its covariance.
+
+    joint: covariance of parameters that were fitted together, across sections
+    ("friction.a", ...); it takes the place of those of the single sections.
+    """
     model, sections, left_out = base, list[str](), {}
     for section in SECTIONS:
         if section not in fits:
@@ -97,6 +101,10 @@ def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
             left_out[section] = why
     if not sections:
         return Written(None, (), left_out)
+    if joint is not None and {n.partition(".")[0] for n in joint.names} <= set(sections):
+        apart = {key: table for key, table in model.covariance.items()
+                 if not set(table.names) & set(joint.names)}
+        model = msgspec.structs.replace(model, covariance={**apart, "joint": joint})
     model = msgspec.structs.replace(model, name=name, provenance=source.table(base, sections))
     return Written(model, tuple(sections), left_out)
 
