@@ -13,8 +13,13 @@ from hypothesis import strategies as st
 from dart_hal.errors import UsageError
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, Batch, rollout, stack
 from dart_hal.vehicle.batch import car_rollout, car_step
-from dart_hal.vehicle.flat import with_values
-from dart_hal.vehicle.native.build import compiler
+from dart_hal.vehicle.flat import bind, names, value, with_values
+from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.native import library
+from dart_hal.vehicle.native.build import Variant, compile_kernel, compiler
+from dart_hal.vehicle.native.call import call
+from dart_hal.vehicle.native.emit import body, source
+from dart_hal.vehicle.native.model import INPUTS, STATES, computed, record
 from dart_hal.vehicle.parameters import SLIPS, AxleTyres
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
@@ -209,6 +214,31 @@ def test_motion_of_floats_equals_a_native_window():
     got = rollout(PAPER, np.array([one]).T, np.full((1, 1), 0.3), np.full((1, 1), 0.2),
                   engine="native")
     assert got[0, :, 0] == pytest.approx(step(*one, 0.3, 0.2), rel=1e-13)
+
+
+def test_any_step_can_become_a_kernel(tmp_path):
+    """Equations composed at run time: here the paper's car with a wind from ahead."""
+    def make(symbol, xp):
+        step = make_car_step(bind(PAPER, symbol), xp, symbol("dt"))
+
+        def windy(*values):
+            x, y, eta, vx, *rest = step(*values)
+            return x, y, eta, vx - symbol("wind") * xp.cos(eta) * symbol("dt"), *rest
+
+        return windy
+
+    traced = record("windy", make, STATES["car"], INPUTS["car"])
+    path = compile_kernel(source([body(traced)]), Variant(64, False), tmp_path)
+    numbers = {name: value(PAPER, name) for name in names(PAPER)} | {"dt": 0.01, "wind": 0.7}
+    state, held = driving(PAPER, 20), np.full((30, 20), 0.2)
+    got = call(library._function(path, "windy"), computed(traced, numbers), state, held, held,
+               [30], 1)[0]
+    step, wanted = make(numbers.__getitem__, ARRAY), tuple(state)
+    for _ in range(30):
+        wanted = step(*wanted, 0.2, 0.2)
+    assert apart(got, np.array(wanted)) < 1e-12
+    calm = car_rollout(PAPER, state, held, held, at=[30], engine="native")[0]
+    assert apart(calm, got) > 0.05
 
 
 def test_an_exponential_that_underflows_costs_no_accuracy():

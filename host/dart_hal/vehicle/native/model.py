@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.vehicle.flat import bind, names, value
-from dart_hal.vehicle.namespace import ARRAY, SCALAR
+from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, needed
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 from dart_hal.vehicle.step import make_car_step, make_motion_step
@@ -45,14 +45,25 @@ class Traced:
 @lru_cache(maxsize=64)
 def trace(form: Vehicle, kind: str, method: str = "rk4") -> Traced:
     """Equations of the form's kind; its numbers do not matter, see ``form_of``."""
+    def make(symbol: Callable[[str], Expr], xp: Namespace) -> Callable[..., Any]:
+        step: Callable[..., Any] = MAKERS[kind](bind(form, symbol), xp, dt=symbol(DT),
+                                                method=method)
+        return step
+
+    return record(f"{kind}_{slug(form)}_{method}", make, STATES[kind], INPUTS[kind])
+
+
+def record(name: str, make: Callable[[Callable[[str], Expr], Namespace], Callable[..., Any]],
+           states: tuple[str, ...], inputs: tuple[str, ...]) -> Traced:
+    """Any step: ``make(symbol, xp)`` returns ``step(*states, *inputs) -> states``.
+
+    ``symbol(name)`` is a parameter. Two inputs are what a kernel takes.
+    """
     graph = Graph()
-    symbols = bind(form, graph.symbol)
-    states, inputs = STATES[kind], INPUTS[kind]
-    step = MAKERS[kind](symbols, graph.namespace(), dt=graph.symbol(DT), method=method)
-    out = step(*map(graph.symbol, states), *map(graph.symbol, inputs))
+    out = make(graph.symbol, graph.namespace())(*map(graph.symbol, states),
+                                                *map(graph.symbol, inputs))
     exprs = [x if isinstance(x, Expr) else graph.constant(x) for x in out]
-    return split(f"{kind}_{slug(form)}_{method}", graph, states, inputs,
-                 tuple(x.index for x in exprs))
+    return split(name, graph, states, inputs, tuple(x.index for x in exprs))
 
 
 def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, ...],
@@ -91,9 +102,13 @@ def slug(p: Vehicle) -> str:
 
 
 def coefficients(traced: Traced, p: Vehicle, dt: float, lanes: int = 0) -> Any:
-    """Values of ``traced.uniform`` in f64: (H,), or (H, lanes) for a stack of vehicles."""
-    symbols: dict[str, Any] = {name: _finite(value(p, name)) for name in names(p)}
-    symbols[DT] = dt
+    """Values of ``traced.uniform`` for a vehicle in f64: (H,), or (H, lanes) for a stack."""
+    return computed(traced, {**{name: value(p, name) for name in names(p)}, DT: dt}, lanes)
+
+
+def computed(traced: Traced, parameters: Mapping[str, Any], lanes: int = 0) -> Any:
+    """The same from a value for each symbol that is neither state nor input."""
+    symbols = {name: _finite(number) for name, number in parameters.items()}
     if not lanes:
         return np.array(evaluate(traced.graph, traced.uniform, symbols, SCALAR))
     out = np.empty((len(traced.uniform), lanes))
