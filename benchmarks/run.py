@@ -18,8 +18,10 @@ import bench_decode
 import bench_emulation
 import bench_encoder
 import bench_estimation
+import bench_evaluate
 import bench_firmware
 import bench_identify
+import bench_light
 import bench_vehicle
 from figures import Figure, machine
 from rich.console import Console
@@ -44,11 +46,13 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "decode": bench_decode.figures,
     "estimation": estimation,
     "vehicle": bench_vehicle.figures,
+    "light": bench_light.figures,
     "emulation": bench_emulation.figures,
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,
     "calibration": bench_calibration.figures,
     "identify": bench_identify.figures,
+    "evaluate": bench_evaluate.figures,
 }
 
 

@@ -20,6 +20,7 @@ from dart_hal.sim.light.ops import Ops
 from dart_hal.sim.light.sense import Reading, Readings
 from dart_hal.sim.light.stepper import Fineness, State8, Stepper, fineness
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import Value
 
 MakeStepper = Callable[[Vehicle, float, str, Fineness], Stepper]
@@ -32,13 +33,14 @@ class Plant:
                  make_stepper: MakeStepper, seeds: Sequence[noise.Seed], scalar: bool,
                  nominal: Vehicle) -> None:
         self.config, self.ops, self._scalar = config, ops, scalar
-        self._make_stepper, self._nominal = make_stepper, nominal
+        self._make_stepper, self._nominal = make_stepper, settled(nominal)
         self.state: State8 = ()
         self.k: Value = 0
         self._shape = make_shaping(config.actuators, ops)
         self._slew = make_slew(config.actuators.steering_rate, ops)
         self._limited = config.actuators.steering_rate < 100.0 / config.step
-        self._pieces = pieces(config.step, nominal.delay.throttle_s, nominal.delay.steering_s)
+        delay = self._nominal.delay
+        self._pieces = pieces(config.step, delay.throttle_s, delay.steering_s)
         self._queue: deque[tuple[Value, Value]] = deque(
             maxlen=1 + max(max(p.throttle, p.steering) for p in self._pieces))
         self._servo: Value = 0.0
@@ -55,8 +57,15 @@ class Plant:
     def set_vehicle(self, vehicle: Vehicle) -> None:
         """Go on with other parameters; pure delays stay those of the first vehicle.
 
-        Here, and nowhere else, a parameter set becomes equations.
+        Here, and nowhere else, a parameter set becomes equations. Raises
+        UsageError for an effect that this path would leave out.
         """
+        left_out = [a.name for a in vehicle.effects if a.effect.signals]
+        if left_out:
+            raise UsageError("the light simulation has no effects on signals",
+                             found=", ".join(left_out),
+                             expected="effects on parameters and forces",
+                             remedy="use the sensors and actuators of LightConfig")
         self.vehicle = vehicle
         c = self.config
         self._steppers = tuple(
@@ -64,7 +73,7 @@ class Plant:
                                        fineness(vehicle, piece.duration, c.method)))
             for piece in self._pieces)
         if self._kick is not None:
-            self._kick.set_mass(vehicle.body.mass)
+            self._kick.set_mass(settled(vehicle).body.mass)
 
     def seed(self, seeds: Sequence[noise.Seed]) -> None:
         """Begin all noise anew, one seed for each car."""

@@ -20,7 +20,8 @@ import numpy as np
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import PAPER, Vehicle, make_car_step, make_slip, make_tyres
 from dart_hal.vehicle.batch import prepare
-from dart_hal.vehicle.flat import bind, names
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.flat import bind, names, value
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.native.call import aligned, call
 from dart_hal.vehicle.native.kernel import Kernel
@@ -47,6 +48,7 @@ def fineness(p: Vehicle, step: float, method: str = "rk4") -> Fineness:
     From the fastest rate of the lateral equations, linear in the slip angle. A
     vehicle that is too stiff at all speeds is divided everywhere (speed inf).
     """
+    p = settled(p)
     limit = (STABLE if method == "rk4" else 0.5 * STABLE) / step
     still = p.friction.a * p.friction.b / p.body.mass
     stiff = _stiffness(p) if p.kind == "dynamic" else 0.0 * still
@@ -150,20 +152,16 @@ def _native(kernel: Kernel) -> Arrays:
 
 def _numpy(p: Vehicle, step: float, method: str) -> Arrays:
     of_all = make_car_step(p, np, step, method)
-    varied = any(np.ndim(_value(p, name)) for name in names(p))
+    of = {name: value(p, name) for name in names(p)}
+    varied = any(np.ndim(v) for v in of.values())
 
     def steps(state: State8, tau: Value, s: Value, times: int, lanes: Any) -> State8:
         advance = of_all
         if lanes is not None and varied:
             advance = make_car_step(bind(p, lambda name: (
-                v[lanes] if np.ndim(v := _value(p, name)) else v)), np, step, method)
+                v[lanes] if np.ndim(v := of[name]) else v)), np, step, method)
         for _ in range(times):
             state = advance(*state, tau, s)
         return state
 
     return steps
-
-
-def _value(p: Vehicle, name: str) -> Value:
-    group, _, key = name.partition(".")
-    return getattr(getattr(p, group), key)

@@ -1,0 +1,27 @@
+"""The bench of the light path runs, with tiny sizes, and names its rows apart."""
+
+from __future__ import annotations
+
+import math
+
+import bench_light
+import pytest
+
+
+def test_rows():
+    pytest.importorskip("gymnasium", reason="needs the extra gym")
+    rows = bench_light.figures(0.002)
+    assert len({f.name for f in rows}) == len(rows) == 9
+    assert all(math.isfinite(f.value) and f.value > 0.0 for f in rows)
+
+
+def test_without_gymnasium_it_says_so(monkeypatch):
+    import sys
+
+    for name in [m for m in sys.modules if m.startswith("dart_hal.sim.gym")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("gymnasium", "gymnasium.envs", "gymnasium.envs.registration"):
+        monkeypatch.setitem(sys.modules, name, None)
+    last = bench_light.figures(0.002)[-1]
+    assert math.isnan(last.value)
+    assert "gymnasium" in last.note
