@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.errors import UsageError
 from dart_hal.identify.evaluation.commands import actuated, delayed, lagged
+from dart_hal.vehicle.effect import Applied, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
 
@@ -59,3 +61,55 @@ def test_the_paper_delays_steering_alone(empty):
     throttle, angle = actuated(PAPER, g)
     assert np.array_equal(throttle, g.throttle)
     assert angle[40] == pytest.approx(make_steering(PAPER.steering)(25.0 / 60), abs=1e-12)
+
+
+def carrying(p, *values, **hooks):
+    """The vehicle with an effect of these hooks."""
+    effect = Effect("made_up", "is made up", "none", "command",
+                    tuple(Parameter(f"k{i}", "-", -1.0, 1.0, (0.1, 0.2, 0.3))
+                          for i in range(len(values))), (), "none", **hooks)
+    return replace(p, effects=(Applied(effect, values),))
+
+
+def test_effects_on_commands_enter_where_they_say(empty):
+    rng = np.random.default_rng(3)
+    g = replace(empty(300), throttle=rng.uniform(0, 0.5, 300), steering=rng.uniform(-1, 1, 300))
+    throttle, angle = actuated(PAPER, g)
+    fading = Static(lambda p, f, k: lambda u, now: u * (1.0 - k * now.t))
+    got = actuated(carrying(PAPER, 0.1, signals={"throttle": fading}), g)
+    assert np.allclose(got[0], throttle * (1.0 - 0.1 * g.t), atol=1e-15)
+    assert np.array_equal(got[1], angle)
+    offset = Static(lambda p, f, k: lambda u, now: u + k)
+    got = actuated(carrying(PAPER, 0.02, signals={"steering": offset}), g)
+    s = delayed(g.steering, PAPER.delay.steering_s)
+    assert np.allclose(got[1], make_steering(PAPER.steering, np)(s + 0.02), atol=1e-12)
+    late = Late(lambda k: k)
+    assert np.array_equal(actuated(carrying(PAPER, 0.05, signals={"angle": late}), g)[1],
+                          delayed(angle, 0.05))
+
+    def slack(p, f, dt, width):
+        def step(u, now, held):
+            held = min(max(held, u - width), u + width)
+            return held, held
+        return (lambda u: (u,)), step
+
+    got = actuated(carrying(PAPER, 0.1, signals={"angle": Stateful(slack)}), g)[1]
+    assert np.abs(got - angle).max() == pytest.approx(0.1)
+    assert got[0] == angle[0]
+
+
+def test_effects_on_parameters_are_settled_first(empty):
+    g = replace(empty(60), steering=np.full(60, 0.5))
+
+    def slower(p, seconds):
+        return replace(p, delay=replace(p.delay, steering_s=p.delay.steering_s + seconds))
+
+    g = replace(g, steering=np.arange(60.0) / 60)
+    got = actuated(carrying(PAPER, 0.1, vehicle=slower), g)[1]
+    assert np.array_equal(got, actuated(slower(PAPER, 0.1), g)[1])
+
+
+def test_an_effect_that_needs_the_motion_is_refused(empty):
+    hook = Static(lambda p, f, k: lambda u, now: u + k * now.v_x)
+    with pytest.raises(UsageError, match="made_up"):
+        actuated(carrying(PAPER, 0.1, signals={"angle": hook}), empty(50))

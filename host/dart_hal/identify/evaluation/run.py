@@ -9,6 +9,7 @@ from typing import Any
 
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Prepared, prepare
@@ -56,6 +57,7 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
 
     Options and errors as for ``prepare``; progress(share) is called as it goes.
     """
+    p = settled(p)  # an effect may move the centre of mass
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
                        skipped=skipped)
     cases = prepared.cases
