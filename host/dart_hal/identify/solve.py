@@ -20,6 +20,10 @@ EDGE = 1e-6
 """Share of the interval at whose ends a parameter counts as stopped there."""
 
 
+NULL = 1e-11
+"""Eigenvalue of the scaled normal matrix, out of about 1, below which nothing is told."""
+
+
 @dataclass(frozen=True, slots=True)
 class Solution:
     """x (k,), residual (n,) and Jacobian (n, k) there, both without robust weights.
@@ -82,7 +86,7 @@ def plain_covariance(s: Solution) -> FloatArray:
     """Covariance (k, k) that takes the residuals as independent, as the paper's would."""
     n, k = s.jacobian.shape
     variance = float(s.residual @ s.residual) / max(n - k, 1)
-    return np.asarray(variance * _inverse(s.jacobian.T @ s.jacobian))
+    return _confessed(variance * _inverse(s.jacobian.T @ s.jacobian), s)
 
 
 def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) -> FloatArray:
@@ -103,7 +107,30 @@ def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) 
     np.add.at(gradient, index, weighted * s.residual[:, None])
     gradient -= gradient.mean(axis=0)  # with a prior the data's own slope is not zero
     meat = gradient.T @ gradient * len(labels) / (len(labels) - 1) + prior**2 * np.eye(k)
-    return np.asarray(hessian @ meat @ hessian)
+    covariance = np.asarray(hessian @ meat @ hessian)
+    return covariance if prior else _confessed(covariance, s)
+
+
+def jackknife_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
+    """Covariance (k, k) from leaving out each of the independent blocks (n,), linearised.
+
+    The sandwich of ``block_covariance`` is too small with few blocks, or where
+    a few of them carry the fit, because residuals of a block that pulls the
+    fit to itself are small; here such a block is missed. With fewer than two
+    blocks: infinite.
+    """
+    weighted = s.jacobian * s.weight[:, None]
+    hessian = weighted.T @ s.jacobian
+    labels = np.unique(block)
+    if len(labels) < 2:
+        return np.full((s.jacobian.shape[1],) * 2, np.inf)
+    moves = []
+    for label in labels:
+        rows = block == label
+        rest = hessian - weighted[rows].T @ s.jacobian[rows]
+        moves.append(_inverse(rest) @ (weighted[rows].T @ s.residual[rows]))
+    spread = np.array(moves)
+    return _confessed((len(labels) - 1) / len(labels) * spread.T @ spread, s)
 
 
 def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray[np.int64]:
@@ -116,6 +143,24 @@ def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray
         out[rows] = inside + count
         count += int(inside.max()) + 1
     return out
+
+
+def untold(s: Solution) -> NDArray[np.bool_]:
+    """Parameters (k,) that can be changed, alone or with others, without changing any residual."""
+    jac = s.jacobian * np.sqrt(s.weight)[:, None]
+    size = np.linalg.norm(jac, axis=0)
+    scaled = jac / np.where(size > 0.0, size, 1.0)
+    strength, direction = np.linalg.eigh(scaled.T @ scaled)
+    free = np.abs(direction[:, strength < NULL]) > 1e-2
+    return np.asarray(np.any(free, axis=1) | (size == 0.0))
+
+
+def _confessed(covariance: FloatArray, s: Solution) -> FloatArray:
+    """The covariance with infinite variance for what no residual depends on."""
+    lost = untold(s)
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    return covariance
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
@@ -134,4 +179,5 @@ def collinearity(s: Solution) -> FloatArray:
     jac = s.jacobian * np.sqrt(s.weight)[:, None]
     gram = jac.T @ jac
     inverse = np.diag(_inverse(gram))
-    return np.asarray(np.sqrt(1.0 / np.maximum(np.diag(gram) * inverse, 1.0)))
+    alone = np.sqrt(1.0 / np.maximum(np.diag(gram) * inverse, 1.0))
+    return np.asarray(np.where(untold(s), 0.0, alone))

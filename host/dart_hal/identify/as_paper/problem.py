@@ -11,8 +11,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.solve import Solution, least_squares, plain_covariance
-from dart_hal.recording.dart.model import BoolArray
+from dart_hal.identify.solve import Solution, least_squares, plain_covariance, untold
 from dart_hal.types import FloatArray
 
 from .curves import Curve
@@ -22,8 +21,6 @@ DOUBT = 0.5
 """A standard error above this share of the value: the data do not tell it."""
 THIN = 300
 """Samples that are enough to find a first guess."""
-FREE = 1e-11
-"""Eigenvalue of the scaled normal matrix below which a direction is free."""
 TOLERANCE = 1e-8
 """Of the loss: parameters are then exact to a thousandth of their standard error."""
 
@@ -138,24 +135,14 @@ def as_fit(p: Problem, s: Solution, cpu_s: float) -> Fit:
     A parameter on which the residuals do not depend, alone or together with
     others, has an infinite error, and the fit counts as not converged.
     """
-    covariance, untold = plain_covariance(s), _untold(s)
-    covariance[untold, :] = covariance[:, untold] = np.inf
+    covariance, lost_ones = plain_covariance(s), untold(s)
     std = np.sqrt(np.diag(covariance))
     edge = tuple(n for n, stopped in zip(p.names, s.at_bound, strict=True) if stopped)
     parameters = {
         name: Estimate(float(value), float(error), unit,
                        bool(name not in edge and error < DOUBT * abs(value)))
         for name, value, error, unit in zip(p.names, s.x, std, p.units, strict=True)}
-    lost = [name for name, no in zip(p.names, untold, strict=True) if no]
+    lost = [name for name, no in zip(p.names, lost_ones, strict=True) if no]
     notes = p.notes + ((f"{', '.join(lost)}: these rows do not tell",) if lost else ())
     return Fit(p.submodel, parameters, covariance, len(p.target), s.rmse, p.unit,
                s.converged and not lost, edge, cpu_s, notes)
-
-
-def _untold(s: Solution) -> BoolArray:
-    """Parameters (k,) that can be changed without changing any residual."""
-    size = np.linalg.norm(s.jacobian, axis=0)
-    scaled = s.jacobian / np.where(size > 0.0, size, 1.0)
-    value, direction = np.linalg.eigh(scaled.T @ scaled)
-    free = np.abs(direction[:, value < FREE]) > 1e-2
-    return np.asarray(np.any(free, axis=1) | (size == 0.0))
