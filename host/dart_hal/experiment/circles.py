@@ -1,4 +1,4 @@
-"""Plans of delay and tyres: circles at a held steering, first to the left, then to the right."""
+"""Plans of delay and tyres: circles to the left and to the right, and lanes for the throttle."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dart_hal.errors import ExperimentFailed
 from .floor import MARGIN, Floor, Place
 from .plans import Plan, Segment
 from .rehearsal import rehearse
-from .runner import Drive
-from .signals import Chirp, Constant, Ramp, Sine, random_steps
+from .signals import Chirp, Constant, Levels, Ramp, Sine, random_steps
+from .track import straight_of
 
 TOP = {"delay": 1.2, "tyres": 1.6}
 """m/s unless something else is asked for."""
@@ -24,8 +24,11 @@ MEAN, SWING = 0.5, 0.4
 """Steering command of the delay test: about a middle that leads round and round."""
 DELAY_SPEED = 0.65
 """Share of the top speed at which the steering is tested."""
-PULSE = 0.05
-"""Throttle by which it is pulsed, up and down."""
+HOLD = 0.45
+"""s between two steps: four times what delays and lags of these cars add up to."""
+STEPS = (0.32, 0.16, 0.30, 0.20, 0.34, 0.18)
+LANE, LANES = 3.0, 8
+"""m and number of the lanes on which the throttle is stepped through these levels."""
 TYRE_STEERING = 0.75
 MOST_LATERAL = 2.4
 """m/s2 that end the ramp: the front tyres of the paper's car give 2.9 at most."""
@@ -43,61 +46,70 @@ def plan_circles(name: str, files: CarFiles, floor: Floor, speed: float | None) 
     Errors: ExperimentFailed when the floor is too small, with what is needed.
     """
     top = speed if speed is not None else TOP[name]
-    segments = _delay(top) if name == "delay" else _tyres(top)
-    open_field = Plan(name, tuple(segments), Floor(200.0, 200.0), Place(100.0, 100.0), top,
-                      notes=TYRES_ON_BOARD if name == "tyres" else ())
-    rehearsed, drive = rehearse(open_field, files)
-    place, needed = _needs(drive)
-    if needed.length > floor.length or needed.width > floor.width:
+    rehearsed, place, needed = _tried(name, files, floor, top)
+    if not _fits(needed, floor):
+        slower = (0.1 * tenth for tenth in range(round(10.0 * top) - 1, 5, -1))
+        fits = next((v for v in slower if _fits(_tried(name, files, floor, v)[2], floor)), None)
         raise ExperimentFailed(
             f"a floor of {floor} is too small for the {name} test at {top:.1f} m/s",
             found=f"{floor}", expected=f"{_up(needed.length)} m along the car and "
-            f"{_up(needed.width)} m across", remedy=_remedy(name, files, floor, speed))
+            f"{_up(needed.width)} m across",
+            remedy="a larger floor" if fits is None else f"--speed {fits:.1f} fits on this floor")
     spare = Place(place.behind + 0.5 * (floor.length - needed.length),
                   place.right + 0.5 * (floor.width - needed.width))
     return replace(rehearsed, floor=floor, place=spare)
 
 
-def _needs(drive: Drive) -> tuple[Place, Floor]:
-    """Where the car stands and the floor around it, wider cars and margins included."""
+def _tried(name: str, files: CarFiles, floor: Floor, top: float) -> tuple[Plan, Place, Floor]:
+    """(the plan rehearsed in an open field, where the car stands, the floor it needs)."""
+    lane = min(LANE, max(straight_of(floor, oval=True), 0.5 * LANE)) if name == "delay" else 0.0
+    segments = [*_throttle_steps(top), *_delay(top)] if name == "delay" else _tyres(top)
+    plan, drive = rehearse(Plan(
+        name, tuple(segments), Floor(200.0, 200.0), Place(100.0, 100.0), top, lane=lane,
+        oval=True, notes=TYRES_ON_BOARD if name == "tyres" else ()), files)
     xs = [OTHER_CARS * f.pose.x for f in drive.frames]
     ys = [OTHER_CARS * f.pose.y for f in drive.frames]
     place = Place(MARGIN - min(xs), MARGIN - min(ys))
-    return place, Floor(max(xs) - min(xs) + 2.0 * MARGIN, max(ys) - min(ys) + 2.0 * MARGIN)
+    return plan, place, Floor(max(xs) - min(xs) + 2.0 * MARGIN, max(ys) - min(ys) + 2.0 * MARGIN)
 
 
-def _remedy(name: str, files: CarFiles, floor: Floor, speed: float | None) -> str:
-    top = speed if speed is not None else TOP[name]
-    for tenth in range(round(10.0 * top) - 1, 5, -1):
-        segments = _delay(0.1 * tenth) if name == "delay" else _tyres(0.1 * tenth)
-        field = Plan(name, tuple(segments), Floor(200.0, 200.0), Place(100.0, 100.0), 0.1 * tenth)
-        _, needed = _needs(rehearse(field, files)[1])
-        if needed.length <= floor.length and needed.width <= floor.width:
-            return f"--speed {0.1 * tenth:.1f} fits on this floor"
-    return "a larger floor"
+def _fits(needed: Floor, floor: Floor) -> bool:
+    return needed.length <= floor.length and needed.width <= floor.width
 
 
 def _up(metres: float) -> str:
     return f"{math.ceil(10.0 * metres) / 10.0:.1f}"
 
 
+def _throttle_steps(top: float) -> list[Segment]:
+    """Up and down on the lanes: turning would brake the car, so that is done apart."""
+    out: list[Segment] = []
+    for lane in range(LANES):
+        levels = STEPS[lane % 2:] + STEPS[:lane % 2]
+        out += [
+            Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.6 * LANE),
+            Segment("throttle steps", 3.0, throttle=Levels(levels, HOLD), steering="lane",
+                    top_speed=top, rolls_out=True, measured=True),
+            Segment("rolling out", 8.0, steering="lane", until="standstill", measured=True),
+        ]
+    return [*out, Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.9 * LANE),
+            Segment("rolling out", 8.0, steering="lane", until="standstill")]
+
+
 def _delay(top: float) -> list[Segment]:
-    """Slow sine, chirp and steps of the steering, then pulses of the throttle, on both sides."""
+    """Slow sine, chirp and steps of the steering, to the left and to the right."""
     slow, n = DELAY_SPEED * top, 20
     out: list[Segment] = []
     for side in (1.0, -1.0):
-        mean, swing = side * MEAN, SWING
+        mean = side * MEAN
         out += [
             Segment("getting up to speed", 2.5, speed=slow, steering=Constant(mean)),
-            Segment("slow sine", 12.0, speed=slow, steering=Sine(mean, swing, 4.0),
+            Segment("slow sine", 12.0, speed=slow, steering=Sine(mean, SWING, 4.0),
                     measured=True),
-            Segment("chirp", 12.0, speed=slow, steering=Chirp(mean, swing, 0.25, 2.5, 12.0),
+            Segment("chirp", 12.0, speed=slow, steering=Chirp(mean, SWING, 0.25, 2.5, 12.0),
                     measured=True),
-            Segment("steering steps", 0.45 * n, speed=slow, measured=True,
-                    steering=random_steps(mean - swing, mean + swing, n, 0.45)),
-            Segment("even circle", 2.0, speed=slow, steering=Constant(mean)),
-            Segment("throttle steps", 0.45 * n, relative=True, steering=Constant(mean),
-                    throttle=random_steps(-PULSE, PULSE, n, 0.45), measured=True),
+            Segment("steering steps", HOLD * n, speed=slow, measured=True,
+                    steering=random_steps(mean - SWING, mean + SWING, n, HOLD)),
             *_home(mean, side),
         ]
     return out

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,13 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.recording.dart import Messages, Note, Recording, read
-from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
+from dart_hal.recording.dart.model import IntArray, freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.types import FloatArray, State
 
 EVERY = 10  # frames of 10 ms
 SHORTEST = 100  # frames: 1 s
-WINDOW = 10  # frames: 0.1 s, over which the speed is a mean
+FRAME = 0.01  # s
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
@@ -32,8 +33,10 @@ SUFFIXES = (".csv", ".csv.gz", ".mcap")
 def read_run(path: str | Path, every: int = EVERY) -> Recording:
     """A run as a Recording: schema "run", no mocap, 10 Hz.
 
-    every: frames of 10 ms that one message is made of; 1 keeps the timing of all
-    commands. The speed is a mean over the last 0.1 s at any rate.
+    every: frames of 10 ms that one message is made of; fewer keep finer timing.
+    Speed, yaw rate, acceleration and steering are means over the step that ends
+    at a message's stamp; the throttle is that of the moment, free of dithering,
+    with one more message before and after each jump.
     Errors: RecordingError for a file that is no run or holds less than 1 s.
     """
     path = Path(path)
@@ -74,51 +77,50 @@ def undithered(command: FloatArray, count: float) -> FloatArray:
 
 
 def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
-    """One message each ``every`` frames, and one where the throttle jumps.
-
-    Commands are the means from a message to the next, over which they count as
-    held: so neither dithering nor the thinning shifts what the car was told.
-    """
+    """One message each ``every`` frames, and one on both sides of a jump of the throttle."""
     steering, throttle = files.config.steering, files.config.throttle
     clock, pwm = files.oscillator_hz, files.config.pwm
     count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
     tau = np.array([s.applied.throttle for s in states])
-    ends = _ends(tau, every, 1.5 * count / throttle.span_us)
+    jumps = np.flatnonzero(np.abs(np.diff(tau)) > 1.5 * count / throttle.span_us)
+    ends = sorted({int(i) for i in (*range(every, len(states), every), *jumps, *(jumps + 1))
+                   if i >= every})
 
-    def before(values: Iterable[float | None]) -> FloatArray:
+    def mean(values: Iterable[float | None]) -> FloatArray:
         table = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
         return np.array([table[e + 1 - every:e + 1].mean() for e in ends])
 
-    def after(values: FloatArray) -> FloatArray:
-        return np.array([values[a + 1:b + 1].mean()
-                         for a, b in zip(ends, [*ends[1:], len(values) - 1], strict=True)])
-
     span = steering.direction * steering.span_us
-    command = (after(np.array([s.applied.steering_us for s in states]))
-               - steering.center_us) / span
+    command = (mean(s.applied.steering_us for s in states) - steering.center_us) / span
     if every == EVERY:  # groups of one level; finer messages keep what the servo got
         command = undithered(command, count / steering.span_us)
-    tau = after(tau)
+    tau = _around(tau, jumps, every)[ends]
     t = np.array([s.t for s in states])
     segment = np.concatenate([[0], np.cumsum(np.diff(t[ends]) > GAP)])
     return Messages(
         t=freeze(t[ends]), arrival=freeze(t[ends]), segment=freeze_index(segment),
         throttle=freeze(tau), throttle_raw=freeze(tau), steering=freeze(np.round(command, 6)),
-        gate=freeze_flags(np.ones(len(ends))), speed=freeze(_speed(states, t)[ends]),
-        yaw_rate=freeze(before(s.yaw_rate for s in states)),
-        accel_x=freeze(before(s.accel_x for s in states)),
-        accel_y=freeze(before(s.accel_y for s in states)))
+        gate=freeze_flags(np.ones(len(ends))), speed=freeze(_speed(states, t, every)[ends]),
+        yaw_rate=freeze(mean(_yaw_rate(states, t))),
+        accel_x=freeze(mean(s.accel_x for s in states)),
+        accel_y=freeze(mean(s.accel_y for s in states)))
 
 
-def _ends(tau: FloatArray, every: int, least: float) -> list[int]:
-    """Last frame of each message: regular ones, and the last before a jump of tau (n,)."""
-    jumps = np.flatnonzero(np.abs(np.diff(tau)) > least)
-    regular = np.arange(max(every, WINDOW), len(tau) - 1, every)
-    return sorted({int(i) for i in (*regular, *jumps[jumps >= WINDOW])})
+def _around(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
+    """Mean (n,) of a step around each frame, never across a jump: the dithering is averaged."""
+    edges = [0, *(int(j) + 1 for j in jumps), len(level)]
+    out = np.empty_like(level)
+    for start, end in pairwise(edges):
+        total = np.concatenate([[0.0], np.cumsum(level[start:end])])
+        at = np.arange(end - start)
+        low = np.maximum(at + 1 - every // 2 - every % 2, 0)
+        high = np.minimum(at + 1 + every // 2, end - start)
+        out[start:end] = (total[high] - total[low]) / (high - low)
+    return out
 
 
-def _speed(states: Sequence[State], t: FloatArray) -> FloatArray:
-    """Mean speed (n,) m/s of the last 0.1 s: travel between two frames, free of any lag.
+def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
+    """Mean speed (n,) m/s over the last ``every`` frames: travel between two, free of any lag.
 
     ``State.speed`` is 10 to 20 ms old, the more the slower the wheel turns.
     """
@@ -126,8 +128,20 @@ def _speed(states: Sequence[State], t: FloatArray) -> FloatArray:
     sign = np.array([np.copysign(1.0, s.speed) for s in states])
     travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)) * sign[1:])])
     out = np.zeros(len(t))
-    out[WINDOW:] = (travel[WINDOW:] - travel[:-WINDOW]) / (t[WINDOW:] - t[:-WINDOW])
+    out[every:] = (travel[every:] - travel[:-every]) / (t[every:] - t[:-every])
     return out
+
+
+def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
+    """Yaw rate (n,) rad/s in the middle of the frame that ends at t; NaN where there is none."""
+    rate = np.array([np.nan if s.yaw_rate is None else s.yaw_rate for s in states])
+    age = np.array([s.health.imu_age for s in states])
+    known = np.isfinite(rate) & np.isfinite(age)
+    if not known.any():
+        return rate
+    taken, first = np.unique((t - age)[known], return_index=True)
+    middle = np.interp(t - 0.5 * FRAME, taken, rate[known][first])
+    return np.where(known, middle, np.nan)
 
 
 def read_any(paths: Iterable[str | Path]) -> tuple[list[Recording], list[tuple[str, str]]]:
