@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.errors import BadCommand, ConfigError, UsageError
 from dart_hal.sim.gym import ENV_ID, SPREAD, GymConfig
 from dart_hal.sim.light import LightConfig
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
@@ -164,6 +164,23 @@ def test_the_picture_shows_the_car_where_it_is():
     changed = np.argwhere((first != second).any(axis=2))
     assert 20 < len(changed) < 0.05 * first.shape[0] * first.shape[1]
     assert make().render() is None
+
+
+def test_with_gymnasiums_own_wrappers_nothing_is_warned_of():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make(ENV_ID, render_mode="rgb_array")
+        env.reset(seed=1)
+        for _ in range(50):
+            env.step(env.action_space.sample())
+            env.render()
+
+
+def test_an_action_that_is_no_number_is_refused():
+    env = make()
+    env.reset(seed=0)
+    with pytest.raises(BadCommand):
+        env.step(np.array([np.nan, 0.0], np.float32))
 
 
 def test_refusals():

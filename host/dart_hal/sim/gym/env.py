@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.errors import BadCommand
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.gym.render import Picture
 from dart_hal.sim.gym.resets import (
@@ -81,7 +82,9 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[
             Observation, float, bool, bool, dict[str, Any]]:
-        """Hold the action over one period."""
+        """Hold the action over one period. Raises BadCommand for NaN or infinity."""
+        if not np.isfinite(action).all():
+            raise BadCommand("an action is not a number", found=str(action), expected="-1 to 1")
         throttle, steering = (min(1.0, max(-1.0, float(a))) for a in action)
         before = self._command
         change = (throttle - before[0]) ** 2 + (steering - before[1]) ** 2

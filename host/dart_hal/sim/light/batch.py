@@ -92,15 +92,17 @@ class LightBatch(Plant):
         if np.ndim(self.k) == 0:                    # the first time
             self.k = np.zeros(self.n, dtype=np.intp)
             self._servo, self._travel, self._path = np.zeros((3, self.n), dtype=full.dtype)
-            self._bias = np.zeros((3, self.n))
+            self._bias = np.zeros((3, self.n), dtype=full.dtype)
             self._queue.extend([(np.zeros(self.n, full.dtype), np.zeros(self.n, full.dtype))
                                 for _ in range(self._queue.maxlen or 1)])
             if self._kick is not None:
-                self._kick.force = (np.zeros(self.n), np.zeros(self.n))
+                along, across = np.zeros((2, self.n), dtype=full.dtype)
+                self._kick.force = (along, across)
         self.k = self.k.copy()
         self.k[where] = 0
         self.state = _put(self.state, tuple(full), where)
-        rows = np.array([self._starts[i].standard_normal(5) for i in where]).reshape(-1, 5).T
+        rows = np.array([self._starts[i].standard_normal(5) for i in where],
+                        dtype=full.dtype).reshape(-1, 5).T
         self._servo, self._travel, self._path = _put(
             (self._servo, self._travel, self._path), (full[7], 0.0, 0.0), where)
         for i, bias in enumerate(self._offsets(rows)):

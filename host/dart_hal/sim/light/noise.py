@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dart_hal.vehicle.namespace import Value
 
@@ -39,12 +40,13 @@ class ScalarStream:
 
 
 class ArrayStream:
-    """``row()``: an array (columns, n) of standard normal numbers, a lane per seed."""
+    """``row()``: ``columns`` arrays (n,) of standard normal numbers, a lane per seed."""
 
-    def __init__(self, seeds: Sequence[Seed], stream: int, columns: int) -> None:
+    def __init__(self, seeds: Sequence[Seed], stream: int, columns: int,
+                 dtype: str = "float64") -> None:
         self._rngs = [generator(seed, stream) for seed in seeds]
         self._block = np.empty((len(seeds), max(8, min(ROWS, 400_000 // len(seeds))), columns))
-        self._rows = self._block.transpose(1, 2, 0)
+        self._rows: NDArray[Any] = np.empty((*self._block.shape[1:], len(seeds)), dtype=dtype)
         self._next = len(self._rows)
 
     def row(self) -> Sequence[Value]:
@@ -52,10 +54,10 @@ class ArrayStream:
         if self._next == len(self._rows):
             for rng, lane in zip(self._rngs, self._block, strict=True):
                 rng.standard_normal(out=lane)
+            self._rows[...] = self._block.transpose(1, 2, 0)
             self._next = 0
         self._next += 1
-        row: Any = self._rows[self._next - 1]
-        return row  # type: ignore[no-any-return]
+        return tuple(self._rows[self._next - 1])
 
 
 def generator(seed: Seed, stream: int) -> np.random.Generator:
@@ -64,8 +66,8 @@ def generator(seed: Seed, stream: int) -> np.random.Generator:
     return np.random.default_rng([*words, stream])
 
 
-def streams(seeds: Sequence[Seed], stream: int, columns: int,
-            scalar: bool) -> ScalarStream | ArrayStream:
+def streams(seeds: Sequence[Seed], stream: int, columns: int, scalar: bool,
+            dtype: str) -> ScalarStream | ArrayStream:
     """The stream of one car (scalar) or of all."""
     return (ScalarStream(seeds[0], stream, columns) if scalar
-            else ArrayStream(seeds, stream, columns))
+            else ArrayStream(seeds, stream, columns, dtype))

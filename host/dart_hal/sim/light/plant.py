@@ -77,10 +77,11 @@ class Plant:
 
     def seed(self, seeds: Sequence[noise.Seed]) -> None:
         """Begin all noise anew, one seed for each car."""
-        def draw(stream: int, columns: int) -> Any:
-            return noise.streams(seeds, stream, columns, self._scalar)
-
         c = self.config
+
+        def draw(stream: int, columns: int) -> Any:
+            return noise.streams(seeds, stream, columns, self._scalar, c.dtype)
+
         self._forces = draw(noise.FORCE, 2) if self._kick else None
         self._starts = [noise.generator(seed, noise.START) for seed in seeds]
         self._passed = 0

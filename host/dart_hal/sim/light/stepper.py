@@ -135,7 +135,7 @@ Arrays = Callable[[State8, Value, Value, int, Any], State8]
 
 def _over_arrays(p: Vehicle, step: float, method: str, dtype: str, engine: str) -> Arrays:
     kernel = prepare(p, "car", step, dtype, method, engine)
-    return _numpy(p, step, method) if kernel is None else _native(kernel)
+    return _numpy(p, step, method, dtype) if kernel is None else _native(kernel)
 
 
 def _native(kernel: Kernel) -> Arrays:
@@ -150,7 +150,7 @@ def _native(kernel: Kernel) -> Arrays:
     return steps
 
 
-def _numpy(p: Vehicle, step: float, method: str) -> Arrays:
+def _numpy(p: Vehicle, step: float, method: str, dtype: str) -> Arrays:
     of_all = make_car_step(p, np, step, method)
     of = {name: value(p, name) for name in names(p)}
     varied = any(np.ndim(v) for v in of.values())
@@ -162,6 +162,6 @@ def _numpy(p: Vehicle, step: float, method: str) -> Arrays:
                 v[lanes] if np.ndim(v := of[name]) else v)), np, step, method)
         for _ in range(times):
             state = advance(*state, tau, s)
-        return state
+        return tuple(np.asarray(v, dtype=dtype) for v in state)
 
     return steps
