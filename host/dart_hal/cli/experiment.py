@@ -21,6 +21,7 @@ from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.plans import NAMES, Plan
+from dart_hal.experiment.plot import plot_drive
 from dart_hal.experiment.runner import Drive
 from dart_hal.links.base import Backend, open_backend
 
@@ -70,6 +71,8 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         _agree(plan, simulated, yes)
         drive = _drive(car, plan, waive, out)
         source = car.url
+    if plot is not None and drive.frames:
+        plot_drive(drive, plot)
     outcome = None if no_fit else fit_run(out, submodel, files, weighed)
     if as_json:
         print_json(to_json(source, out, plan, drive, outcome))
@@ -141,6 +144,8 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
                    "mass_kg": {"value": outcome.mass.value, "std": outcome.mass.std},
                    "files": {file: {"used": r.used, "dropped": r.dropped, "why": list(r.why)}
                              for file, r in outcome.files.items()}}
+        if outcome.understeer is not None:
+            result["understeer"] = outcome.understeer.to_json()
     return result
 
 
@@ -151,6 +156,8 @@ def show(out: Path, drive: Drive, outcome: Outcome | None) -> None:
             console.print(_table(name, outcome))
             for note in outcome.fits[name].notes:
                 console.print(f"  {note}", style="dim", markup=False, highlight=False)
+        if outcome.understeer is not None:
+            console.print(str(outcome.understeer), markup=False, highlight=False)
     if drive.stopped:
         console.print(f"ended early: {drive.stopped}", style="yellow", markup=False)
     console.print(f"recorded in {out}; nothing else was written", markup=False, highlight=False)

@@ -16,9 +16,10 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
 from .scales import with_scales
+from .understeer import Understeer, understeer
 
-TIMING = 1
-"""Frames to a message where timing is the question: at ten, a command is held for 0.1 s."""
+TIMING = 2
+"""Frames to a message where timing is the question: one PWM frame, the steps of the commands."""
 MASS_STD = 0.02
 """Relative std of a mass in car.toml that nobody has weighed for this experiment."""
 
@@ -29,12 +30,16 @@ SCALE_STD = 0.002
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """fits by sub-model, report by file as ``identify`` prints it, base values beside them."""
+    """fits by sub-model, report by file as ``identify`` prints it, base values beside them.
+
+    understeer: what on-board sensors tell of the tyres; None for other experiments.
+    """
 
     fits: Mapping[str, Fit]
     files: Mapping[str, Any]
     base: Vehicle
     mass: Estimate
+    understeer: Understeer | None = None
 
     @property
     def sound(self) -> bool:
@@ -64,6 +69,8 @@ def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Out
     Errors: RecordingError for a run that is too short or cannot be read.
     """
     base = vehicle_of(files.model)
-    every = TIMING if name == "delay" else EVERY
-    fits, reports = fit_submodels([read_run(path, every)], [name], base=base, mass=mass)
-    return Outcome({n: with_scales(fit, files) for n, fit in fits.items()}, reports, base, mass)
+    recording = read_run(path, TIMING if name == "delay" else EVERY)
+    fits, reports = fit_submodels([recording], [name], base=base, mass=mass)
+    told = understeer(recording, files, mass.value) if name == "tyres" else None
+    return Outcome({n: with_scales(fit, files) for n, fit in fits.items()}, reports, base, mass,
+                   told)

@@ -1,0 +1,92 @@
+"""One picture of a drive: where it went on the floor, and what was commanded.
+
+Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and
+nowhere else in this room.
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+
+from .runner import Drive
+
+PATH, WAY, FENCE, FLOOR = "#0072b2", "#bbbbbb", "#d55e00", "#888888"
+STEERING, THROTTLE, SPEED = "#0072b2", "#d55e00", "#222222"
+
+
+def plot_drive(drive: Drive, path: str | Path) -> Path:
+    """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
+
+    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as err:
+        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
+    path = Path(path)
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise UsageError(f"no plot format {path.suffix!r}", expected=".png, .svg or .pdf")
+    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
+    grid = figure.add_gridspec(3, 2, width_ratios=[1.0, 1.25])
+    _draw_path(figure.add_subplot(grid[:, 0]), drive)
+    rows = [figure.add_subplot(grid[0, 1])]
+    rows += [figure.add_subplot(grid[i, 1], sharex=rows[0]) for i in (1, 2)]
+    _draw_commands(rows, drive)
+    figure.legend(fontsize=8, loc="outside lower center", ncols=5)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def _draw_path(axes: Any, drive: Drive) -> None:
+    plan, fence = drive.plan, drive.plan.fence
+    left, low = -plan.place.behind, -plan.place.right
+    floor = plan.floor
+    _box(axes, left, left + floor.length, low, low + floor.width, FLOOR, "-", "floor")
+    _box(axes, fence.x_low, fence.x_high, fence.y_low, fence.y_high, FENCE, ":",
+         "rear axle stays inside")
+    seen: set[bool] = set()
+    for measured, part in groupby(drive.frames, key=lambda f: f.measured):
+        frames = list(part)
+        axes.plot([f.pose.x for f in frames], [f.pose.y for f in frames],
+                  color=PATH if measured else WAY, lw=1.3, zorder=3 if measured else 2,
+                  label=None if measured in seen else "test" if measured else "way to it")
+        seen.add(measured)
+    axes.plot(0.0, 0.0, ">", color=SPEED, ms=8, zorder=5, label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(f"{plan.name}: {drive.frames[-1].t:.0f} s on {floor}"
+                   + (", ended early" if drive.stopped else ""), loc="left", fontsize=10)
+    axes.grid(alpha=0.3)
+
+
+def _box(axes: Any, x0: float, x1: float, y0: float, y1: float, color: str, style: str,
+         label: str) -> None:
+    axes.plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], color=color, ls=style, lw=1.2,
+              label=label)
+
+
+def _draw_commands(rows: list[Any], drive: Drive) -> None:
+    frames = drive.frames
+    t = np.array([f.t for f in frames])
+    measured = np.array([f.measured for f in frames])
+    for axes, values, color, label in (
+            (rows[0], [f.steering for f in frames], STEERING, "steering command"),
+            (rows[1], [f.throttle for f in frames], THROTTLE, "throttle"),
+            (rows[2], [f.speed for f in frames], SPEED, "speed [m/s]")):
+        axes.plot(t, values, color=color, lw=1.0)
+        low, high = axes.get_ylim()
+        axes.fill_between(t, low, high, where=measured, color=PATH, alpha=0.08, lw=0)
+        axes.set_ylim(low, high)
+        axes.set_ylabel(label, fontsize=9)
+        axes.grid(alpha=0.3)
+    for axes in rows[:2]:
+        axes.tick_params(labelbottom=False)
+    rows[2].set_xlabel("time [s]")
