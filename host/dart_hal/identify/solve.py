@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from dart_hal.types import FloatArray
 
+HUGE = 1e9
+"""A shift of a parameter that stands for "not told without this block"."""
 EDGE = 1e-6
 """Share of the interval at whose ends a parameter counts as stopped there."""
 
@@ -128,8 +130,9 @@ def jackknife_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
     for label in labels:
         rows = block == label
         rest = hessian - weighted[rows].T @ s.jacobian[rows]
-        moves.append(_inverse(rest) @ (weighted[rows].T @ s.residual[rows]))
-    spread = np.array(moves)
+        with np.errstate(over="ignore", invalid="ignore"):  # a block that alone tells something
+            moves.append(_inverse(rest) @ (weighted[rows].T @ s.residual[rows]))
+    spread = np.clip(np.nan_to_num(np.array(moves), nan=HUGE), -HUGE, HUGE)
     return _confessed((len(labels) - 1) / len(labels) * spread.T @ spread, s)
 
 

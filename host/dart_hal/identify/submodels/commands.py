@@ -1,10 +1,11 @@
 """Commands as the actuator has them: delayed and lagged, on a grid of 0.01 s.
 
-The recorder holds a command until the next message, so the series is a
-staircase; it is delayed as a function of continuous time (each grid step
-takes the mean of what falls into it), never by whole samples. Recorders of
-the DART files show a command 0 to 0.1 s after it was given: what is counted
-here begins when the log shows it. In our own runs the frames are known.
+A row of a recording holds the command of its moment; between two rows it
+changed at a time that nobody logged, so the best estimate is the straight
+line between them (its errors do not bias a delay, as those of a staircase
+bias delay and lag). A replay that holds each row until the next one, as
+``evaluate`` does, is half a step later in the mean: ``hold``. Delays work on
+continuous time (a grid step takes the mean of what falls into it).
 """
 
 from __future__ import annotations
@@ -21,11 +22,16 @@ DT = 0.01  # s
 
 
 @dataclass(frozen=True, slots=True)
-class Staircase:
-    """Command (m,) held from stamp t (m,) s; before the first stamp its value."""
+class Command:
+    """Command (m,) at t (m,) s, straight lines between; before and after: the end values.
+
+    hold [s]: how much later a replay of held rows is in the mean; 0 for our
+    own runs, whose commands are known frame by frame.
+    """
 
     t: FloatArray
     value: FloatArray
+    hold: float
 
     def on_grid(self, start: float, n: int, delay: float = 0.0, lag: float = 0.0) -> FloatArray:
         """(n,) means over [start + i DT, start + (i + 1) DT], ``delay`` [s] later, then lagged.
@@ -34,9 +40,15 @@ class Staircase:
         the lag has reached at its middle.
         """
         edges = start + DT * np.arange(n + 1) - delay
-        area = np.concatenate([[0.0], np.cumsum(self.value[:-1] * np.diff(self.t))])
-        index = np.clip(np.searchsorted(self.t, edges, side="right") - 1, 0, None)
-        total = area[index] + self.value[index] * (edges - self.t[index])
+        inside = np.clip(edges, self.t[0], self.t[-1])
+        step, rise = np.diff(self.t), np.diff(self.value)
+        area = np.concatenate([[0.0], np.cumsum((self.value[:-1] + 0.5 * rise) * step)])
+        i = np.clip(np.searchsorted(self.t, inside, side="right") - 1, 0, len(step) - 1)
+        gone = inside - self.t[i]
+        slope = rise[i] / np.maximum(step[i], 1e-9)
+        total = area[i] + (self.value[i] + 0.5 * slope * gone) * gone
+        total = total + np.where(edges < self.t[0], self.value[0], self.value[-1]) * (
+            edges - inside)
         return lagged(np.diff(total) / DT, lag)
 
 
@@ -46,16 +58,19 @@ def step_of(recording: Recording) -> float:
     return float(np.median(step)) if len(step) else 0.1
 
 
-def throttle_stairs(recording: Recording, stamp: FloatArray) -> Staircase:
-    """Throttle behind the gate. Ours: the last frame of a step, so it changed half a step ago."""
+def throttle_of(recording: Recording, stamp: FloatArray) -> Command:
+    """Throttle behind the gate at stamp (m,) s."""
+    return Command(stamp, recording.messages.throttle, _hold(recording))
+
+
+def steering_of(recording: Recording, stamp: FloatArray) -> Command:
+    """Steering at stamp (m,) s; ours is the mean of the step that ends at the stamp."""
     shift = 0.5 * step_of(recording) if recording.schema == RUN else 0.0
-    return Staircase(stamp - shift, recording.messages.throttle)
+    return Command(stamp - shift, recording.messages.steering, _hold(recording))
 
 
-def steering_stairs(recording: Recording, stamp: FloatArray) -> Staircase:
-    """Steering. Ours: the mean of the step that ends at the stamp."""
-    shift = step_of(recording) if recording.schema == RUN else 0.0
-    return Staircase(stamp - shift, recording.messages.steering)
+def _hold(recording: Recording) -> float:
+    return 0.0 if recording.schema == RUN else 0.5 * step_of(recording)
 
 
 def lagged(u: FloatArray, lag: float) -> FloatArray:

@@ -11,7 +11,6 @@ from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.driving import TIMING, Driving
 from dart_hal.identify.submodels.report import UNITS, Ledger, untold
 from dart_hal.identify.submodels.steering_timing import (
-    CLOCK,
     INDEPENDENT,
     SEPARATE,
     Timing,
@@ -66,12 +65,12 @@ def throttle_timing(driving: Driving) -> Timing | None:
     std = np.sqrt(np.diag(covariance))
     apart = bool((std < SEPARATE).all() and (fit.independent[rows] > INDEPENDENT).all())
     total, total_std = float(values.sum()), float(np.sqrt(max(covariance.sum(), 0.0)))
-    notes = [f"throttle: delay and lag together {total:.3f} +- {total_std:.3f} s; apart "
-             f"{values[0]:+.3f} +- {std[0]:.3f} and {values[1]:.3f} +- {std[1]:.3f} s",
-             "throttle " + CLOCK.format("speed")]
+    notes = [f"throttle, from the command itself: delay and lag together {total:.3f} +- "
+             f"{total_std:.3f} s; apart {values[0]:+.3f} +- {std[0]:.3f} and {values[1]:.3f} +- "
+             f"{std[1]:.3f} s"]
     if not apart:
         notes.append("throttle: delay and lag cannot be told apart by these data; their sum is "
                      "given as a pure delay")
         values = np.array([total, 0.0])
     return Timing(values, covariance, apart, tuple(notes), len(fit.residual), fit.rmse,
-                  fit.converged).clipped()
+                  fit.converged).held(driving.hold, "throttle")

@@ -31,7 +31,8 @@ class Driving:
     """The fit, or None with the reason; counts of what the recordings hold.
 
     samples, of them coasting and driven; level_span: of the throttle while
-    driven; slowest, fastest m/s; changes: throttle steps within the driving.
+    driven; slowest, fastest m/s; changes: throttle steps within the driving;
+    hold [s]: of the logged throttle.
     """
 
     fit: Straight | None
@@ -43,6 +44,7 @@ class Driving:
     slowest: float
     fastest: float
     changes: int
+    hold: float
     notes: tuple[str, ...] = ()
 
 
@@ -115,7 +117,8 @@ def _count(series: Sequence[Speeds]) -> Driving:
     return Driving(None, "", len(v), int((tau == 0.0).sum()), len(driven),
                    float(np.ptp(driven)) if len(driven) else 0.0, float(v.min(initial=np.inf)),
                    float(v.max(initial=0.0)),
-                   sum(int((np.diff(t) != 0.0).sum()) for t in throttle))
+                   sum(int((np.diff(t) != 0.0).sum()) for t in throttle),
+                   float(np.mean([s.throttle.hold for s in series])) if series else 0.0)
 
 
 def _free(c: Driving) -> tuple[str, ...]:

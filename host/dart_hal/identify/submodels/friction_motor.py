@@ -70,7 +70,7 @@ def _notes(submodel: str, d: Driving, fit: Straight, base: Vehicle, mass: Estima
             out.append(f"throttle levels span {d.level_span:.3f}: d, e and g cannot be told "
                        "apart, g held at the base's value")
         if TIMING[0] in fit.free:
-            out.append(f"fitted along: throttle delay {fit.value('throttle_s'):+.3f} +- "
-                       f"{fit.std('throttle_s'):.3f} s, lag {fit.value('throttle_lag_s'):.3f} +- "
-                       f"{fit.std('throttle_lag_s'):.3f} s")
+            out.append("fitted along, from the command itself: throttle delay "
+                       f"{fit.value('throttle_s'):+.3f} +- {fit.std('throttle_s'):.3f} s, lag "
+                       f"{fit.value('throttle_lag_s'):.3f} +- {fit.std('throttle_lag_s'):.3f} s")
     return [*out, *d.notes]

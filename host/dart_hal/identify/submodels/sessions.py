@@ -35,6 +35,11 @@ def combine(parts: Mapping[str, Straight]) -> tuple[Straight, list[str]]:
     """(random-effects mean over sessions, notes). One session: itself."""
     if len(parts) == 1:
         return next(iter(parts.values())), []
+    done = {name: f for name, f in parts.items() if f.converged}
+    left = [f"{name}: no convergence, left out" for name in parts if name not in done]
+    parts = done or parts
+    if len(parts) == 1:
+        return next(iter(parts.values())), left
     fits = list(parts.values())
     free = tuple(n for n in NAMES if any(n in f.free for f in fits))
     rows = [NAMES.index(n) for n in free]
@@ -49,8 +54,8 @@ def combine(parts: Mapping[str, Straight]) -> tuple[Straight, list[str]]:
                   [f.independent for f in fits], axis=0)
     result = Straight(free, full, out, np.asarray(best),
                       np.concatenate([f.residual for f in fits]),
-                      all(f.converged for f in fits if set(free) <= set(f.free)), ())
-    return result, _notes(parts, free, between)
+                      bool(done), ())
+    return result, _notes(parts, free, between) + (left if done else [])
 
 
 def _widened(f: Straight) -> FloatArray:

@@ -88,7 +88,7 @@ def _descend(p: Problem, x: FloatArray, starts: FloatArray, robust: float
             continue
         gain = (cost - new_cost) / max(cost, 1e-300)
         x, starts, cost, damping = new_x, new_starts, new_cost, max(damping / 10.0, 1e-9)
-        quiet = quiet + 1 if gain < 1e-7 else 0
+        quiet = quiet + 1 if gain < 1e-6 else 0
         residual, jac, slope = _linearise(p, x, starts)
         if quiet == 2:
             converged = True

@@ -16,6 +16,7 @@ from dart_hal.types import FloatArray
 
 KAPPA_STD = 0.06  # s2/m2
 LEVEL = 0.025  # of command: closer is the same
+STRETCH = 20  # samples
 MIN_SAMPLES = 5  # of a stretch
 MIN_RANGE = 0.2  # m/s between the speeds of one command; less is counting noise
 MISFIT = 0.01  # rad; no stretch's mean angle is better than that (backlash, floor)
@@ -39,7 +40,7 @@ def slip_in_data(samples: Samples, square: FloatArray, owner: IntArray
     so that the counting noise of v does not enter both sides; levels are
     compared within one recording.
     """
-    _, index = np.unique(samples.block, return_inverse=True)
+    index = _stretches(samples.block)
     count = np.bincount(index).astype(np.float64)
 
     def mean(values: FloatArray) -> FloatArray:
@@ -64,3 +65,10 @@ def slip_in_data(samples: Samples, square: FloatArray, owner: IntArray
     score = np.bincount(group, weight * x * (y - value * x))
     variance = max(float(score @ score) / information**2, MISFIT**2 / information)
     return value, float(np.sqrt(variance))
+
+
+def _stretches(block: IntArray) -> IntArray:
+    """Blocks (n,) cut into stretches of 2 s: within one command the speed may change slowly."""
+    _, first, label = np.unique(block, return_index=True, return_inverse=True)
+    place = (np.arange(len(block)) - first[label]) // STRETCH
+    return np.asarray(np.unique(label * len(block) + place, return_inverse=True)[1])

@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.runs import RUN
-from dart_hal.identify.submodels.commands import DT, Staircase, step_of, throttle_stairs
+from dart_hal.identify.submodels.commands import DT, Command, step_of, throttle_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.recording.dart.model import BoolArray, IntArray
@@ -57,7 +57,7 @@ class Speeds:
     t: FloatArray
     v: FloatArray
     run: IntArray
-    throttle: Staircase
+    throttle: Command
     kernel: Kernel
     source: str
 
@@ -108,7 +108,7 @@ def _from_encoder(recording: Recording) -> Speeds:
     straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE) & (np.abs(m.steering) < MAX_STEERING)
     use = moves & straight & ~_braked(m.t, m.throttle, m.t) & ~_launch(m.t, m.speed)
     return Speeds(recording.name, m.t, m.speed, _runs(use, np.diff(m.segment) != 0),
-                  throttle_stairs(recording, m.t), _kernel_mean(_window(recording)),
+                  throttle_of(recording, m.t), _kernel_mean(_window(recording)),
                   "encoder")
 
 
@@ -126,7 +126,7 @@ def _from_mocap(recording: Recording, g: Grid) -> Speeds:
            & (np.abs(g.steering[::EVERY]) < MAX_STEERING)
            & ~_braked(recording.messages.arrival, recording.messages.throttle, t)
            & ~_launch(t, v))
-    held = throttle_stairs(recording, recording.messages.arrival)
+    held = throttle_of(recording, recording.messages.arrival)
     return Speeds(recording.name, t, v, _runs(use, np.zeros(len(t) - 1, dtype=bool)), held,
                   MOCAP_SLOW if slow else MOCAP, "mocap")
 

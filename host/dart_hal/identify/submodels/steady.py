@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.samples import IntArray, Samples, approach, blocks
+from dart_hal.identify.submodels.samples import SETTLED, IntArray, Samples, approach, blocks
 from dart_hal.identify.submodels.speeds import EVERY, mocap_grid
 from dart_hal.identify.submodels.steering_rows import answered
 from dart_hal.recording.dart import Recording, Reference
@@ -25,7 +25,6 @@ SLOW = 0.3  # m/s
 MAX_LATERAL = 2.0  # m/s2; beyond it slip is no longer proportional to v^2
 MAX_CHANGE = 0.5  # m/s2 over 0.4 s; faster is not steady
 SPAN = 2  # samples of 0.1 s to each side
-HOLD = 0.3  # s that a command must have stood: delay, servo and tyres have answered
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
     command, earlier = answered(turn.t, turn.command, slope, moving)
     direction, age = approach(command, turn.t)
     if earlier == 0.0:
-        use = use & ((age > HOLD) | (direction == 0.0))
+        use = use & ((age > SETTLED) | (direction == 0.0))
     said = [f"steering: {int((steady & ~use).sum())} samples slip or follow a change of command, "
             f"{int((moving & ~steady).sum())} change speed"] if moving.any() else [
         f"steering: nothing above {SLOW} m/s"]

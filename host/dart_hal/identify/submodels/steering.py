@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.solve import Solution, block_covariance, collinearity, least_squares
+from dart_hal.identify.solve import Solution, collinearity, jackknife_covariance, least_squares
 from dart_hal.identify.submodels.groups import cautions, groups_of
 from dart_hal.identify.submodels.paper_form import HIGH, LOW, PRIOR_STD, TYPICAL, curve
 from dart_hal.identify.submodels.report import UNITS, Ledger, untold
@@ -90,9 +90,9 @@ def _covariance(s: Solution, samples: Samples, square: FloatArray, owner: IntArr
     """
     own = np.arange(5)
     held = np.append(samples.block, samples.block.max() + 1 + own)
-    out = block_covariance(s, held.astype(np.int64))
+    out = jackknife_covariance(s, held.astype(np.int64))
     if len(np.unique(owner)) >= MANY:
-        whole = block_covariance(s, np.append(owner, owner.max() + 1 + own).astype(np.int64))
+        whole = jackknife_covariance(s, np.append(owner, owner.max() + 1 + own).astype(np.int64))
         if np.trace(whole / PRIOR_STD**2) > np.trace(out / PRIOR_STD**2):
             out = whole
     delta = curve(s.x, samples.command)

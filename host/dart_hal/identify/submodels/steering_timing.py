@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, block_covariance, collinearity, least_squares
+from dart_hal.identify.solve import Solution, collinearity, jackknife_covariance, least_squares
 from dart_hal.identify.submodels.stretches import MANY
 from dart_hal.identify.submodels.turning import Turning
 from dart_hal.recording.dart.model import IntArray
@@ -26,8 +26,7 @@ COARSE = np.arange(0.0, 0.401, 0.025)  # s
 SEPARATE = 0.03  # s; a delay and a lag known better than this are two things
 INDEPENDENT = 0.1  # share of the delay's effect that a lag cannot have
 ROBUST = 3.0
-CLOCK = ("counted from when the log shows the command (0 to 0.1 s after it was given, 0.05 s in "
-         "the mean) to the motion as the {} shows it")
+SYSTEMATIC = 0.005  # s; what the yaw motion taken off and the phase of messages may be wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +41,22 @@ class Timing:
     rmse: float
     converged: bool
 
-    def clipped(self) -> Timing:
-        """Delay not below zero, the sum kept: a log that is late cannot be undone by a model."""
-        delay, lag = self.values.tolist()
-        if delay >= 0.0:
-            return self
-        note = (f"the motion comes {-delay:.3f} s before the log shows the command: delay 0, what "
-                "is left of the sum counts as lag")
-        return replace(self, values=np.array([0.0, max(0.0, delay + lag)]),
-                       notes=(*self.notes, note))
+    def held(self, hold: float, what: str) -> Timing:
+        """The same for a replay that holds each logged row, ``hold`` [s] late in the mean.
+
+        The delay does not go below zero, the sum is kept: what a log is late
+        no model can undo.
+        """
+        delay, lag = (self.values - np.array([hold, 0.0])).tolist()
+        note = (f"{what}: counted from the command itself to the motion as the sensor shows it "
+                "(its own age included)" if hold == 0.0 else
+                f"{what}: the values are for a replay that holds logged rows, {hold:.3f} s less "
+                "than from the command itself to the motion as the sensor shows it (its own age "
+                "included), because a row is that late in the mean")
+        if delay < 0.0:
+            note += f"; the delay would be {delay:+.3f} s, so 0, and the lag takes the rest"
+            delay, lag = 0.0, max(0.0, delay + lag)
+        return replace(self, values=np.array([delay, lag]), notes=(*self.notes, note))
 
 
 def steering_timing(series: Sequence[Turning]) -> Timing:
@@ -69,6 +75,7 @@ def steering_timing(series: Sequence[Turning]) -> Timing:
     joint = min((_solve(residual, [max(float(total[0].x[0]) - lag, 0.0), lag], block)
                  for lag in (0.02, 0.1)), key=lambda found: found[0].rmse)
     solution, covariance = joint
+    covariance = covariance + SYSTEMATIC**2 * np.eye(2)
     std = np.sqrt(np.diag(covariance))
     independent = collinearity(solution)
     apart = bool((std < SEPARATE).all() and independent[0] > INDEPENDENT)
@@ -77,7 +84,8 @@ def steering_timing(series: Sequence[Turning]) -> Timing:
         [_left(s, *map(float, solution.x)) for s in series]) ** 2)))
     values = solution.x if apart else np.array([float(total[0].x[0]), 0.0])
     return Timing(values, covariance, apart, said, len(solution.residual), rmse,
-                  solution.converged if apart else total[0].converged).clipped()
+                  solution.converged if apart else total[0].converged
+                  ).held(float(np.mean([s.command.hold for s in series])), "steering")
 
 
 def _left(s: Turning, delay: float, lag: float) -> FloatArray:
@@ -102,7 +110,7 @@ def _solve(residual: Callable[[FloatArray], FloatArray], start: list[float], blo
     k = len(start)
     solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope, robust=ROBUST,
                              tolerance=1e-5)
-    return solution, block_covariance(solution, block)
+    return solution, jackknife_covariance(solution, block)
 
 
 def _blocks(series: Sequence[Turning]) -> IntArray:
@@ -119,13 +127,14 @@ def _notes(series: Sequence[Turning], total: tuple[Solution, FloatArray],
     sources = " and ".join(sorted({s.source for s in series}))
     std = np.sqrt(np.diag(joint[1]))
     yaw = float(np.mean(np.concatenate([s.yaw_lag for s in series])))
-    out = [f"steering, {len(series)} recording(s): as one pure delay {total[0].x[0]:.3f} +- "
-           f"{np.sqrt(total[1][0, 0]):.3f} s; as delay and lag {joint[0].x[0]:.3f} +- "
+    out = [f"steering by {sources}, {len(series)} recording(s), from the command itself: as one "
+           f"pure delay {total[0].x[0]:.3f} +- {np.sqrt(total[1][0, 0]):.3f} s; as delay and lag "
+           f"{joint[0].x[0]:.3f} +- "
            f"{std[0]:.3f} and {joint[0].x[1]:.3f} +- {std[1]:.3f} s",
-           "steering " + CLOCK.format(sources),
-           f"{yaw:.3f} s of the car's own yaw motion taken off (the base's tyres)"]
+           f"{yaw:.3f} s of the car's own yaw motion taken off (the base's tyres); "
+           f"{SYSTEMATIC} s of every error stands for what is wrong with that"]
     if "gyro" in sources:
-        out.append("gyro: the age of a message (0 to 0.1 s) is in the value")
+        out.append("gyro: the age of a message (0 to 0.1 s) is in these values")
     if not apart:
         out.append("steering: delay and lag cannot be told apart by these data (slow or few "
                    "changes); their sum is given as a pure delay")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.solve import block_covariance, collinearity
+from dart_hal.identify.solve import collinearity, jackknife_covariance
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.shooting import Predict, Problem, shoot
 from dart_hal.identify.submodels.speeds import Speeds
@@ -90,7 +90,7 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
     x = x0.copy()
     x[rows] = solution.x
     covariance = np.zeros((len(NAMES), len(NAMES)))
-    covariance[np.ix_(rows, rows)] = block_covariance(solution, s.block)
+    covariance[np.ix_(rows, rows)] = jackknife_covariance(solution, s.block)
     independent = np.ones(len(NAMES))
     independent[rows] = collinearity(solution)
     stopped = tuple(n for n, edge in zip(free, solution.at_bound, strict=True) if edge)
@@ -113,7 +113,7 @@ def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArra
     friction = make_friction(_group(columns, "abc", q=base.friction.q), np)
     gains = make_motor_gains(_group({n: v[..., None] for n, v in columns.items()}, "deg",
                                     reverse=base.motor.reverse), np)
-    push, drag = gains(throttle_of(series, s, p[:, 6], p[:, 7]))
+    push, drag = gains(throttle_at(series, s, p[:, 6], p[:, 7]))
     push, drag = np.moveaxis(push / mass, -1, 0), np.moveaxis(drag / mass, -1, 0)
     v = np.array(np.broadcast_to(starts, (len(p), len(s))))
     way = np.zeros((*v.shape, s.steps + 1))
@@ -130,7 +130,7 @@ def _group(columns: dict[str, FloatArray], names: str, **more: float) -> Any:
     return SimpleNamespace(**{n: columns[n] for n in names}, **more)
 
 
-def throttle_of(series: Sequence[Speeds], s: Stretches, delay: FloatArray, lag: FloatArray
+def throttle_at(series: Sequence[Speeds], s: Stretches, delay: FloatArray, lag: FloatArray
                 ) -> FloatArray:
     """Throttle (P, S, steps) at the motor for delays and lags (P,) [s]."""
     pairs, index = np.unique(np.stack([delay, lag], axis=1), axis=0, return_inverse=True)

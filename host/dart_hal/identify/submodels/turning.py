@@ -14,7 +14,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.identify.runs import RUN
 from dart_hal.identify.solve import blocks_of
-from dart_hal.identify.submodels.commands import DT, Staircase, steering_stairs, step_of
+from dart_hal.identify.submodels.commands import DT, Command, steering_of, step_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
 from dart_hal.recording.dart import Recording, Reference
@@ -35,7 +35,7 @@ BLOCK = 2.0  # s
 class Turning:
     """t (n,) s, yaw_rate rad/s, speed m/s, yaw_lag (n,) s of the car's own motion.
 
-    command: as logged, held from arrival; window (j,): weights of the sensor's
+    command: on the clock of t; window (j,): weights of the sensor's
     window over command cells that begin at ``first`` cells from the sample.
     """
 
@@ -44,7 +44,7 @@ class Turning:
     yaw_rate: FloatArray
     speed: FloatArray
     yaw_lag: FloatArray
-    command: Staircase
+    command: Command
     window: FloatArray
     first: int
     block: IntArray
@@ -68,7 +68,7 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
     except RecordingError:
         g = None
     m = recording.messages
-    command = steering_stairs(recording, m.arrival if g is not None else m.t)
+    command = steering_of(recording, m.arrival if g is not None else m.t)
     if g is not None and recording.mocap is not None:
         slow = float(np.median(np.diff(recording.mocap.t))) > 0.03
         pick = slice(0, None, EVERY)
@@ -100,7 +100,7 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
                    blocks_of(t[use], group, BLOCK), source)
 
 
-def _too_calm(command: Staircase, t: FloatArray, use: BoolArray) -> str:
+def _too_calm(command: Command, t: FloatArray, use: BoolArray) -> str:
     if use.sum() < LEAST:
         return f"fewer than {LEAST} samples above {MIN_SPEED} m/s"
     index = np.clip(np.searchsorted(command.t, t[use], side="right") - 1, 0, None)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, block_covariance, least_squares
+from dart_hal.identify.solve import Solution, jackknife_covariance, least_squares
 from dart_hal.identify.submodels.stretches import MANY
 from dart_hal.identify.submodels.tyre_forces import TyreForces, usable
 from dart_hal.recording.dart.model import BoolArray, IntArray
@@ -23,6 +23,7 @@ YAW_STD, TRIM_STD = 0.01, 0.02  # rad
 MEMORY = 10.0  # samples that share one error: 1 s
 LOW, HIGH = np.array([0.2, 0.6, 0.5, 1.0]), np.array([60.0, 2.0, 150.0, 300.0])
 ROBUST = 3.0
+SYSTEMATIC = 0.015  # of D, B and C_r: kernels, products of smoothed values, form of the curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +77,10 @@ def fit_curves(parts: Sequence[TyreForces], shape: float | None) -> TyreFit:
         start = solution.x
     free = [0, 1, 2, 3] if shape is None else [0, 2, 3]
     covariance = np.zeros((4, 4))
-    covariance[np.ix_(free, free)] = block_covariance(solution, problem.blocks())[:len(free),
+    covariance[np.ix_(free, free)] = jackknife_covariance(solution, problem.blocks())[:len(free),
                                                                                   :len(free)]
     full = problem.full(solution.x)
+    covariance += np.diag(np.where(np.arange(4) == 1, 0.0, SYSTEMATIC * full[:4])**2)
     stopped = np.zeros(4, dtype=bool)
     stopped[free] = solution.at_bound[:len(free)]
     front, rear = problem.split(solution.residual)

@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.solve import blocks_of
-from dart_hal.identify.submodels.commands import DT, steering_stairs
+from dart_hal.identify.submodels.commands import DT, steering_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import MOCAP, MOCAP_SLOW, Kernel
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
@@ -95,10 +95,10 @@ def smoothing(kernel: Kernel) -> FloatArray:
 
 def _angle(recording: Recording, g: Grid, car: Vehicle, kernel: FloatArray) -> FloatArray:
     """Road-wheel angle (n,) as delayed, lagged and smoothed as the velocities are."""
-    stairs = steering_stairs(recording, recording.messages.arrival)
-    command = stairs.on_grid(float(g.t[0]) - 0.5 * DT, len(g), car.delay.steering_s,
-                             car.delay.steering_lag_s)
-    delta = np.asarray(make_steering(car.steering, np)(command))
+    command = steering_of(recording, recording.messages.arrival)
+    at_wheels = command.on_grid(float(g.t[0]) - 0.5 * DT, len(g),
+                                car.delay.steering_s + command.hold, car.delay.steering_lag_s)
+    delta = np.asarray(make_steering(car.steering, np)(at_wheels))
     return np.convolve(delta, kernel, mode="same")
 
 

@@ -53,8 +53,9 @@ def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base
     enough = {k: v for k, v in sessions.items() if sum(len(p.rows) for p in v) >= LEAST}
     if not enough:
         n = sum(len(p.rows) for v in sessions.values() for p in v)
+        seen = any(r.mocap is not None for r in recordings)
         why = (f"{n} samples of motion capture in recordings with {MIN_LATERAL} m/s2 and more, "
-               f"at least {LEAST} of one session needed" if any(r.mocap is not None for r in recordings)
+               f"at least {LEAST} of one session needed" if seen
                else "no motion capture: without side slip the two axles cannot be told apart")
         return untold("tyres", _held(base), [why, understeer_note(recordings, reference, car)],
                       time.process_time() - begin)
@@ -63,7 +64,7 @@ def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base
         result, notes = _one(parts)
     else:
         result, notes = _many(enough)
-    notes = [_range(parts), *notes, "E held at 0; forces for the base's mass and yaw inertia; "
+    notes = [_range(parts), *notes, "E held at 0; forces for the base's mass and yaw inertia, taken as exact; "
              f"steering delayed by {car.delay.steering_s:.3f} s, lag "
              f"{car.delay.steering_lag_s:.3f} s"]
     return _fit(result, notes, time.process_time() - begin)

@@ -1,0 +1,162 @@
+"""Steering map, slip and timing: truth within stated errors; what cannot be told is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.identify.submodels import fit_submodels
+from dart_hal.identify.submodels.onboard import understeer
+from dart_hal.vehicle import PAPER
+
+MAP = {n: getattr(PAPER.steering, n)
+       for n in ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right")}
+LATE = 0.05
+
+
+def levels(workshop, car, seeds=1, first=0, name="levels"):
+    """17 steering levels of 3 s, up and down, at two throttles; all seeds side by side."""
+    s = np.linspace(-1.0, 1.0, 17)
+    steering = np.tile(np.repeat(np.stack([s, s[::-1]] * 2), 300, axis=1), (seeds, 1))
+    rng = np.random.default_rng(first)
+    tau = np.tile(np.repeat([[0.2], [0.2], [0.22], [0.22]], steering.shape[1], axis=1), (seeds, 1))
+    d = workshop.drive(car, tau, steering, rng)
+    return [workshop.recordings(d, first + i, lanes=range(4 * i, 4 * i + 4), name=name)
+            for i in range(seeds)]
+
+
+def jumps(workshop, car, schema, seeds):
+    """Random steering steps every 0.3 to 1.2 s at about 1 m/s; all seeds side by side."""
+    rng = np.random.default_rng(3)
+    m, n = 4, 2500
+    steering = np.zeros((m * seeds, n))
+    for row in steering:
+        i = 100
+        while i < n:
+            k = round(rng.uniform(30, 120))
+            row[i:i + k], i = rng.uniform(-0.8, 0.8), i + k
+    d = workshop.drive(car, np.full_like(steering, 0.24), steering, rng)
+    return [workshop.recordings(d, 100 + i, schema, range(i * m, (i + 1) * m), "jumps")
+            for i in range(seeds)]
+
+
+def test_the_map_lies_within_the_stated_intervals(workshop, lively):
+    z = []
+    for recordings in levels(workshop, lively, 5):
+        fit = fit_submodels(recordings, ("steering",))[0]["steering"]
+        assert fit.sound
+        assert all(e.identifiable for e in fit.parameters.values())
+        z += [(fit.parameters[n].value - MAP[n]) / fit.parameters[n].std for n in MAP]
+        assert fit.parameters["a_left_rad"].std < 0.01
+    assert np.mean(np.abs(z) < 1.645) >= 0.75
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_too_few_levels_and_a_wrong_sign_are_refused_in_words(workshop, lively):
+    straight = levels(workshop, lively, first=20, name="few")[0][2:]
+    few = [replace(r, messages=replace(r.messages, steering=np.round(r.messages.steering / 2)))
+           for r in straight]
+    wrong = [replace(r, messages=replace(r.messages, steering=-r.messages.steering))
+             for r in straight]
+    for recordings, word in ((few, "steering level"), (wrong, "sign")):
+        fit = fit_submodels(recordings, ("steering",))[0]["steering"]
+        assert fit.n == 0
+        assert not fit.sound
+        assert word in fit.notes[0]
+        assert fit.values() == MAP
+
+
+def test_one_side_only_says_so(workshop, lively):
+    recordings = [replace(r, messages=replace(
+        r.messages, speed=np.where(r.messages.steering > -0.1, r.messages.speed, 0.0)))
+        for r in levels(workshop, lively, first=21, name="side")[0]]
+    fit = fit_submodels(recordings, ("steering",))[0]["steering"]
+    assert fit.parameters["a_left_rad"].identifiable
+    assert not fit.parameters["a_right_rad"].identifiable
+    assert any("on the right" in note for note in fit.notes)
+
+
+def test_two_speeds_at_one_command_tell_the_understeer_gradient(workshop, lively):
+    grippy = replace(lively, tyres=replace(lively.tyres, front_D=8.0, front_C=1.2, front_B=4.0,
+                                           front_E=0.0, rear_cornering_stiffness=70.0))
+    b = grippy.body
+    truth = b.mass / b.wheelbase**2 * (b.l_r / (8.0 * 1.2 * 4.0) - b.l_f / 70.0)
+    # each level at two speeds within one recording
+    steering = np.repeat([[0.3, 0.3, -0.4, -0.4, 0.15, 0.15, -0.25, -0.25]], 600, axis=1)
+    rng = np.random.default_rng(23)
+    tau = np.repeat([[0.2, 0.25] * 4], 600, axis=1)
+    recordings = workshop.recordings(
+        workshop.drive(grippy, np.repeat(tau, 3, axis=0), np.repeat(steering, 3, axis=0), rng,
+                       substeps=4), 23, name="pairs")
+    found = understeer(recordings, None, grippy)
+    assert found is not None
+    value, std = found
+    assert abs(value - truth) < 3.0 * std
+    assert value > 2.0 * std  # it is told, not only bracketed
+    fit = fit_submodels(recordings, ("tyres",), base=grippy)[0]["tyres"]
+    assert fit.n == 0
+    assert "no motion capture" in fit.notes[0]
+    assert "one combination" in fit.notes[1]
+
+
+@pytest.mark.parametrize("schema", ["A", "B"])
+def test_delay_and_lag_lie_within_the_stated_intervals(workshop, lively, schema):
+    z = []
+    for recordings in jumps(workshop, lively, schema, 4):
+        fit = fit_submodels(recordings, ("delay",))[0]["delay"]
+        for name, truth in (("steering_s", lively.delay.steering_s - LATE),
+                            ("steering_lag_s", lively.delay.steering_lag_s)):
+            entry = fit.parameters[name]
+            assert entry.identifiable
+            assert entry.std < 0.012
+            z.append((entry.value - truth) / entry.std)
+        assert not fit.parameters["throttle_s"].identifiable
+        assert any("held rows" in n or "holds logged rows" in n for n in fit.notes)
+    assert np.mean(np.abs(z) < 1.645) >= 0.75
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def slow_sine(workshop, car, seed=0):
+    t = 0.01 * np.arange(4000)
+    steering = np.stack([0.6 * np.sin(2.0 * np.pi * 0.12 * t + k) for k in range(3)])
+    d = workshop.drive(car, np.full_like(steering, 0.24), steering, np.random.default_rng(seed))
+    return workshop.recordings(d, 200 + seed, name="sine")
+
+
+def test_a_slow_sine_does_not_separate_delay_from_lag(workshop, lively):
+    fit = fit_submodels(slow_sine(workshop, lively), ("delay",))[0]["delay"]
+    total = lively.delay.steering_s + lively.delay.steering_lag_s - LATE
+    assert not fit.parameters["steering_s"].identifiable
+    assert not fit.parameters["steering_lag_s"].identifiable
+    assert fit.parameters["steering_lag_s"].value == 0.0
+    assert fit.parameters["steering_s"].value == pytest.approx(total, abs=0.012)
+    assert any("cannot be told apart" in note for note in fit.notes)
+
+
+def test_a_hole_in_the_rows_does_not_stretch_the_delay(workshop, lively):
+    """The mean step across holes does, which is how 0.15 s came about."""
+    full = slow_sine(workshop, lively, 1)
+    holed = []
+    for r in full:
+        m = r.messages
+        keep = (m.t < m.t[0] + 12.0) | (m.t > m.t[0] + 24.0)
+        parts = {n: getattr(m, n)[keep] for n in m.__slots__}
+        parts["segment"] = (parts["t"] > m.t[0] + 20.0).astype(np.int64)
+        holed.append(replace(r, messages=type(m)(**parts)))
+    one, other = (fit_submodels(r, ("delay",))[0]["delay"].values()["steering_s"]
+                  for r in (full, holed))
+    assert other == pytest.approx(one, abs=0.006)
+    step = np.concatenate([np.diff(r.messages.t) for r in holed])
+    assert np.mean(step) > 1.3 * np.median(step)  # the trap is there
+
+
+def test_steering_that_never_changes_tells_no_delay(workshop, lively):
+    d = workshop.drive(lively, np.full((2, 1500), 0.24), np.full((2, 1500), 0.4),
+                       np.random.default_rng(9))
+    fits, files = fit_submodels(workshop.recordings(d, 300, name="held"), ("delay",))
+    assert fits["delay"].n == 0
+    assert not fits["delay"].converged
+    assert fits["delay"].values()["steering_s"] == PAPER.delay.steering_s
+    assert all(any("hardly changes" in why for why in f.why) for f in files.values())

@@ -1,0 +1,125 @@
+"""Tyres by inverse dynamics: the curve is found; what one direction cannot tell is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.identify.submodels import fit_submodels
+from dart_hal.identify.submodels.speeds import MOCAP
+from dart_hal.identify.submodels.tyre_forces import smoothing
+from dart_hal.recording.dart import savgol_derivative
+from dart_hal.vehicle import PAPER, make_tyres
+
+LATE = 0.05
+
+
+@pytest.fixture(scope="module")
+def car(lively):
+    """A car whose front is of the form that is fitted (E = 0)."""
+    return replace(lively, tyres=replace(lively.tyres, front_D=4.0, front_C=1.3, front_B=9.0,
+                                         front_E=0.0, rear_cornering_stiffness=40.0))
+
+
+@pytest.fixture(scope="module")
+def logged(car):
+    """The same as a replay of held rows must have it."""
+    return replace(car, delay=replace(car.delay, steering_s=car.delay.steering_s - LATE))
+
+
+@pytest.fixture(scope="module")
+def ramps(workshop, car):
+    """Speed ramps with steering about +-0.35 and +-0.7 that changes now and then, 3 seeds."""
+    rng = np.random.default_rng(2)
+    n, seeds = 3500, 3
+    steering = np.repeat(np.tile([0.35, -0.35, 0.7, -0.7], seeds)[:, None], n, axis=1)
+    steering = steering + np.repeat(rng.uniform(-0.15, 0.15, (4 * seeds, n // 100)), 100, axis=1)
+    throttle = np.tile(np.linspace(0.2, 0.4, n), (4 * seeds, 1))
+    d = workshop.drive(car, throttle, steering, rng, disturbance=0.05)
+    return [workshop.recordings(d, i, "B", range(4 * i, 4 * i + 4), "ramp") for i in range(seeds)]
+
+
+def test_both_axles_lie_within_the_stated_intervals(ramps, logged):
+    front, _ = make_tyres(logged.tyres, logged.body, np)
+    alpha = np.radians([1.0, 3.0, 6.0, 9.0])
+    z = []
+    for recordings in ramps:
+        fit = fit_submodels(recordings, ("tyres",), base=logged)[0]["tyres"]
+        rear = fit.parameters["rear_cornering_stiffness"]
+        z.append((rear.value - 40.0) / rear.std)
+        assert rear.identifiable
+        assert rear.std < 2.0
+        found, _ = make_tyres(replace(logged.tyres, **fit.values()), logged.body, np)
+        assert found(alpha) == pytest.approx(front(alpha), rel=0.06)
+        assert fit.converged
+        assert fit.parameters["front_D"].identifiable
+        z.append((fit.parameters["front_D"].value - 4.0) / fit.parameters["front_D"].std)
+    assert np.max(np.abs(z)) < 3.0
+    assert np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
+    late = replace(logged, delay=replace(logged.delay, steering_s=0.3, steering_lag_s=0.0))
+    right = fit_submodels(ramps[0], ("tyres",), base=logged)[0]["tyres"]
+    wrong = fit_submodels(ramps[0], ("tyres",), base=late)[0]["tyres"]
+    assert wrong.rmse > 1.3 * right.rmse
+
+
+def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
+    rng = np.random.default_rng(7)
+    n = 2500
+    steering = np.repeat(rng.uniform(-0.2, 0.2, (3, n // 100)), 100, axis=1)
+    throttle = np.repeat([[0.3], [0.32], [0.34]], n, axis=1)
+    d = workshop.drive(car, throttle, steering, rng, disturbance=0.05)
+    recordings = workshop.recordings(d, 40, "B", name="gentle")
+    fit = fit_submodels(recordings, ("tyres",), base=logged)[0]["tyres"]
+    assert not fit.parameters["front_C"].identifiable
+    assert fit.parameters["front_C"].std == np.inf
+    assert any("cannot be told apart" in note for note in fit.notes)
+    stiffness = np.prod([fit.parameters[f"front_{k}"].value for k in "DCB"])
+    assert stiffness == pytest.approx(4.0 * 1.3 * 9.0, rel=0.15)
+
+
+def test_crawling_is_refused_because_noise_makes_a_tyre_look_soft(workshop, car, logged):
+    steering = np.repeat([[0.5], [-0.5]], 2000, axis=1)
+    d = workshop.drive(car, np.full_like(steering, 0.21), steering, np.random.default_rng(1))
+    fits, files = fit_submodels(workshop.recordings(d, 60, "B", name="crawl"), ("tyres",),
+                                base=logged)
+    assert fits["tyres"].n == 0
+    assert not fits["tyres"].sound
+    assert all(any("hardly anything" in why for why in f.why) for f in files.values())
+
+
+def test_the_smoothing_is_what_the_derivative_sees():
+    """d/dt of a curve by the grid's kernel = its exact rate seen through ``smoothing``."""
+    t = 0.01 * np.arange(400)
+    curve, rate = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t)
+    weights = smoothing(MOCAP)
+    assert weights.sum() == pytest.approx(1.0)
+    seen = np.convolve(rate, weights, mode="same")
+    exact = savgol_derivative(curve, 15)
+    assert seen[30:-30] == pytest.approx(exact[30:-30], abs=0.02)
+    assert np.max(np.abs(rate - exact)[30:-30]) > 0.2  # without it they differ
+
+
+def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
+    """The same drive read as two days, one with half the mass: two floors, one honest interval."""
+    first = ramps[0]
+    later = [replace(r, mocap=replace(r.mocap, epoch=r.mocap.epoch + 86400.0,
+                                      x=1.3 * r.mocap.x, y=1.3 * r.mocap.y)) for r in ramps[1]]
+    alone = fit_submodels(first, ("tyres",), base=logged)[0]["tyres"]
+    both = fit_submodels([*first, *later], ("tyres",), base=logged)[0]["tyres"]
+    name = "rear_cornering_stiffness"
+    assert both.parameters[name].std > 3.0 * alone.parameters[name].std
+    assert any("2 sessions fitted apart" in note for note in both.notes)
+
+
+def test_the_base_is_given_back_when_nothing_is_told(workshop, steps, lively):
+    rng = np.random.default_rng(3)
+    throttle = steps([0.25], rng)
+    d = workshop.drive(lively, throttle, 0.0 * throttle, rng)
+    fit = fit_submodels(workshop.recordings(d, 90, "A"), ("tyres",))[0]["tyres"]
+    assert fit.values()["rear_cornering_stiffness"] == PAPER.tyres.rear_cornering_stiffness
+    assert all(np.isinf(e.std) for e in fit.parameters.values())
