@@ -94,6 +94,18 @@ def test_standing_still_pays_nothing():
     assert np.mean(rewards[100:]) == pytest.approx(-(info["offset"] / 0.3) ** 2, abs=0.05)
 
 
+@pytest.mark.parametrize("task", ["path", "speed"])
+def test_a_change_of_the_commands_costs(task):
+    """Two cars alike until the last command, which no lagging actuator has felt yet."""
+    rewards = []
+    for last in (0.0, 1.0):
+        env = make(task=task, period=0.01)
+        env.reset(seed=4)
+        env.step(np.array([0.2, 0.0], np.float32))
+        rewards.append(env.step(np.array([0.2, last], np.float32))[1])
+    assert rewards[0] - rewards[1] == pytest.approx(0.05, abs=0.005)
+
+
 def test_same_seed_same_bytes():
     runs = [episode(make(), follow, seed)[3].tobytes() for seed in (3, 3, 4)]
     assert runs[0] == runs[1]

@@ -76,9 +76,41 @@ def test_the_recorded_encoder_changes_every_tenth_of_a_second_only():
     assert changes == {0}
 
 
-def test_an_unsigned_encoder_does_not_see_reverse():
+def test_a_noisy_sample_stays_until_the_next_one():
+    car = car_with(gyro=Inertial(period=0.05, density=0.01), encoder=Encoder(0.05, noise=0.1))
+    rows = [r for r, _ in turn(car, 50)]
+    for name in ("yaw_rate", "speed"):
+        values = [getattr(r, name) for r in rows]
+        assert {k % 5 for k in range(1, 51) if values[k] != values[k - 1]} == {0}
+
+
+@pytest.mark.parametrize("speed", [1.0, -2.0])
+def test_a_car_is_taken_to_have_come_at_the_speed_it_starts_with(speed):
+    car = LightCar(UPSTREAM_2024, LightConfig(sensors=RECORDED))
+    car.reset(v_x=speed)
+    assert car.read().speed == pytest.approx(abs(speed), abs=0.021)
+    car = car_with(mocap=Mocap(age=0.1), encoder=Encoder(window=0.1))
+    car.reset(x=UPSTREAM_2024.body.l_r, v_x=speed)
+    assert car.read().x == pytest.approx(-0.1 * speed)
+    assert car.read().speed == pytest.approx(speed)
+
+
+def test_the_first_reading_after_a_reset_is_of_the_new_place():
+    sensors = replace(PERFECT, mocap=Mocap(dropout=0.9))
+    batch = LightBatch(UPSTREAM_2024, 50, LightConfig(sensors=sensors), seed=1)
+    car = LightCar(UPSTREAM_2024, LightConfig(sensors=sensors), seed=1)
+    for k in range(1, 20):
+        start = np.full((6, 50), float(k))
+        batch.reset(start)
+        np.testing.assert_allclose(batch.read().yaw, k)
+        car.reset(yaw=float(k))
+        assert car.read().yaw == k
+
+
+@pytest.mark.parametrize("window", [0.0, 0.1])
+def test_an_unsigned_encoder_does_not_see_reverse(window):
     for signed in (True, False):
-        car = car_with(encoder=Encoder(window=0.1, signed=signed))
+        car = car_with(encoder=Encoder(window=window, signed=signed))
         car.advance(-0.4, 0.0, 200)
         assert (car.read().speed < 0.0) is signed
         assert abs(car.read().speed) == pytest.approx(-car.state[3], abs=0.02)
