@@ -21,6 +21,7 @@ import bench_estimation
 import bench_evaluate
 import bench_firmware
 import bench_identify
+import bench_joint
 import bench_light
 import bench_vehicle
 from figures import Figure, machine
@@ -53,6 +54,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "calibration": bench_calibration.figures,
     "identify": bench_identify.figures,
     "evaluate": bench_evaluate.figures,
+    "joint": bench_joint.figures,
 }
 
 

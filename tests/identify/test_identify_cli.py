@@ -10,6 +10,8 @@ import pytest
 
 from dart_hal.cli.main import main
 from dart_hal.config import load_model
+from dart_hal.identify.evaluation import evaluate
+from dart_hal.identify.runs import read_any
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
 
@@ -174,6 +176,35 @@ def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
         assert all(len(v) == 64 for v in model.provenance["files"].values())
     else:
         assert document["model"] is None
+
+
+def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
+    """Fitted to two days of September, judged on one of July beside its base."""
+    train = [EXCERPT / name for name in ("81_throttle_ramps", "91_free_driving_16_sept_2024")]
+    status, document, _ = run("all", "--joint", *train, EXCERPT / "19_step_input_data", "--json")
+    assert status == 0
+    assert {name: fit["sound"] for name, fit in document["fits"].items()} == dict.fromkeys(
+        NAMES, True)
+    model = load_model(tmp_path / document["model"])
+    assert set(model.covariance) == {"joint"}
+    assert len(model.provenance["files"]) == len(model.provenance["reference"]) == 2
+    unused = [why for f, r in document["files"].items() if "19_step" in f for why in r["why"]]
+    assert any("no motion capture" in why for why in unused)
+    recordings, _ = read_any([EXCERPT / "60_racetrack_lap_v_060"])
+    rms = [evaluate(car, recordings, limit=False).model.rmse(1.0)
+           for car in (PAPER, vehicle_of(model))]
+    for channel in ("vx", "yaw_rate", "position"):
+        assert rms[1][channel] < 0.5 * rms[0][channel], channel
+
+
+def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
+    status, document, _ = run("all", "--joint", EXCERPT / "19_step_input_data", "--json")
+    assert status == 2
+    assert "no motion capture" in document["error"]["found"]
+    status, document, _ = run("motor", "--joint", EXCERPT / "91_free_driving_16_sept_2024",
+                              "--json")
+    assert status == 2
+    assert not (tmp_path / "model.toml").exists()
 
 
 def test_pictures_of_recordings(run, tmp_path):

@@ -13,6 +13,7 @@ from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.write import Source, model_from, why_unsound, write
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
+from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import model_of, vehicle_of
 
 SOURCE = Source({"a.csv": "12ab"}, "dart-hal identify all a.csv", {"a.csv": (0.09, -0.0164, 0.0)})
@@ -95,9 +96,28 @@ def test_a_joint_covariance_takes_the_place_of_the_single_ones(tmp_path):
     # a later fit of one section alone: the joint table no longer holds
     model = model_from({"motor": fits["motor"]}, load_model(path), SOURCE).model
     assert set(model.covariance) == {"motor"}
-    # a section that was left out: no joint table either
-    bad = {**fits, "motor": replace(fits["motor"], converged=False)}
-    assert "joint" not in model_from(bad, model_of(PAPER), SOURCE, joint=joint).model.covariance
+
+
+def test_a_joint_fit_is_written_whole_or_not_at_all():
+    """Friction that was fitted beside a motor means nothing beside another motor."""
+    fits = {name: fit(name, values) for name, values in (("friction", FRICTION), ("motor", MOTOR))}
+    joint = Covariance(("friction.a", "motor.d"), ((0.01, 0.002), (0.002, 0.04)))
+    bad = {**fits, "motor": replace(fits["motor"], at_bound=("e",))}
+    written = model_from(bad, model_of(PAPER), SOURCE, joint=joint)
+    assert written.model is None
+    assert set(written.left_out) == {"friction", "motor"}
+    assert "motor: e stopped" in written.left_out["friction"]
+
+
+def test_tyres_of_the_same_form_keep_what_was_not_fitted():
+    base = model_of(with_values(PAPER, {"tyres.front_E": -2.0}))
+    written = model_from({"tyres": fit("tyres", {"front_D": 4.0})}, base, SOURCE)
+    car = vehicle_of(written.model)
+    assert (car.tyres.front_D, car.tyres.front_E) == (4.0, -2.0)
+    axle = model_from({"tyres": fit("tyres", {"front_D": 0.9, "rear_D": 0.8})},
+                      model_of(UPSTREAM_2024), SOURCE)
+    assert vehicle_of(axle.model).slip == UPSTREAM_2024.slip
+    assert vehicle_of(axle.model).tyres.rear_C == UPSTREAM_2024.tyres.rear_C
 
 
 def test_values_that_no_car_can_have_are_left_out():

@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from dart_hal.cli.options import REFERENCE, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, print_json, progress_bar
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
-from dart_hal.identify.outcome import Outcome, as_paper, per_recording
+from dart_hal.identify.outcome import Outcome, as_paper, jointly, per_recording
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle.load import find_model, vehicle_of
@@ -37,26 +37,35 @@ DEFAULT_OUT = Path("model.toml")
               metavar="DIR", help="pictures of data, fit and the paper's curve")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="where the mocap markers sat: m, rad, m (default: known by date)")
+@click.option("--joint", is_flag=True,
+              help="all sub-models in one fit on what they predict, from recordings with motion "
+                   "capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
-            out: Path | None, plot: Path | None, reference: Reference | None, dry_run: bool,
-            as_json: bool) -> int:
+            out: Path | None, plot: Path | None, reference: Reference | None, joint: bool,
+            dry_run: bool, as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
     Values come with standard errors. A fit that did not converge or stopped at
     a bound is said, and never written. Exit status 1: nothing could be identified.
     """
-    _check(files, root, reference)
+    _check(submodel, files, root, reference, joint)
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
     start = _base(base, target)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
-                                     "--reference": reference})
+                                     "--reference": reference, "--joint": joint or None})
     outcome: Outcome
     data: Any
     if root is not None:
         outcome, data = as_paper(root, names, typed)
+    elif joint:
+        with progress_bar() as bar:
+            task = bar.add_task("joint fit", total=1.0)
+            outcome, data = jointly(files, names, vehicle_of(start), typed, reference,
+                                    lambda share, text: bar.update(task, completed=share,
+                                                                   description=text))
     else:
         outcome, data = per_recording(files, names, vehicle_of(start), typed, reference)
     written = model_from(outcome.fits, start, outcome.source, joint=outcome.joint)
@@ -74,7 +83,13 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     return 1 if asked_in_vain or not outcome.sound else 0
 
 
-def _check(files: Sequence[Path], root: Path | None, reference: Reference | None) -> None:
+def _check(submodel: str, files: Sequence[Path], root: Path | None,
+           reference: Reference | None, joint: bool) -> None:
+    if joint and (submodel != "all" or root is not None):
+        raise UsageError("--joint fits all sub-models together, in its own way",
+                         found=f"identify {submodel}" + (" --as-paper" if root else ""),
+                         expected="identify all --joint FILES",
+                         remedy="dart-hal identify all --joint FILES")
     if root is not None and files:
         raise UsageError("--as-paper takes its own folders, no FILES",
                          found=", ".join(map(str, files)), expected="FILES or --as-paper ROOT",
@@ -93,7 +108,7 @@ def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str
     for name, value in options.items():
         if isinstance(value, Reference):
             value = f"{value.lx},{value.theta},{value.ly}"
-        words += [] if value is None else [name, str(value)]
+        words += [] if value is None else [name] if value is True else [name, str(value)]
     return shlex.join(words)
 
 

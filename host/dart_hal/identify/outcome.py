@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.runs import read_any
-from dart_hal.identify.write import Source, why_unsound
+from dart_hal.identify.write import Source, rounded, why_unsound
 from dart_hal.recording.dart import Recording, Reference, reference_for
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import value as flat_value
@@ -20,6 +20,9 @@ from dart_hal.vehicle.sets import PAPER
 
 if TYPE_CHECKING:
     from dart_hal.identify.as_paper import AsPaper
+
+
+Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,34 @@ def as_paper(root: Path, names: Sequence[str], command: str
     digests = {file: report.sha256 for file, report in made.files.items() if report.used}
     source = Source(digests, command, method="preprocessing of the paper, plain least squares")
     return Outcome(made.fits, made.files, made.published, source, made.derived), made
+
+
+def jointly(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
+            reference: Reference | None = None, progress: Progress | None = None
+            ) -> tuple[Outcome, list[Recording]]:
+    """All sub-models in one fit on rollouts, from the recordings that have motion capture.
+
+    Errors: RecordingError when none of them can be predicted.
+    """
+    from dart_hal.identify.shooting import fit_from_recordings
+
+    recordings, skipped = read_any(paths)
+    made, grids, unused = fit_from_recordings(recordings, base, names, reference, progress)
+    used = {str(r.path): (r, g) for r, g in grids}
+    files: dict[str, FileReport] = {}
+    for r in recordings:
+        file, why = str(r.path), [str(note) for note in r.notes]
+        bad = int(used[file][1].bad.sum()) if file in used else 0
+        taken = len(used[file][1]) - bad if file in used else 0
+        files[file] = FileReport(taken, bad, (*why, *unused.get(file, ())), r.sha256)
+    files |= {file: FileReport(0, 0, (f"skipped: {reason}",)) for file, reason in skipped}
+    points = {file: (g.reference.lx, g.reference.theta, g.reference.ly)
+              for file, (_, g) in used.items()}
+    source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
+                    "one fit of all sub-models by multiple shooting, errors over blocks")
+    published = {name: published_values(name) for name in made.fits}
+    joint = Covariance(made.names, rounded(made.covariance))
+    return Outcome(made.fits, files, published, source, joint=joint), recordings
 
 
 def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,

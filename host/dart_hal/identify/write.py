@@ -17,9 +17,10 @@ import numpy as np
 
 from dart_hal import __version__
 from dart_hal.config import ModelFile, Quantity, save_model
-from dart_hal.config.model import KNOWN, Covariance, Parameter, Parameters
+from dart_hal.config.model import KNOWN, Covariance, Parameter
 from dart_hal.errors import ConfigError
 from dart_hal.identify.fit import Fit
+from dart_hal.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
 
 SECTIONS = ("friction", "motor", "steering", "delay", "tyres")
@@ -82,7 +83,12 @@ def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
 
     joint: covariance of parameters that were fitted together, across sections
     ("friction.a", ...); it takes the place of those of the single sections.
+    Such a fit is written whole or not at all: each section holds given the others.
     """
+    unsound = {name: why for name, fit in fits.items() if (why := why_unsound(fit))}
+    if joint is not None and unsound:
+        said = "; ".join(f"{name}: {why}" for name, why in unsound.items())
+        return Written(None, (), dict.fromkeys(fits, f"one of a joint fit ({said})"))
     model, sections, left_out = base, list[str](), {}
     for section in SECTIONS:
         if section not in fits:
@@ -101,7 +107,7 @@ def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
             left_out[section] = why
     if not sections:
         return Written(None, (), left_out)
-    if joint is not None and {n.partition(".")[0] for n in joint.names} <= set(sections):
+    if joint is not None:
         apart = {key: table for key, table in model.covariance.items()
                  if not set(table.names) & set(joint.names)}
         model = msgspec.structs.replace(model, covariance={**apart, "joint": joint})
@@ -117,24 +123,23 @@ def write(written: Written, path: Path) -> Path | None:
 def _with(model: ModelFile, section: str, fit: Fit) -> ModelFile:
     entries = {key: _entry(e.value, e.std) for key, e in fit.parameters.items()
                if key in KNOWN[section]}
-    changes: dict[str, Any] = {section: _kept(model, section) | entries}
-    if section == "tyres" and "rear_D" in model.tyres:
+    other_form = section == "tyres" and ("rear_D" in model.tyres) != ("rear_D" in entries)
+    kept = {} if other_form else dict(getattr(model, section))
+    changes: dict[str, Any] = {section: kept | entries}
+    if other_form:  # its slip angles belonged to its tyres
         changes["forms"] = {k: v for k, v in model.forms.items() if k != "slip"}
     covariance = {key: table for key, table in model.covariance.items()
                   if not any(name.startswith(f"{section}.") for name in table.names)}
     if np.all(np.isfinite(fit.covariance)):
         names = tuple(f"{section}.{key}" for key in fit.parameters)
-        rows = tuple(tuple(float(v) for v in row) for row in fit.covariance)
+        rows = rounded(fit.covariance)
         covariance[section] = Covariance(names, rows)
     return msgspec.structs.replace(model, covariance=covariance, **changes)
 
 
-def _kept(model: ModelFile, section: str) -> Parameters:
-    """What the base has and the fit need not know; not the tyres of another form."""
-    entries: Parameters = getattr(model, section)
-    if section == "tyres":
-        return {key: v for key, v in entries.items() if key == "rear_max"}
-    return dict(entries)
+def rounded(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """A covariance as a file holds it: six digits of a standard error are plenty."""
+    return tuple(tuple(float(f"{v:.6g}") for v in row) for row in matrix.tolist())
 
 
 def _entry(value: float, std: float) -> Parameter:

@@ -1,4 +1,4 @@
-"""From logged commands to what the actuators do: delay, lag, steering map."""
+"""From logged commands to what the actuators do: delay, lag, steering map, and effects on them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import math
 import numpy as np
 
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.steering import make_steering
 
 SAMPLE = 0.01  # s, step of the grid
@@ -41,6 +44,9 @@ def shaped(throttle: FloatArray, steering: FloatArray, p: Vehicle) -> tuple[Floa
     throttle behind the safety gate, -1..1; on a grid of 0.01 s. Run it over a
     whole recording: delay and lag need what came before.
     """
+    p, now = settled(p), Now(t=np.arange(len(throttle)) * SAMPLE)
     tau = lagged(delayed(throttle, p.delay.throttle_s), p.delay.throttle_lag_s)
     command = lagged(delayed(steering, p.delay.steering_s), p.delay.steering_lag_s)
-    return tau, np.asarray(make_steering(p.steering, ARRAY)(command))
+    command = through(p, "steering", command, now, SAMPLE)
+    angle = np.asarray(make_steering(p.steering, ARRAY)(command))
+    return through(p, "throttle", tau, now, SAMPLE), through(p, "angle", angle, now, SAMPLE)

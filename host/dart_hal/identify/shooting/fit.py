@@ -7,15 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dart_hal.errors import RecordingError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.solve import EDGE, Solution, block_covariance
+from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.flat import bounds, unit, value, with_values
+from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 
+from .coordinates import Coordinates
 from .descent import Descent, descend
-from .problem import CHANNELS, EVERY, HORIZON, READ, Problem
+from .problem import CHANNELS, EVERY, HORIZON, READ, UNITS, Problem
 
 FREE = {
     "friction": ("a", "b", "c"),
@@ -27,9 +31,6 @@ FREE = {
 """What moves: mass and inertia never (a fit shrinks them to mimic noise), and of the front
 tyre two of four, because C and E are told apart from D only beyond the grip limit."""
 AXLE = ("front_D", "front_B", "rear_D", "rear_B")
-PRIOR = {"steering.s0": 0.1, "motor.g": 0.1, "delay": 0.1}
-RELATIVE = 0.7
-"""One standard deviation of the weak prior: these absolute ones, else a share of the value."""
 SCALE = (0.15, 0.05, 0.4)  # m/s, m/s, rad/s; typical errors of a first model after a second
 ROBUST = 2.0  # typical errors from where on a residual counts less than its square
 STEP = 1e-3  # of the prior, one-sided
@@ -38,10 +39,9 @@ BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
 MANY = 8  # recordings from which on each is one block
 SPUN = 1e3  # typical errors; a rollout that left the road is not wronger than this
 TOLD = 0.5  # of the prior: a smaller standard error counts as identified
-ALIKE = (len(READ) * HORIZON / EVERY)**-0.5
-"""Read-outs of one window and overlapping windows repeat each other; the prior, which
-is said once, is weighed against a sample and not against its copies."""
-FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has no slope
+ALIKE = (len(READ) * BLOCK / EVERY)**-0.5
+"""Read-outs of one window and windows of one block say much the same; the prior, which
+is said once, is weighed against a block and not against each of its samples."""
 PASSES = 2  # the second one with the residual sizes of the first
 
 Progress = Callable[[float, str], None]
@@ -79,47 +79,73 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
     """
     begin = time.process_time()
     names = free_names(base, submodels)
-    start = np.array([value(base, name) for name in names])
-    prior = np.array([_prior(name, number) for name, number in zip(names, start, strict=True)])
-    work = _Work(problem, base, names, prior, progress)
+    space = Coordinates(base, names)
+    work = _Work(problem, space, progress)
     scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
-    x = np.array([FIRST_LAG / width if "_lag_s" in name and number == 0.0 else 0.0
-                  for name, number, width in zip(names, start, prior, strict=True)])
+    x = space.first
     for _ in range(PASSES):
         found = work.solve(x, scale)
         x = found.x
         scale = _typical(work.error(x))
-    vehicle = work.vehicle(x)
     data = Solution(x, found.residual, found.jacobian, found.weight, found.converged,
-                    (x - work.low < EDGE) | (work.high - x < EDGE))
-    covariance = _covariance(data, problem) * np.outer(prior, prior)
+                    (x - space.low < EDGE) | (space.high - x < EDGE))
+    relative, slope = _covariance(data, problem), space.slope(x)
+    covariance = relative * np.outer(slope, slope)
     cpu = time.process_time() - begin
-    fits = {s: _submodel(s, vehicle, names, covariance, prior, data, cpu)
+    vehicle = space.vehicle(x)
+    told = np.sqrt(np.diag(relative)) < TOLD
+    before, after = _rmse(work.error(np.zeros(len(names)))), _rmse(work.error(x))
+    note = f"{len(problem)} stretches of {HORIZON:g} s predicted; error (rms) " + ", ".join(
+        f"{c} {b:.3g} -> {a:.3g} {u}"
+        for c, b, a, u in zip(CHANNELS, before, after, UNITS, strict=True))
+    fits = {s: _submodel(s, vehicle, names, covariance, told, data, cpu, note)
             for s in FREE if s in submodels}
-    return JointFit(vehicle, fits, names, covariance, len(problem),
-                    _rmse(work.error(np.zeros(len(names)))), _rmse(work.error(x)))
+    return JointFit(vehicle, fits, names, covariance, len(problem), before, after)
+
+
+Used = list[tuple[Recording, Grid]]
+
+
+def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
+                        submodels: Sequence[str] = tuple(FREE),
+                        reference: Reference | None = None, progress: Progress | None = None
+                        ) -> tuple[JointFit, Used, dict[str, tuple[str, ...]]]:
+    """(fit, recordings used with their grids, reasons by file of those that were not).
+
+    Errors: RecordingError when no recording holds a window to predict.
+    """
+    used, unused = Used(), dict[str, tuple[str, ...]]()
+    for r in recordings:
+        try:
+            if r.mocap is None:
+                raise RecordingError("no motion capture: a joint fit predicts the measured motion")
+            g = grid(r, reference, base.body.l_r)
+            Problem.of([g])
+        except RecordingError as err:
+            unused[str(r.path)] = (f"not used: {err.what}",)
+        else:
+            used.append((r, g))
+    if not used:
+        reasons = "; ".join(dict.fromkeys(why for (why,) in unused.values()))
+        raise RecordingError("none of these recordings can be predicted", found=reasons,
+                             expected="motion capture of a moving car",
+                             remedy="without --joint the sub-models are fitted one by one")
+    return fit_jointly(Problem.of([g for _, g in used]), base, submodels, progress), used, unused
 
 
 class _Work:
-    """Residuals and Jacobian over parameters in units of their prior, from ``base`` on."""
+    """Residuals and Jacobian over the coordinates."""
 
-    def __init__(self, problem: Problem, base: Vehicle, names: tuple[str, ...],
-                 prior: FloatArray, progress: Progress | None) -> None:
-        self._problem, self._base, self._names, self._prior = problem, base, names, prior
-        self._start = np.array([value(base, name) for name in names])
-        self._limits = np.array([bounds(base, name) for name in names]).T
-        self.low, self.high = (self._limits - self._start) / prior
+    def __init__(self, problem: Problem, space: Coordinates, progress: Progress | None) -> None:
+        self._problem, self._space = problem, space
         self._progress, self._rounds = progress, 0
 
-    def vehicle(self, x: FloatArray) -> Vehicle:
-        # the way there and back through the units of the prior may miss a bound by one digit
-        numbers = np.clip(self._start + self._prior * x, *self._limits)
-        return with_values(self._base, dict(zip(self._names, numbers.tolist(), strict=True)))
-
     def error(self, x: FloatArray) -> FloatArray:
-        return self._problem.predict(self.vehicle(x)) - self._problem.measured
+        return self._problem.predict(self._space.vehicle(x)) - self._problem.measured
 
     def solve(self, x0: FloatArray, scale: FloatArray) -> Descent:
+        space = self._space
+
         def residual(x: FloatArray) -> FloatArray:
             error = np.nan_to_num(self.error(x) / scale, nan=SPUN, posinf=SPUN, neginf=-SPUN)
             return np.asarray(np.clip(error, -SPUN, SPUN).ravel())
@@ -127,28 +153,23 @@ class _Work:
         def jacobian(x: FloatArray, r: FloatArray) -> FloatArray:
             self._tell()
             columns = []
-            for i, name in enumerate(self._names):
+            for i, name in enumerate(space.names):
                 timing = name.startswith("delay.")
-                step = TIMING_STEP / self._prior[i] if timing else STEP
+                step = TIMING_STEP / space.width(i) if timing else STEP
                 up, down = x.copy(), x.copy()
-                up[i] = x[i] + step if x[i] + step <= self.high[i] else x[i] - step
-                down[i] = max(x[i] - step, self.low[i]) if timing else x[i]
+                up[i] = x[i] + step if x[i] + step <= space.high[i] else x[i] - step
+                down[i] = max(x[i] - step, space.low[i]) if timing else x[i]
                 below = residual(down) if timing else r
                 columns.append((residual(up) - below) / (up[i] - down[i]))
             return np.stack(columns, axis=1)
 
-        return descend(residual, jacobian, x0, self.low, self.high, robust=ROBUST,
+        return descend(residual, jacobian, x0, space.low, space.high, robust=ROBUST,
                        prior=ALIKE**-2)
 
     def _tell(self) -> None:
         self._rounds += 1
         if self._progress is not None:
             self._progress(1.0 - 0.8**self._rounds, f"joint fit, round {self._rounds}")
-
-
-def _prior(name: str, number: float) -> float:
-    group = name.partition(".")[0]
-    return PRIOR.get(name, PRIOR.get(group, RELATIVE * abs(number)))
 
 
 def _typical(error: FloatArray) -> FloatArray:
@@ -172,15 +193,15 @@ def _covariance(data: Solution, problem: Problem) -> FloatArray:
 
 
 def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: FloatArray,
-              prior: FloatArray, data: Solution, cpu: float) -> Fit:
+              told: NDArray[np.bool_], data: Solution, cpu: float, note: str) -> Fit:
     mine = [i for i, full in enumerate(names) if full.startswith(f"{name}.")]
     std = np.sqrt(np.diag(covariance))
     estimates = {names[i].partition(".")[2]: Estimate(
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
-        bool(std[i] < TOLD * prior[i])) for i in mine}
+        bool(told[i])) for i in mine}
     # no delay and no lag are answers, not walls that the fit ran into
     stopped = tuple(names[i].partition(".")[2] for i in mine
                     if data.at_bound[i] and name != "delay")
     return Fit(name, estimates, covariance[np.ix_(mine, mine)], len(data.residual), data.rmse,
-               f"typical errors of {', '.join(CHANNELS)}", data.converged, stopped, cpu,
-               ("one of a joint fit: its covariance with the other sub-models is in the file",))
+               "typical error", data.converged, stopped, cpu,
+               (note, "one fit of all: its covariance across the sub-models is in the file"))

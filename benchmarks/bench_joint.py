@@ -1,0 +1,72 @@
+"""The joint fit on days that it has not seen: each day left out once, the rest fitted.
+
+    python benchmarks/bench_joint.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from bench_evaluate import folder
+from figures import Figure
+
+from dart_hal.identify.evaluation import errors, hold, measured, predict, prepare
+from dart_hal.identify.runs import read_any
+from dart_hal.identify.shooting import fit_from_recordings
+from dart_hal.recording.dart import Recording
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.sets import PAPER
+
+SECOND = 1
+"""Index of the horizon of 1 s."""
+SHOWN = ("v_x", "yaw rate", "position", "yaw")
+UNITS = ("m/s", "rad/s", "m", "deg")
+
+
+def days(recordings: Sequence[Recording]) -> dict[str, list[Recording]]:
+    """Recordings with motion capture by day; without a date each is a day of its own."""
+    out: dict[str, list[Recording]] = {}
+    for r in recordings:
+        if r.mocap is not None:
+            out.setdefault(f"{r.when:%Y-%m-%d}" if r.when else r.path.name, []).append(r)
+    return out
+
+
+def left_out() -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Errors (5, windows) at 1 s of holding, the paper and joint fits; CPU of one fit [s]."""
+    by_day = days(read_any([folder()])[0])
+    kept: list[list[FloatArray]] = [[], [], []]
+    spent = []
+    for day, tested in by_day.items():
+        train = [r for other, rs in by_day.items() if other != day for r in rs]
+        begin = time.process_time()
+        fit, _, _ = fit_from_recordings(train, PAPER)
+        spent.append(time.process_time() - begin)
+        cases = prepare(tested).cases
+        truth = measured(cases)
+        for list_, states in zip(kept, (hold(cases), predict(PAPER, cases),
+                                        predict(fit.vehicle, cases)), strict=True):
+            list_.append(errors(states, truth)[SECOND])
+    held, paper, joint = (np.concatenate(part, axis=1) for part in kept)
+    return held, paper, joint, float(np.median(spent))
+
+
+def figures(scale: float = 1.0) -> list[Figure]:
+    """RMSE at 1 s on left-out days, beside the paper's model and holding the velocities."""
+    if scale < 1.0:
+        return []  # nine fits of all recordings are the whole of it
+    held, paper, joint, cpu = left_out()
+    rows = [0, 2, 3, 4]
+    rms = [np.sqrt(np.mean(part[rows]**2, axis=1)) for part in (joint, paper, held)]
+    note = "paper {:.3g}, held velocities {:.3g}; " + f"{held.shape[1]} windows"
+    return [Figure(f"joint fit, left-out days, {name} at 1 s", own, unit,
+                   note=note.format(other, ctrv))
+            for name, unit, own, other, ctrv in zip(SHOWN, UNITS, *rms, strict=True)] + [
+        Figure("joint fit of all recordings with motion capture, CPU", cpu, "s")]
+
+
+if __name__ == "__main__":
+    for figure in figures():
+        print(f"{figure.name:58} {figure.measured:>12}  {figure.note}")
