@@ -1,0 +1,63 @@
+"""The numbers that a fit moves, each in units of what one expects it to move.
+
+What has a sign by its nature (a stiffness, a gain, a dead band) moves by
+factors, so that no fit runs into zero; offsets and times move by amounts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.flat import bounds, value, with_values
+from dart_hal.vehicle.parameters import Vehicle
+
+AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
+"""One prior standard deviation in SI units, by name or group."""
+FACTOR = 0.7
+"""The same of the logarithm of all others: a factor of two."""
+FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has no slope
+
+
+class Coordinates:
+    """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x."""
+
+    def __init__(self, base: Vehicle, names: tuple[str, ...]) -> None:
+        self._base, self.names = base, names
+        self._start = np.array([value(base, name) for name in names])
+        amount = [AMOUNT.get(n, AMOUNT.get(n.partition(".")[0])) for n in names]
+        self._log = np.array([a is None for a in amount])
+        self._whole = np.where(self._log, self._start, 1.0)
+        self._width = np.array([FACTOR if a is None else a for a in amount])
+        self._limits = np.array([bounds(base, name) for name in names]).T
+        with np.errstate(divide="ignore"):  # the logarithm of a bound at 0
+            ends = [np.where(self._log, np.log(np.where(self._log, limit / self._whole, 1.0)),
+                             limit - self._start) / self._width for limit in self._limits]
+        self.low, self.high = np.minimum(*ends), np.maximum(*ends)
+
+    @property
+    def first(self) -> FloatArray:
+        """Where to begin (k,): at the base, but with a lag where it has none."""
+        return np.array([FIRST_LAG / w if name.endswith("_lag_s") and number == 0.0 else 0.0
+                         for name, number, w in zip(self.names, self._start, self._width,
+                                                    strict=True)])
+
+    def numbers(self, x: FloatArray) -> FloatArray:
+        """Parameters (k,) in SI units."""
+        moved = np.where(self._log, self._start * np.exp(self._width * x * self._log),
+                         self._start + self._width * x)
+        # the way there and back may miss a bound by one digit
+        return np.asarray(np.clip(moved, *self._limits))
+
+    def slope(self, x: FloatArray) -> FloatArray:
+        """Size of d number / d x, (k,)."""
+        return np.where(self._log, self._width * np.abs(self.numbers(x)), self._width)
+
+    def width(self, i: int) -> float:
+        """The prior standard deviation of parameter i in its own units, at the base."""
+        return float(self.slope(np.zeros(len(self.names)))[i])
+
+    def vehicle(self, x: FloatArray) -> Vehicle:
+        """The base with these parameters."""
+        return with_values(self._base, dict(zip(self.names, self.numbers(x).tolist(),
+                                                strict=True)))
