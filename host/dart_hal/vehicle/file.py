@@ -6,8 +6,12 @@ import math
 from dataclasses import MISSING, fields, replace
 from typing import Any
 
-from dart_hal.config import ModelFile
-from dart_hal.errors import ConfigError
+from dart_hal.config import EffectEntry, ModelFile, plain
+from dart_hal.config.model import Parameter, Parameters
+from dart_hal.errors import ConfigError, UsageError
+from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effects import applied, effect, extended
+from dart_hal.vehicle.flat import GROUPS as SECTIONS
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.parameters import (
     AxleTyres,
@@ -25,9 +29,10 @@ GROUPS: dict[str, Any] = {"body": Body, "friction": Friction, "motor": Motor,
 
 
 def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
-    """The vehicle of a model file; what it leaves out is the base's.
+    """The vehicle of a model file; what it leaves out is the base's, but its effects are its own.
 
-    Raises ConfigError on a value out of its bounds, or missing without a base.
+    Raises ConfigError on a value out of its bounds, or missing without a base,
+    and on an effect that is unknown or named twice.
     """
     groups = {name: _group(kind, name, model, getattr(base, name, None))
               for name, kind in GROUPS.items()}
@@ -35,19 +40,50 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     old = getattr(base, "tyres", None)
     tyres = _group(kind, "tyres", model, old if isinstance(old, kind) else None)
     slip = model.forms.get("slip", base.slip if base is not None else "all_speeds")
-    return Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip, **groups)
+    p = Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip, **groups)
+    return extended(p, _effects(model))
 
 
-def model_of(p: Vehicle) -> ModelFile:
-    """The model file of a vehicle; ``vehicle_from`` gives the same vehicle back."""
-    sections: dict[str, dict[str, float]] = {}
+def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
+    """The model file of a vehicle; ``vehicle_from`` gives the same vehicle back.
+
+    Numbers that ``old`` has as well keep the standard error that it has for them.
+    """
+    known = _entries(old) if old is not None else {}
+    sections: dict[str, Parameters] = {}
     for name in names(p):
         number = value(p, name)
         if math.isfinite(number):
             section, _, key = name.partition(".")
-            sections.setdefault(section, {})[key] = number
+            entry = known.get(name, number)
+            sections.setdefault(section, {})[key] = entry if plain(entry) == number else number
+    effects = tuple(EffectEntry(a.name, sections.pop(a.name)) for a in p.effects)
     return ModelFile(name=p.name, kind="kinematic" if p.kind == "kinematic" else "dynamic",
-                     forms={"slip": p.slip}, **sections)  # type: ignore[arg-type]
+                     forms={"slip": p.slip}, effects=effects,
+                     **sections)  # type: ignore[arg-type]
+
+
+def _entries(model: ModelFile) -> dict[str, Parameter]:
+    """Every number of a file as it is written there, by "group.key" and "effect.key"."""
+    tables = [(name, getattr(model, name)) for name in SECTIONS]
+    tables += [(e.name, e.parameters) for e in model.effects]
+    return {f"{name}.{key}": entry for name, table in tables for key, entry in table.items()}
+
+
+def _effects(model: ModelFile) -> list[Applied]:
+    found: dict[str, Applied] = {}
+    for entry in model.effects:
+        if entry.name in found:
+            raise ConfigError(f"{model.name}: the effect {entry.name} is named twice",
+                              found=entry.name, expected="each effect once",
+                              remedy="put both into one entry of [[effects]]")
+        try:
+            found[entry.name] = applied(effect(entry.name),
+                                        {key: plain(v) for key, v in entry.parameters.items()})
+        except UsageError as why:
+            raise ConfigError(f"{model.name}: {why.what}", found=why.found or entry.name,
+                              expected=why.expected, remedy=why.remedy) from why
+    return list(found.values())
 
 
 def _group(kind: Any, section: str, model: ModelFile, old: Any) -> Any:

@@ -1,1 +1,118 @@
-"""Catalogue of physical effects that the base models lack, one file per cause."""
+"""Catalogue of physical effects that the base models lack, one file per cause.
+
+A module of this package with an ``EFFECT`` is an entry of the catalogue, and
+nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import pkgutil
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+
+from dart_hal.errors import ConfigError, UsageError
+from dart_hal.vehicle.effect import STAGES, Applied, Effect, Late
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> Mapping[str, Effect]:
+    """All effects by name, in the order of the alphabet."""
+    found = [importlib.import_module(f"{__name__}.{module.name}").EFFECT
+             for module in pkgutil.iter_modules(__path__)]
+    return MappingProxyType({e.name: e for e in sorted(found, key=lambda e: e.name)})
+
+
+def effect(name: str) -> Effect:
+    """The effect of that name. Raises UsageError that names the nearest ones."""
+    known = catalogue()
+    if name in known:
+        return known[name]
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+    raise UsageError(f"no effect is called {name!r}", expected="one of " + ", ".join(known),
+                     remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
+
+
+def applied(of: Effect, values: Mapping[str, Value]) -> Applied:
+    """An effect with values by parameter, null for what is left out; floats or arrays (n,).
+
+    Raises UsageError for an unknown parameter, ConfigError for a value that is
+    out of its bounds or no number.
+    """
+    names = [q.name for q in of.parameters]
+    for key in values:
+        if key not in names:
+            raise UsageError(f"the effect {of.name} has no parameter {key!r}", found=key,
+                             expected=", ".join(names), remedy=f"write {names[0]} for {key}")
+    for q in of.parameters:
+        number = np.asarray(values.get(q.name, q.null), dtype=float)
+        if not np.all((number >= q.low) & (number <= q.high)):
+            raise ConfigError(f"{of.name}.{q.name} = {values[q.name]!r} is out of range",
+                              found=f"{values[q.name]!r} {q.unit}",
+                              expected=f"{q.low} to {q.high} {q.unit}",
+                              remedy="check the unit: SI units and radians")
+    return Applied(of, tuple(values.get(q.name, q.null) for q in of.parameters))
+
+
+def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
+    """The vehicle with an effect of the catalogue, in place of the same one if it has it.
+
+    Raises UsageError for an unknown effect or parameter, ConfigError for a
+    value out of its bounds.
+    """
+    return extended(p, (applied(effect(name), values),))
+
+
+def extended(p: Vehicle, more: Iterable[Applied]) -> Vehicle:
+    """The vehicle with more effects, all in the order in which they act, see ``place``."""
+    every = {a.name: a for a in (*p.effects, *more)}
+    return replace(p, effects=tuple(sorted(every.values(), key=lambda a: place(a.effect))))
+
+
+def place(of: Effect) -> tuple[int, bool, str]:
+    """Sort key: stage by stage from the command to the sensor; what comes late is late last.
+
+    So the same effects make the same car, whichever was named first.
+    """
+    late = any(isinstance(signal, Late) for signal in of.signals.values())
+    return STAGES.index(of.stage), late, of.name
+
+
+def parse(text: str) -> tuple[Applied, ...]:
+    """Effects from ``steering_lag:0.06,encoder_ring:missing=0.05:phase=0.2``.
+
+    Values without a name are in the order of the effect's parameters. Raises
+    UsageError for what it does not understand, ConfigError out of bounds.
+    """
+    return tuple(_parse_one(part.strip()) for part in text.split(",") if part.strip())
+
+
+def _parse_one(text: str) -> Applied:
+    name, *given = (part.strip() for part in text.split(":"))
+    of = effect(name)
+    values: dict[str, Value] = {}
+    for i, entry in enumerate(given):
+        key, equals, number = entry.rpartition("=")
+        if not equals and i < len(of.parameters):
+            key = of.parameters[i].name
+        try:
+            values[key.strip()] = float(number)
+        except ValueError as error:
+            raise _not_understood(of, text) from error
+    if not values or len(values) < len(given):
+        raise _not_understood(of, text)
+    return applied(of, values)
+
+
+def _not_understood(of: Effect, text: str) -> UsageError:
+    form = ":".join(f"{q.name}={q.sizes[1]:g}" for q in of.parameters)
+    return UsageError(f"an effect that cannot be read: {text!r}", found=text,
+                      expected=f"{of.name}:{form}",
+                      remedy=f"write {of.name}:{of.parameters[0].sizes[1]:g}")

@@ -1,0 +1,33 @@
+"""Centre of mass: it lies further forward or backward.
+
+    l_f - k, l_r + k, k > 0: forward. Loads of the axles follow where the tyres know
+    them; the paper's tyre forces were measured at that load and stay
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"body": {"l_f": p.body.l_f - k, "l_r": p.body.l_r + k}})
+
+
+EFFECT = Effect(
+    name="centre_of_mass",
+    title="has its weight further forward or backward than the model",
+    physics=(
+        "A battery that is put in the other way round moves it by a centimetre: the "
+        "moments of both axles change, and with them how willingly the car turns."),
+    stage="motion",
+    parameters=(Parameter("k", "m", -0.05, 0.05, sizes=(0.003, 0.006, 0.012)),),
+    confused_with=("front_grip", "mocap_offset_x", "yaw_inertia", "grip"),
+    experiment=(
+        "Weigh both axles on kitchen scales. Or circles at rising speed: the balance of "
+        "front and rear changes, where a marker in the wrong place shows in slow "
+        "circles already."),
+    vehicle=vehicle,
+)

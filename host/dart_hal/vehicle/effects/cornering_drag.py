@@ -1,0 +1,40 @@
+"""Cornering drag: turned wheels slow the car.
+
+    F_x = -k |delta| tanh(v_x / 0.3 m/s)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+SLOW = 0.3  # m/s
+
+
+def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    def hook(q: Forces) -> Forces:
+        turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
+        return q._replace(f_x=q.f_x - k * turned * f.tanh(q.v_x / SLOW))
+
+    return hook
+
+
+EFFECT = Effect(
+    name="cornering_drag",
+    title="loses speed with turned wheels more than the model",
+    physics=(
+        "Wheels that do not follow one circle scrub over the floor, and the joints of "
+        "the drive shafts resist at an angle: a force against the motion in proportion "
+        "to the steering angle."),
+    stage="force",
+    parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0)),),
+    confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),
+    experiment=(
+        "Coasting on circles of several radii from low speed, and straight beside them: "
+        "the loss depends on the angle even when the car is slow and the tyres do not "
+        "slip."),
+    force=force,
+)

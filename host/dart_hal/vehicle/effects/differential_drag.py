@@ -1,0 +1,39 @@
+"""Differential drag: wheels that cannot turn at different speeds resist a curve.
+
+    M_z = -k omega / max(|v_x|, 0.3 m/s)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+SLOW = 0.3  # m/s
+
+
+def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    def hook(q: Forces) -> Forces:
+        curvature = q.omega / f.fmax(f.fabs(q.v_x), SLOW)
+        return q._replace(m_z=q.m_z - k * curvature)
+
+    return hook
+
+
+EFFECT = Effect(
+    name="differential_drag",
+    title="resists being turned more than the model",
+    physics=(
+        "A locked or stiff differential drives inner and outer wheel alike; they slip "
+        "against each other in a curve, which makes a moment against it that depends on "
+        "the radius and not on the speed."),
+    stage="force",
+    parameters=(Parameter("k", "N m2", 0.0, 0.5, sizes=(0.01, 0.02, 0.04)),),
+    confused_with=("yaw_damping", "cornering_drag", "steering_gain", "front_grip"),
+    experiment=(
+        "Circles of the same command from walking pace to fast: this moment widens the "
+        "slow circle as well, where damping and grip leave it alone."),
+    force=force,
+)

@@ -1,0 +1,58 @@
+"""Ring of the encoder: marks that are missing, counted twice or unevenly spaced.
+
+The reading is a mean over the last 0.1 s. With the density of marks
+
+    1 + uneven cos(2 pi u) - [1 where the first ``missing`` of a turn goes by]
+
+at u turns of the gear, the mean is the difference of its integral at both ends
+of the window over the turns in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+WINDOW = 0.1  # s
+METRES_PER_TURN = 2.0 * math.pi * 11.0 / 39.0 * 0.0233
+FEWEST = 1e-3  # turns in a window
+
+
+def ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
+         phase: Value) -> Callable[[Value, Now], Value]:
+    def passed(u: Value) -> Value:
+        whole = f.floor(u)
+        gap = whole * missing + f.fmax(whole - u, f.fmin(u - whole, missing))
+        return uneven * f.sin(2.0 * math.pi * u) / (2.0 * math.pi) - gap
+
+    def signal(v: Value, now: Now) -> Value:
+        turned = f.fmax(f.fabs(v) * (WINDOW / METRES_PER_TURN), FEWEST)
+        end = now.turns + phase
+        return v * (1.0 + (passed(end) - passed(end - turned)) / turned)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="encoder_ring",
+    title="has an encoder ring with bad marks",
+    physics=(
+        "A mark that fell off or is dirty leaves a gap in every turn of the gear, one "
+        "that bounces counts twice, and a ring off centre has its marks closer on one "
+        "side. The speed ripples with the angle of the gear, and a gap lowers its mean."),
+    stage="measurement",
+    parameters=(
+        Parameter("missing", "turn", -0.3, 0.5, sizes=(0.05, 0.1, 0.2)),
+        Parameter("uneven", "relative", -0.5, 0.5, sizes=(0.05, 0.1, 0.2)),
+        Parameter("phase", "turn", -0.5, 0.5, sizes=(0.125, 0.25, 0.5), per_recording=True)),
+    confused_with=("encoder_scale",),
+    experiment=(
+        "Roll slowly and steadily, below 0.4 m/s, where a window of 0.1 s holds less "
+        "than a turn: the ripple shows the ring mark by mark (dart-hal calibrate "
+        "encoder)."),
+    signals={"wheel": Static(ring)},
+)

@@ -1,0 +1,35 @@
+"""Scale of the encoder: metres per mark are not what was entered.
+
+    reading = (1 + k) v
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v * (1.0 + k)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="encoder_scale",
+    title="has an encoder that reads too much or too little",
+    physics=(
+        "Wheel radius under load, number of marks and gear ratio give metres per mark; "
+        "a worn tyre is 2 % smaller."),
+    stage="measurement",
+    parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.005, 0.015, 0.04)),),
+    confused_with=("encoder_slip", "encoder_ring"),
+    experiment=(
+        "Roll the car along a tape by hand: no drive force, so no slip; then drive it "
+        "and compare."),
+    signals={"wheel": Static(scaled)},
+)

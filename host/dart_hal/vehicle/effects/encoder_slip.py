@@ -1,0 +1,36 @@
+"""Slip of the driven wheels: they turn faster than the floor goes by.
+
+    reading = v (1 + k F / m), F: force of motor and friction at the wheels
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def slipping(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v * (1.0 + k * now.drive / p.body.mass)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="encoder_slip",
+    title="turns its wheels faster than it moves when it pulls",
+    physics=(
+        "A tyre transmits force only by slipping a little, in proportion to the force: "
+        "under drive the encoder sees more than the floor, under braking less."),
+    stage="measurement",
+    parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04)),),
+    confused_with=("encoder_scale", "encoder_latency"),
+    experiment=(
+        "Accelerate hard and coast on one straight: the error changes sign with the "
+        "force at the same speed; a latency goes with the change of speed as well, but "
+        "not with the speed itself."),
+    signals={"wheel": Static(slipping)},
+)

@@ -1,0 +1,38 @@
+"""Grip: the side forces of both axles are larger or smaller by the same share.
+
+    F_y times 1 + k, front and rear
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import AxleTyres, Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    t, factor = p.tyres, 1.0 + k
+    if isinstance(t, AxleTyres):
+        return unchecked(p, {"tyres": {"front_D": t.front_D * factor,
+                                       "rear_D": t.rear_D * factor}})
+    stiffness = t.rear_cornering_stiffness * factor
+    return unchecked(p, {"tyres": {"front_D": t.front_D * factor, "rear_max": t.rear_max * factor,
+                                   "rear_cornering_stiffness": stiffness}})
+
+
+EFFECT = Effect(
+    name="grip",
+    title="has more or less grip than the model",
+    physics=(
+        "Another floor, dust, or tyres that are worn, warm or cleaned: the same slip "
+        "gives another side force, at both axles."),
+    stage="force",
+    parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2)),),
+    confused_with=("front_grip", "roll_compliance", "yaw_inertia", "steering_gain"),
+    experiment=(
+        "Circles of the same command at rising speed to both sides, on this floor and "
+        "on another: less grip widens fast circles and leaves slow ones; less at the "
+        "front alone lets the rear hold its line."),
+    vehicle=vehicle,
+)

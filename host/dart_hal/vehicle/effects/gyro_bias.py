@@ -1,0 +1,33 @@
+"""Bias of the gyro.
+
+    reading = omega + k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def biased(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v + k
+
+    return signal
+
+
+EFFECT = Effect(
+    name="gyro_bias",
+    title="has a gyro that reads a turn at standstill",
+    physics=(
+        "The zero of a micromechanical gyro moves with temperature and from one "
+        "switching-on to the next."),
+    stage="measurement",
+    parameters=(Parameter("k", "rad/s", -0.3, 0.3, sizes=(0.005, 0.02, 0.05)),),
+    confused_with=("steering_trim", "gyro_scale", "lateral_pull"),
+    experiment="Stand still for ten seconds: whatever it reads is bias.",
+    signals={"gyro": Static(biased)},
+)

@@ -1,0 +1,35 @@
+"""Scale of the gyro.
+
+    reading = (1 + k) omega
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v * (1.0 + k)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="gyro_scale",
+    title="has a gyro that reads turns too large or too small",
+    physics=(
+        "The sensitivity of a micromechanical gyro is trimmed to a few percent at the "
+        "factory."),
+    stage="measurement",
+    parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.01, 0.03, 0.06)),),
+    confused_with=("steering_gain", "gyro_bias", "imu_pitch", "imu_roll"),
+    experiment=(
+        "Ten whole turns to each side by hand against a line on the floor; bias has the "
+        "same sign to both sides, scale has not."),
+    signals={"gyro": Static(scaled)},
+)

@@ -1,0 +1,38 @@
+"""Lever arm of the IMU: it sits ahead of the centre of mass.
+
+    a_x - k omega^2, a_y + k d(omega)/dt
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0] - k * now.omega * now.omega, v[1] + k * now.omega_dot
+
+    return signal
+
+
+EFFECT = Effect(
+    name="imu_lever_arm",
+    title="has an IMU away from its centre of mass",
+    physics=(
+        "Away from the centre of mass an accelerometer also feels the turning: outwards "
+        "with the square of its rate, sideways with its change. k is positive ahead of "
+        "the centre."),
+    stage="measurement",
+    parameters=(Parameter("k", "m", -0.2, 0.2, sizes=(0.02, 0.05, 0.1)),),
+    confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),
+    experiment=(
+        "Measure the place with a ruler. Or steady fast circles to both sides: a "
+        "forward acceleration of the same sign in both, which grows with the square of "
+        "the turning rate."),
+    signals={"accel": Static(accel)},
+)

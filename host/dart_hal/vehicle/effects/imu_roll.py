@@ -1,0 +1,44 @@
+"""Roll of the IMU: it is mounted with its left side up by an angle.
+
+    a_y cos k + g sin k: gravity leaks into the reading; omega cos k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import GRAVITY, Vehicle
+
+
+def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0], v[1] * f.cos(k) + GRAVITY * f.sin(k)
+
+    return signal
+
+
+def gyro(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v * f.cos(k)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="imu_roll",
+    title="has an IMU that is tilted to one side",
+    physics=(
+        "A board on foam tape or a bent plate is never level. One degree lets 0.17 m/s2 "
+        "of gravity into the side axis, as if the car were always in a curve. Positive: "
+        "left side up."),
+    stage="measurement",
+    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05)),),
+    confused_with=("road_slope_x", "road_slope_y", "imu_pitch"),
+    experiment=(
+        "Stand still, then turn the car by hand to the opposite heading and stand "
+        "again: a tilted IMU reads the same, a sloping floor the opposite."),
+    signals={"accel": Static(accel), "gyro": Static(gyro)},
+)

@@ -1,0 +1,37 @@
+"""Yaw of the IMU: its axes do not point along those of the car.
+
+    a_x cos k + a_y sin k, a_y cos k - a_x sin k, k > 0: turned to the left
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        c, s = f.cos(k), f.sin(k)
+        return v[0] * c + v[1] * s, v[1] * c - v[0] * s
+
+    return signal
+
+
+EFFECT = Effect(
+    name="imu_yaw",
+    title="has an IMU that is turned about the vertical",
+    physics=(
+        "A board that is glued on askew mixes forward and side acceleration. The gyro "
+        "does not notice."),
+    stage="measurement",
+    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1)),),
+    confused_with=("imu_lever_arm",),
+    experiment=(
+        "Accelerate and brake hard on a straight: a side acceleration that follows the "
+        "forward one shows the angle; a lever arm reads only while the car turns."),
+    signals={"accel": Static(accel)},
+)

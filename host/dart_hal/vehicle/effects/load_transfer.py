@@ -1,0 +1,41 @@
+"""Load transfer: acceleration presses the rear wheels and relieves the front.
+
+    F_yf (1 - k a_x / g), F_yr (1 + k a_x / g)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import GRAVITY, Vehicle
+
+
+def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    per_mass = 1.0 / p.body.mass
+
+    def hook(q: Forces) -> Forces:
+        a_x = (q.f_xr + q.f_xf * q.cos_d - q.f_yf * q.sin_d + q.f_x) * per_mass
+        share = k * a_x / GRAVITY
+        return q._replace(f_yf=q.f_yf * f.fmax(0.0, 1.0 - share),
+                          f_yr=q.f_yr * f.fmax(0.0, 1.0 + share))
+
+    return hook
+
+
+EFFECT = Effect(
+    name="load_transfer",
+    title="shifts grip between its axles when it speeds up or slows down",
+    physics=(
+        "The centre of mass is above the floor: a_x m h / l of load moves between the "
+        "axles, and side force goes with load. k is the height over half the wheelbase, "
+        "nearly."),
+    stage="force",
+    parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.4, 0.8)),),
+    confused_with=("combined_slip", "front_grip", "yaw_damping"),
+    experiment=(
+        "The same circle with hard acceleration and with coasting, through the same "
+        "speed: the front pushes wide in one and turns in during the other."),
+    force=force,
+)

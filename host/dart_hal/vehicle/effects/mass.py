@@ -1,0 +1,32 @@
+"""Mass: the car is heavier or lighter.
+
+    m (1 + k). Loads of the axles follow where the tyres know them; the paper's
+    tyre forces, and friction, were measured as forces and stay
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"body": {"mass": p.body.mass * (1.0 + k)}})
+
+
+EFFECT = Effect(
+    name="mass",
+    title="is heavier or lighter than the model",
+    physics=(
+        "A battery, a sensor or a mast that was not on the scales: all forces "
+        "accelerate it less."),
+    stage="motion",
+    parameters=(Parameter("k", "relative", -0.4, 1.0, sizes=(0.05, 0.1, 0.2)),),
+    confused_with=("motor_gain", "rolling_resistance", "grip", "throttle_lag"),
+    experiment=(
+        "Put the car on kitchen scales. Or coast and accelerate on one straight: mass "
+        "changes both by the same share, the motor only one."),
+    vehicle=vehicle,
+)

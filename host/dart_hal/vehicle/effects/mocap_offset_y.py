@@ -1,0 +1,37 @@
+"""Offset of the marker across the car.
+
+    x - k sin(yaw), y + k cos(yaw), k > 0: to the left of where it was thought
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def pose(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0] - k * f.sin(v[2]), v[1] + k * f.cos(v[2]), v[2]
+
+    return signal
+
+
+EFFECT = Effect(
+    name="mocap_offset_y",
+    title="carries its marker further left or right than was measured",
+    physics=(
+        "A marker off the middle of the car goes faster in a curve to the other side: "
+        "forward speed seems to change with the turning rate."),
+    stage="measurement",
+    parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02)),),
+    confused_with=("mocap_offset_x", "cornering_drag"),
+    experiment=(
+        "Slow circles to the left and to the right against the encoder: the speed of "
+        "the pose is too small on one side and too large on the other, where drag is "
+        "the same on both."),
+    signals={"pose": Static(pose)},
+)

@@ -1,0 +1,36 @@
+"""Yaw of the marker: its axes are turned against those of the car.
+
+    yaw + k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def pose(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0], v[1], v[2] + k
+
+    return signal
+
+
+EFFECT = Effect(
+    name="mocap_yaw",
+    title="carries its marker turned about the vertical",
+    physics=(
+        "The axes of a marker are those in which it was registered. Driving straight "
+        "ahead then looks like drifting sideways, in proportion to speed."),
+    stage="measurement",
+    parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03)),),
+    confused_with=("steering_trim", "lateral_pull"),
+    experiment=(
+        "Straight drives forwards and in reverse: the side velocity changes its sign "
+        "with the speed and none of it turns the car, where a trim does."),
+    signals={"pose": Static(pose)},
+)

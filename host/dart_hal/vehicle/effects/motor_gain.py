@@ -1,0 +1,34 @@
+"""Motor gain: all forces of the motor are larger or smaller by the same share.
+
+    F_m = (1 + k) (d - e v) T(tau), a level for each recording
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"motor": {"d": p.motor.d * (1.0 + k), "e": p.motor.e * (1.0 + k)}})
+
+
+EFFECT = Effect(
+    name="motor_gain",
+    title="has a stronger or weaker motor than the model",
+    physics=(
+        "Force goes with the voltage of the battery: full or half empty is a difference "
+        "of 15 %. It is a property of a drive and not of the car."),
+    stage="actuator",
+    parameters=(
+        Parameter("k", "relative", -0.5, 0.5, sizes=(0.03, 0.08, 0.15), per_recording=True),),
+    confused_with=(
+        "battery_fade", "quadratic_drag", "rolling_resistance", "mass", "motor_deadband"),
+    experiment=(
+        "Throttle steps from standstill and coasting down on the same straight, with a "
+        "full and with a half empty battery: a weak motor leaves coasting unchanged, "
+        "drag and mass do not."),
+    vehicle=vehicle,
+)

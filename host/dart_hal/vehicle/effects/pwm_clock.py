@@ -1,0 +1,48 @@
+"""PWM clock: all pulses are longer or shorter by the same factor.
+
+    pulse = (1 + k) (1500 us + span command), so u = command + k (command + 1500 us / span)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+NEUTRAL_US = 1500.0
+SPAN_US = 375.0, 450.0  # pulse for a command of 1: steering, throttle
+
+
+def stretched(k: Value, span: float) -> Callable[[Value, Now], Value]:
+    def signal(v: Value, now: Now) -> Value:
+        return v + k * (v + NEUTRAL_US / span)
+
+    return signal
+
+
+def steering(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    return stretched(k, SPAN_US[0])
+
+
+def throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+    return stretched(k, SPAN_US[1])
+
+
+EFFECT = Effect(
+    name="pwm_clock",
+    title="gets pulses that are too long or too short",
+    physics=(
+        "The PCA9685 counts an RC oscillator of 25 MHz +- 4 %. Slow, it stretches every "
+        "pulse: the neutral of the servo moves to the left and that of the motor "
+        "forwards, together."),
+    stage="command",
+    parameters=(Parameter("k", "relative", -0.05, 0.05, sizes=(0.002, 0.005, 0.01)),),
+    confused_with=("steering_trim", "motor_deadband", "motor_gain"),
+    experiment=(
+        "Straight drives with two levels of throttle: the clock moves trim and dead "
+        "band together, in the ratio 375 to 450; a counter on the PWM pin shows it at "
+        "once (dart-hal calibrate clock)."),
+    signals={"steering": Static(steering), "throttle": Static(throttle)},
+)

@@ -1,0 +1,49 @@
+"""Slope of the floor along x of the room.
+
+    acceleration k along x of the room, k = g times the slope, k > 0: down towards +x;
+    an accelerometer does not feel what gravity does, so it reads k less
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Forces, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    weight = p.body.mass * k
+
+    def hook(q: Forces) -> Forces:
+        return q._replace(f_x=q.f_x + weight * f.cos(q.eta),
+                          f_y=q.f_y - weight * f.sin(q.eta))
+
+    return hook
+
+
+def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0] - k * f.cos(now.yaw), v[1] + k * f.sin(now.yaw)
+
+    return signal
+
+
+EFFECT = Effect(
+    name="road_slope_x",
+    title="is drawn along x of the room",
+    physics=(
+        "A floor is never level: one centimetre over a metre is 0.1 m/s2, about a "
+        "tenth of the friction. The pull keeps its direction in the room while the "
+        "car turns."),
+    stage="force",
+    parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2)),),
+    confused_with=("road_slope_y", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),
+    experiment=(
+        "The same straight drive in four directions of the room, or slow circles: the "
+        "error turns with the heading, where a cause in the car turns with the car."),
+    force=force,
+    signals={"accel": Static(accel)},
+)

@@ -1,0 +1,40 @@
+"""Steering backlash: play between servo and wheels.
+
+    angle stays within k/2 of what the linkage asks for, and moves only when pushed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Stateful
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def play(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
+        Callable[[Value], tuple[Value]], Callable[[Value, Now, Value], tuple[Value, Value]]]:
+    half = 0.5 * k
+
+    def step(v: Value, now: Now, held: Value) -> tuple[Value, Value]:
+        out = f.fmax(v - half, f.fmin(v + half, held))
+        return out, out
+
+    return lambda v: (v,), step
+
+
+EFFECT = Effect(
+    name="steering_backlash",
+    title="has play in its steering",
+    physics=(
+        "Pin and hole of every joint of the linkage, and the gears of the servo, leave "
+        "the wheels free within a small angle: coming from the left they stand further "
+        "left than coming from the right. k is the whole width."),
+    stage="actuator",
+    parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10)),),
+    confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay"),
+    experiment=(
+        "Circles of the same command reached from the left and from the right at "
+        "constant low speed: play gives two radii, a trim gives one."),
+    signals={"angle": Stateful(play)},
+)

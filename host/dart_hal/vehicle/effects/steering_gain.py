@@ -1,0 +1,33 @@
+"""Steering gain: all angles of the map are larger or smaller by the same share.
+
+    angle = (1 + k) map(s)
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"steering": {"a_left_rad": p.steering.a_left_rad * (1.0 + k),
+                                  "a_right_rad": p.steering.a_right_rad * (1.0 + k)}})
+
+
+EFFECT = Effect(
+    name="steering_gain",
+    title="turns its wheels further or less far than the model",
+    physics=(
+        "Length of the servo's horn and of the steering arms set the ratio of the "
+        "linkage; another hole of the horn changes it."),
+    stage="actuator",
+    parameters=(Parameter("k", "relative", -0.5, 0.5, sizes=(0.02, 0.05, 0.10)),),
+    confused_with=("front_grip", "grip", "steering_compliance", "gyro_scale"),
+    experiment=(
+        "Slow circles at several commands: without slip the radius shows the angle "
+        "alone; then the same circles faster, where grip and compliance change it and "
+        "the gain does not."),
+    vehicle=vehicle,
+)

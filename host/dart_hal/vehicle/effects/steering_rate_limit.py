@@ -1,0 +1,39 @@
+"""Steering rate limit: the servo turns no faster than its motor.
+
+    |ds/dt| <= 1/k, s the command that it has reached
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Stateful
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def limited(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
+        Callable[[Value], tuple[Value]], Callable[[Value, Now, Value], tuple[Value, Value]]]:
+    def step(v: Value, now: Now, reached: Value) -> tuple[Value, Value]:
+        way = v - reached
+        # what is left to go; 0 within one step's reach, so that no limit changes nothing
+        out = v - (way - way / f.fmax(1.0, f.fabs(way) * k / dt))
+        return out, out
+
+    return lambda v: (v,), step
+
+
+EFFECT = Effect(
+    name="steering_rate_limit",
+    title="turns its wheels no faster than a limit",
+    physics=(
+        "A servo has a top speed: large changes of the command take time in proportion, "
+        "small ones pass at once. A weak supply of the servo lowers it."),
+    stage="actuator",
+    parameters=(Parameter("k", "s", 0.0, 2.0, sizes=(0.125, 0.25, 0.5)),),
+    confused_with=("steering_lag", "steering_delay"),
+    experiment=(
+        "Steering steps of different size at constant speed: the time to arrive grows "
+        "with the size of the step, where a lag takes the same time for all."),
+    signals={"steering": Stateful(limited)},
+)

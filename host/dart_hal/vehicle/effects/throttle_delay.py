@@ -1,0 +1,32 @@
+"""Throttle delay: the command acts a fixed time later.
+
+    tau(t) = command(t - k)
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"delay": {"throttle_s": p.delay.throttle_s + k}})
+
+
+EFFECT = Effect(
+    name="throttle_delay",
+    title="answers the throttle later than the model, by a fixed time",
+    physics=(
+        "Commands wait for the next frame of the ESC, and its own filter waits for "
+        "several frames before it believes a change."),
+    stage="command",
+    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12)),),
+    confused_with=("throttle_lag", "mocap_latency", "clock_offset"),
+    experiment=(
+        "Throttle steps up and down on a straight: a delay shifts the start of the "
+        "acceleration, a lag rounds it; steering steps beside them, because late motion "
+        "capture delays those too."),
+    vehicle=vehicle,
+)

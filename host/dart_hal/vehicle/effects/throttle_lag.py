@@ -1,0 +1,31 @@
+"""Throttle lag: the force of the motor follows its command like a first-order filter.
+
+    tau' = (command - tau) / k, in addition to a lag that the model has (time constants add)
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"delay": {"throttle_lag_s": p.delay.throttle_lag_s + k}})
+
+
+EFFECT = Effect(
+    name="throttle_lag",
+    title="answers the throttle more slowly than the model",
+    physics=(
+        "The ESC ramps its duty cycle, the current rises against the motor's "
+        "inductance, shafts and gears wind up."),
+    stage="actuator",
+    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.04, 0.08, 0.16)),),
+    confused_with=("throttle_delay", "mass"),
+    experiment=(
+        "Throttle steps up and down on a straight: a lag rounds the start of the "
+        "acceleration, a delay shifts it, and mass changes its size."),
+    vehicle=vehicle,
+)

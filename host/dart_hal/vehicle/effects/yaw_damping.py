@@ -1,0 +1,36 @@
+"""Yaw damping: a moment against turning.
+
+    M_z = -k omega
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    def hook(q: Forces) -> Forces:
+        return q._replace(m_z=q.m_z - k * q.omega)
+
+    return hook
+
+
+EFFECT = Effect(
+    name="yaw_damping",
+    title="turns more lazily than the model",
+    physics=(
+        "Tyres have width and length and resist being twisted on the floor; what the "
+        "bicycle has as a point of contact damps the turning as well."),
+    stage="force",
+    parameters=(Parameter("k", "N m s", 0.0, 0.2, sizes=(0.003, 0.01, 0.03)),),
+    confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),
+    experiment=(
+        "Steering steps at several speeds: damping lowers the steady turning rate too, "
+        "inertia only its rise; the loss on a circle of one radius grows with speed, "
+        "where a stiff differential takes the same."),
+    force=force,
+)

@@ -1,0 +1,33 @@
+"""Inertia of yaw: the car resists changes of its turning rate more or less.
+
+    I_z (1 + k)
+"""
+
+from __future__ import annotations
+
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def vehicle(p: Vehicle, k: Value) -> Vehicle:
+    return unchecked(p, {"body": {"yaw_inertia": p.body.yaw_inertia * (1.0 + k)}})
+
+
+EFFECT = Effect(
+    name="yaw_inertia",
+    title="takes longer or less long to begin and end a turn than the model",
+    physics=(
+        "Nobody has measured it: published values are those of a rectangle and differ "
+        "by a third. Weight at the ends of the car counts with the square of its "
+        "distance."),
+    stage="motion",
+    parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2)),),
+    confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
+    experiment=(
+        "Fast changes of the steering at high speed, with the side velocity of the "
+        "body: inertia delays turning and not slipping, and leaves every steady circle "
+        "alone; a lag of the servo shows at low speed too."),
+    vehicle=vehicle,
+)

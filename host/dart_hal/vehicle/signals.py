@@ -1,0 +1,166 @@
+"""Signals on their way through the effects that change them: whole series, or tick by tick.
+
+A signal is an array or a float, or a tuple of them where a channel has several
+(accel, pose). ``through`` and ``Stepper`` give the same numbers. A vehicle
+without an effect on a channel gives back what it was given, itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.effect import Applied, Late, Now, Signal, Stateful
+from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
+from dart_hal.vehicle.parameters import Vehicle
+
+EXACT = 1e-9
+"""Samples; a time closer than that to a sample is at it."""
+
+
+def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
+    """A series behind the effects on its channel: an array (n,) or (n, lanes), or a tuple.
+
+    Sample i is at i * dt [s]; fields of ``now`` are numbers, (n,) or (n, lanes).
+    Where parameters of the vehicle are arrays (lanes,), so is the result (n,
+    lanes). Angles must not wrap round. Before the first sample it is held.
+    """
+    chain = signals(p, channel)
+    if not chain:
+        return signal
+    p = settled(p)
+    if lanes := _lanes(p):
+        now = Now(*(_in_lanes(field, lanes) for field in now))
+        signal = _each(lambda part: _in_lanes(part, lanes), signal)
+    for a, hook in chain:
+        signal = _series(p, a, hook, signal, now, dt)
+    return signal
+
+
+class Stepper:
+    """The same for one car in a simulator: called once every dt [s] with floats.
+
+    ``active``: whether any effect is on the channel. Raises UsageError for an
+    effect that would have to know the future.
+    """
+
+    def __init__(self, p: Vehicle, channel: str, dt: float) -> None:
+        chain = signals(p, channel)
+        self.active = bool(chain)
+        p = settled(p)
+        self._steps = [_stepper(p, a, hook, dt) for a, hook in chain]
+
+    def __call__(self, signal: Any, now: Now) -> Any:
+        """The signal behind the effects: a float or a tuple of floats."""
+        for step in self._steps:
+            signal = step(signal, now)
+        return signal
+
+
+def delayed(signal: Any, seconds: Any, dt: float) -> Any:
+    """The series ``seconds`` later, linear between samples, its ends held; also earlier.
+
+    signal (n,) or (n, lanes), or a tuple of them; seconds a number, or (lanes,).
+    """
+    return _each(lambda part: _delayed(np.asarray(part), seconds, dt), signal)
+
+
+def _series(p: Vehicle, a: Applied, hook: Signal, signal: Any, now: Now, dt: float) -> Any:
+    if isinstance(hook, Late):
+        return delayed(signal, hook.seconds(*a.values), dt)
+    if isinstance(hook, Stateful):
+        return _stateful(p, a, hook, signal, now, dt)
+    return hook.make(p, ARRAY, *a.values)(signal, now)
+
+
+def _stateful(p: Vehicle, a: Applied, hook: Stateful, signal: FloatArray, now: Now,
+              dt: float) -> FloatArray:
+    """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
+    single = signal.ndim == 1
+    first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
+    rows = signal.tolist() if single else signal
+    out = np.empty_like(signal, dtype=np.float64)
+    state: list[Any] = list(first(rows[0])) if len(rows) else []
+    fields = [np.ndim(field) > 0 for field in now]
+    for i, row in enumerate(rows):
+        here = Now(*(f[i] if many else f for f, many in zip(now, fields, strict=True)))
+        out[i], *state = step(row, here, *state)
+    return out
+
+
+def _delayed(series: FloatArray, seconds: Any, dt: float) -> FloatArray:
+    whole, share = _split(np.asarray(seconds, dtype=np.float64) / dt, ARRAY)
+    last = len(series) - 1
+    index = np.arange(len(series))
+    if series.ndim == 2:
+        index, whole = index[:, None], np.broadcast_to(whole, series.shape[1:])
+    late = index - whole.astype(np.int64)
+    here, before = (np.take_along_axis(series, np.clip(at, 0, last), axis=0)
+                    for at in (late, late - 1))
+    return np.asarray(here + share * (before - here))
+
+
+def _split(samples: Any, f: Namespace) -> tuple[Any, Any]:
+    """Whole samples of a delay, and the share of the next one."""
+    whole = f.floor(samples + EXACT)
+    return whole, f.fmax(0.0, samples - whole)
+
+
+def _stepper(p: Vehicle, a: Applied, hook: Signal, dt: float) -> Callable[[Any, Now], Any]:
+    if isinstance(hook, Late):
+        return _late(a, float(hook.seconds(*a.values)), dt)
+    if not isinstance(hook, Stateful):
+        return hook.make(p, SCALAR, *a.values)
+    first, step = hook.make(p, SCALAR, dt, *a.values)
+    memory: list[Any] = []
+
+    def advance(signal: Any, now: Now) -> Any:
+        out, *memory[:] = step(signal, now, *(memory or first(signal)))
+        return out
+
+    return advance
+
+
+def _late(a: Applied, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
+    """A ring of the last samples."""
+    whole, share = _split(seconds / dt, SCALAR)
+    if whole < 0:
+        raise UsageError(f"{a.name} of {seconds} s would need the future",
+                         found=f"{seconds} s", expected="0 s or more in a running car",
+                         remedy=f"give {a.name} another sign, or apply it to a recording")
+    size = math.floor(whole) + 2
+    ring: deque[Any] = deque(maxlen=size)
+
+    def step(signal: Any, now: Now) -> Any:
+        ring.extend([signal] * (1 if ring else size))
+        here, before = ring[1], ring[0]
+        if isinstance(signal, tuple):
+            return tuple(h + share * (b - h) for h, b in zip(here, before, strict=True))
+        return here + share * (before - here)
+
+    return step
+
+
+def _each(change: Callable[[Any], Any], signal: Any) -> Any:
+    return tuple(map(change, signal)) if isinstance(signal, tuple) else change(signal)
+
+
+def _lanes(p: Vehicle) -> int:
+    """Number of lanes of the arrays among the parameters, 0 without any."""
+    shapes = [np.shape(value(p, name)) for name in names(p)]
+    return max((shape[0] for shape in shapes if shape), default=0)
+
+
+def _in_lanes(series: Any, lanes: int) -> Any:
+    """(n,) as (n, lanes); numbers and what has lanes already as they are."""
+    if np.ndim(series) != 1:
+        return series
+    return np.repeat(np.asarray(series)[:, None], lanes, axis=1)
