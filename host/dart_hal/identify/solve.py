@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from dart_hal.types import FloatArray
 
-HUGE = 1e9
-"""A shift of a parameter that stands for "not told without this block"."""
+LEAST_FREE = 0.1
+"""Share of a residual that a block cannot have pulled away, however alone it is."""
 EDGE = 1e-6
 """Share of the interval at whose ends a parameter counts as stopped there."""
 
@@ -113,27 +113,35 @@ def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) 
     return covariance if prior else _confessed(covariance, s)
 
 
-def jackknife_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
-    """Covariance (k, k) from leaving out each of the independent blocks (n,), linearised.
+def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
+    """Covariance (k, k) by the sandwich with residuals corrected for the pull of their block.
 
-    The sandwich of ``block_covariance`` is too small with few blocks, or where
-    a few of them carry the fit, because residuals of a block that pulls the
-    fit to itself are small; here such a block is missed. With fewer than two
-    blocks: infinite.
+    With few blocks, or where a few of them carry the fit, ``block_covariance``
+    is too small: a block that pulls the fit to itself has small residuals. Here
+    each block's residuals are multiplied by (I - H_bb)^-1, H_bb its part of the
+    hat matrix: what they would be had the fit not seen that block (the
+    jackknife, "CR3" of Bell and McCaffrey), at most tenfold. With fewer than
+    two blocks: infinite.
     """
-    weighted = s.jacobian * s.weight[:, None]
-    hessian = weighted.T @ s.jacobian
+    k = s.jacobian.shape[1]
     labels = np.unique(block)
     if len(labels) < 2:
-        return np.full((s.jacobian.shape[1],) * 2, np.inf)
-    moves = []
+        return np.full((k, k), np.inf)
+    root = np.sqrt(s.weight)
+    jac, left = s.jacobian * root[:, None], s.residual * root
+    inverse = _inverse(jac.T @ jac)
+    value, vector = np.linalg.eigh(inverse)
+    half = vector * np.sqrt(np.maximum(value, 0.0))
+    meat = np.zeros((k, k))
     for label in labels:
         rows = block == label
-        rest = hessian - weighted[rows].T @ s.jacobian[rows]
-        with np.errstate(over="ignore", invalid="ignore"):  # a block that alone tells something
-            moves.append(_inverse(rest) @ (weighted[rows].T @ s.residual[rows]))
-    spread = np.clip(np.nan_to_num(np.array(moves), nan=HUGE), -HUGE, HUGE)
-    return _confessed((len(labels) - 1) / len(labels) * spread.T @ spread, s)
+        u, size, _ = np.linalg.svd(jac[rows] @ half, full_matrices=False)
+        pull = np.maximum(1.0 - size**2, LEAST_FREE)
+        corrected = left[rows] + u @ ((1.0 / pull - 1.0) * (u.T @ left[rows]))
+        score = jac[rows].T @ corrected
+        meat += np.outer(score, score)
+    share = (len(labels) - 1) / len(labels)
+    return _confessed(np.asarray(share * inverse @ meat @ inverse), s)
 
 
 def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray[np.int64]:

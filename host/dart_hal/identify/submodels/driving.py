@@ -20,6 +20,7 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 LEAST = 30  # samples: 3 s of straight driving
+SESSION = 100  # samples of a session beside others; of fewer, eight errors are not known
 COASTING, DRIVEN = 10, 30  # samples that a fit needs of each
 LEVEL = 0.03  # of throttle: closer levels are one
 TOLERANCE = 3.0  # standard errors
@@ -67,17 +68,30 @@ def drive(recordings: Sequence[Recording], reference: Reference | None, base: Ve
         return replace(everything, why_not=f"{everything.samples * WINDOW:.1f} s of {what}, at "
                                            f"least {LEAST * WINDOW:.0f} s needed")
     parts: dict[str, Straight] = {}
-    for session in dict.fromkeys(sessions):
-        some = [s for s, d in zip(series, sessions, strict=True) if d == session]
+    groups, small = _sessions(series, sessions)
+    for session, some in groups.items():
         fit = _fit(some, base, kilograms)
         if fit is not None:
             parts[session] = fit
     if not parts:
         return replace(everything, why_not="neither coasting nor a driven stretch long enough")
     fit, notes = combine(parts)
+    notes += [f"{name}: too little straight driving to be fitted apart, left out" for name in small]
     notes += _coasting_alone(series, base, kilograms, fit)
     return replace(everything, fit=fit.with_mass(kilograms, 0.0 if mass is None else mass.std),
                    notes=tuple(notes))
+
+
+def _sessions(series: Sequence[Speeds], names: Sequence[str]
+              ) -> tuple[dict[str, list[Speeds]], list[str]]:
+    """(recordings by session, names of sessions too small); all as one if none is large enough."""
+    groups: dict[str, list[Speeds]] = {}
+    for s, name in zip(series, names, strict=True):
+        groups.setdefault(name, []).append(s)
+    small = [n for n, some in groups.items() if sum(map(len, some)) < SESSION]
+    if len(small) == len(groups):
+        return {"all": list(series)}, []
+    return {n: some for n, some in groups.items() if n not in small}, small
 
 
 def _fit(series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight | None:

@@ -13,14 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.solve import Solution, collinearity, jackknife_covariance, least_squares
+from dart_hal.identify.solve import Solution, collinearity, least_squares, leverage_covariance
+from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.groups import cautions, groups_of
 from dart_hal.identify.submodels.paper_form import HIGH, LOW, PRIOR_STD, TYPICAL, curve
 from dart_hal.identify.submodels.report import UNITS, Ledger, untold
 from dart_hal.identify.submodels.samples import IntArray, Samples, concatenate
 from dart_hal.identify.submodels.slip import slip_of
 from dart_hal.identify.submodels.steady import MAX_LATERAL, SLOW, steady_samples
-from dart_hal.identify.submodels.stretches import MANY
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
@@ -83,18 +83,13 @@ def _solve(samples: Samples, square: FloatArray, kappa: float) -> Solution:
 
 def _covariance(s: Solution, samples: Samples, square: FloatArray, owner: IntArray,
                 kappa_std: float) -> FloatArray:
-    """(5, 5) from blocks of one held command, or of whole recordings if that is larger.
+    """(5, 5) from whole recordings, or from blocks of one held command.
 
     The rows of the prior are blocks of their own; what kappa's error does to
     the map is added.
     """
-    own = np.arange(5)
-    held = np.append(samples.block, samples.block.max() + 1 + own)
-    out = jackknife_covariance(s, held.astype(np.int64))
-    if len(np.unique(owner)) >= MANY:
-        whole = jackknife_covariance(s, np.append(owner, owner.max() + 1 + own).astype(np.int64))
-        if np.trace(whole / PRIOR_STD**2) > np.trace(out / PRIOR_STD**2):
-            out = whole
+    block = independent_blocks(owner, samples.block)
+    out = leverage_covariance(s, np.append(block, block.max() + 1 + np.arange(5)))
     delta = curve(s.x, samples.command)
     effect = np.append(-0.5 * square * np.sin(2.0 * delta), np.zeros(5))
     weighted = s.jacobian * s.weight[:, None]

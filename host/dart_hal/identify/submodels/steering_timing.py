@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, collinearity, jackknife_covariance, least_squares
-from dart_hal.identify.submodels.stretches import MANY
+from dart_hal.identify.solve import Solution, collinearity, least_squares, leverage_covariance
+from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.turning import Turning
 from dart_hal.recording.dart.model import IntArray
 from dart_hal.types import FloatArray
@@ -110,16 +110,17 @@ def _solve(residual: Callable[[FloatArray], FloatArray], start: list[float], blo
     k = len(start)
     solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope, robust=ROBUST,
                              tolerance=1e-5)
-    return solution, jackknife_covariance(solution, block)
+    return solution, leverage_covariance(solution, block)
 
 
 def _blocks(series: Sequence[Turning]) -> IntArray:
     """Whole recordings where there are 8 and more, else stretches of 2 s."""
-    parts, shift = [], 0
-    for i, s in enumerate(series):
-        parts.append(np.full(len(s.t), i) if len(series) >= MANY else s.block + shift)
+    fine, shift = [], 0
+    for s in series:
+        fine.append(s.block + shift)
         shift += int(s.block.max()) + 1
-    return np.concatenate(parts).astype(np.int64)
+    owner = np.repeat(np.arange(len(series)), [len(s.t) for s in series])
+    return independent_blocks(owner, np.concatenate(fine))
 
 
 def _notes(series: Sequence[Turning], total: tuple[Solution, FloatArray],

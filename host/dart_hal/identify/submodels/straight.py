@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.solve import collinearity, jackknife_covariance
+from dart_hal.identify.solve import collinearity, leverage_covariance
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.shooting import Predict, Problem, shoot
 from dart_hal.identify.submodels.speeds import Speeds
@@ -90,7 +90,7 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
     x = x0.copy()
     x[rows] = solution.x
     covariance = np.zeros((len(NAMES), len(NAMES)))
-    covariance[np.ix_(rows, rows)] = jackknife_covariance(solution, s.block)
+    covariance[np.ix_(rows, rows)] = leverage_covariance(solution, s.block)
     independent = np.ones(len(NAMES))
     independent[rows] = collinearity(solution)
     stopped = tuple(n for n, edge in zip(free, solution.at_bound, strict=True) if edge)

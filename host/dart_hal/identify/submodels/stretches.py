@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.identify.solve import blocks_of
+from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.speeds import Kernel, Speeds
 from dart_hal.recording.dart.model import IntArray
@@ -15,7 +16,6 @@ from dart_hal.types import FloatArray
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start
 SHORTEST = 4  # samples; of fewer the free start takes the most
-MANY = 8  # recordings from which on they are the blocks, else stretches of 2 s
 BLOCK = 2.0  # s
 
 
@@ -59,8 +59,7 @@ def cut(series: Sequence[Speeds]) -> Stretches:
     stretch = np.repeat(np.arange(len(pieces)), count)
     recording = np.array([p.series for p in pieces])[stretch]
     t = np.concatenate([p.t for p in pieces])
-    block = (recording if len(np.unique(recording)) >= MANY
-             else blocks_of(t, recording.astype(np.int64), BLOCK))
+    block = independent_blocks(recording, blocks_of(t, recording.astype(np.int64), BLOCK))
     node = np.concatenate([p.node for p in pieces])
     return Stretches(
         np.array([p.series for p in pieces]), np.array([p.start for p in pieces]),

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, jackknife_covariance, least_squares
-from dart_hal.identify.submodels.stretches import MANY
+from dart_hal.identify.solve import Solution, least_squares, leverage_covariance
+from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.tyre_forces import TyreForces, usable
 from dart_hal.recording.dart.model import BoolArray, IntArray
 from dart_hal.types import FloatArray
@@ -77,7 +77,7 @@ def fit_curves(parts: Sequence[TyreForces], shape: float | None) -> TyreFit:
         start = solution.x
     free = [0, 1, 2, 3] if shape is None else [0, 2, 3]
     covariance = np.zeros((4, 4))
-    covariance[np.ix_(free, free)] = jackknife_covariance(solution, problem.blocks())[:len(free),
+    covariance[np.ix_(free, free)] = leverage_covariance(solution, problem.blocks())[:len(free),
                                                                                   :len(free)]
     full = problem.full(solution.x)
     covariance += np.diag(np.where(np.arange(4) == 1, 0.0, SYSTEMATIC * full[:4])**2)
@@ -163,15 +163,16 @@ class _Problem:
 
     def blocks(self) -> IntArray:
         """Recordings where there are 8 and more, else stretches of 2 s; priors with theirs."""
-        label, shift = [], 0
-        for i, part in enumerate(self.parts):
-            label.append(np.full(len(part.rows), i) if len(self.parts) >= MANY
-                         else part.block + shift)
+        fine, shift = [], 0
+        for part in self.parts:
+            fine.append(part.block + shift)
             shift += int(part.block.max()) + 1
-        own = (np.arange(len(self.parts)) if len(self.parts) >= MANY
-               else shift + np.arange(len(self.parts)))
-        rear = [b[m] for b, m in zip(label, self.masks, strict=True)]
-        return np.concatenate([*label, *rear, own, own]).astype(np.int64)
+        size = [len(part.rows) for part in self.parts]
+        owner = np.repeat(np.arange(len(self.parts)), size)
+        block = independent_blocks(owner, np.concatenate(fine))
+        mask = np.concatenate(list(self.masks))
+        own = block.max() + 1 + np.arange(len(self.parts))
+        return np.concatenate([block, block[mask], own, own]).astype(np.int64)
 
     def gains(self, p: FloatArray) -> tuple[tuple[float, float], ...]:
         """Per recording (front, rear): slope of the measured force over the model's."""

@@ -64,8 +64,8 @@ def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base
         result, notes = _one(parts)
     else:
         result, notes = _many(enough)
-    notes = [_range(parts), *notes, "E held at 0; forces for the base's mass and yaw inertia, taken as exact; "
-             f"steering delayed by {car.delay.steering_s:.3f} s, lag "
+    notes = [_range(parts), *notes, "E held at 0; forces for the base's mass and yaw inertia, "
+             f"taken as exact; steering delayed by {car.delay.steering_s:.3f} s, lag "
              f"{car.delay.steering_lag_s:.3f} s"]
     return _fit(result, notes, time.process_time() - begin)
 
