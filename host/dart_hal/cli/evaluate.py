@@ -13,6 +13,7 @@ from dart_hal.errors import UsageError
 from dart_hal.identify.evaluation import Evaluation, evaluate, kinematic
 from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Reference
+from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -42,7 +43,7 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
     vehicle = find_model(model)[1]
     if plot is not None:
         _drawing().check_target(plot)
-    result = _run(kinematic(vehicle) if as_kinematic else vehicle, files, reference)
+    result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference)
     pictures = _drawing().draw(result, plot) if plot is not None else []
     if as_json:
         print_json({**result.to_json(), "plots": pictures})

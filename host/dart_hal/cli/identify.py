@@ -16,6 +16,7 @@ from dart_hal.errors import UsageError
 from dart_hal.identify.outcome import Outcome, as_paper, jointly, per_recording
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Reference
+from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -51,6 +52,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     a bound is said, and never written. Exit status 1: nothing could be identified.
     """
     _check(submodel, files, root, reference, joint)
+    files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
     start = _base(base, target)
