@@ -33,7 +33,7 @@ def _known(data: Any) -> Any:
     if isinstance(data, Mapping):
         inner = {key: _known(value) for key, value in data.items()}
         return {key: value for key, value in inner.items() if value is not None and value != {}}
-    return [_known(value) for value in data] if isinstance(data, list) else data
+    return [_known(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def dump(thing: msgspec.Struct) -> str:

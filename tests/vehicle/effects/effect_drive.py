@@ -79,3 +79,16 @@ def medium(of, size=1, sign=1.0):
 
 NAMES = tuple(catalogue())
 CARS = {"paper": PAPER, "upstream": UPSTREAM_2024}
+
+
+def noise(channel, n=60, lanes=(), seed=5):
+    """(signal, now) of a channel as arrays (n, *lanes): smooth enough to be a car's."""
+    draw = np.random.default_rng(seed)
+
+    def rows(count):
+        return np.cumsum(draw.normal(scale=0.08, size=(count, n, *lanes)), axis=1)
+
+    t = np.arange(n) * DT
+    now = Now(t, *rows(len(Now._fields) - 1))
+    several = {"accel": 2, "pose": 3}.get(channel)
+    return (tuple(rows(several)) if several else rows(1)[0]), now

@@ -1,0 +1,124 @@
+"""One definition, every namespace: floats, arrays, symbols, casadi and compiled kernels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_drive import CARS, DT, NAMES, medium
+
+from dart_hal.vehicle import PAPER, make_car_step, make_dynamic, make_motion_step, rollout, stack
+from dart_hal.vehicle.batch import car_rollout
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
+from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.namespace import SCALAR
+from dart_hal.vehicle.native.build import compiler
+from dart_hal.vehicle.native.model import DT as STEP
+from dart_hal.vehicle.native.model import form_of, trace
+from dart_hal.vehicle.native.trace import evaluate
+
+MOVING = [n for n in NAMES if catalogue()[n].force or catalogue()[n].vehicle]
+EVERY = pytest.mark.parametrize("name", MOVING)
+
+
+def cars_of(name, p=PAPER):
+    of = effect(name)
+    return [apply(p, name, **medium(of, size, sign)) for size in (1, 2) for sign in (1.0, -1.0)]
+
+
+def states(n=6, seed=1):
+    draw = np.random.default_rng(seed)
+    low = [-1, -1, -3, -0.5, -0.2, -2, -0.2, -0.5, 0.0, -0.8]
+    high = [1, 1, 3, 3.0, 0.2, 2, 0.5, 0.5, 0.5, 0.8]
+    return draw.uniform(low, high, (n, 10)).T
+
+
+def everything(p):
+    return extended(p, (applied(e, medium(e, 0)) for e in catalogue().values()))
+
+
+@EVERY
+@pytest.mark.parametrize("car", CARS)
+def test_floats_and_arrays_agree(name, car):
+    x = states()
+    for p in cars_of(name, CARS[car])[:2]:
+        many = np.array(make_car_step(p, np, DT)(*x))
+        one = np.array([make_car_step(p, math, DT)(*column) for column in x.T.tolist()]).T
+        assert np.abs(many - one).max() < 1e-12
+
+
+@EVERY
+def test_symbols_compute_the_same(name):
+    """No branch, no float(): parameters and states are symbols of a graph."""
+    p = cars_of(name)[0]
+    x = states(1)[:, 0].tolist()
+    traced = trace(form_of(p), "car", "rk4")
+    symbols = {n: min(value(p, n), 1e30) for n in names(p)}
+    symbols |= {STEP: DT, **dict(zip((*traced.states, *traced.inputs), x, strict=True))}
+    got = evaluate(traced.graph, traced.outputs, symbols, SCALAR)
+    assert got == pytest.approx(make_car_step(p, math, DT)(*x), rel=1e-12, abs=1e-12)
+
+
+@EVERY
+def test_casadi_computes_the_same(name):
+    casadi = pytest.importorskip("casadi")
+    p = settled(cars_of(name)[0])
+    held = (3.0, 0.8, 0.0, math.cos(0.2), math.sin(0.2))
+    x = casadi.SX.sym("x", 4)
+    rates = casadi.Function("rates", [x], [casadi.vertcat(*make_dynamic(p, casadi)(
+        x[0], x[1], x[2], x[3], *held))])
+    for at in ((0.4, 1.6, -0.05, 0.9), (0.0, 0.0, 0.0, 0.0), (2.0, -0.8, 0.1, -1.0)):
+        got = np.array(rates(at)).ravel()
+        assert got == pytest.approx(make_dynamic(p, math)(*at, *held), rel=1e-11, abs=1e-11)
+        slope = np.array(casadi.Function("j", [x], [casadi.jacobian(rates(x), x)])(at))
+        assert np.isfinite(slope).all(), "an optimiser can differentiate it, at rest as well"
+
+
+@EVERY
+def test_a_stack_is_its_cars(name):
+    cars = cars_of(name)
+    x = np.repeat(states(1), len(cars), axis=1)
+    together = np.array(make_car_step(stack(cars), np, DT)(*x))
+    alone = np.array([make_car_step(p, math, DT)(*column)
+                      for p, column in zip(cars, x.T.tolist(), strict=True)]).T
+    assert np.abs(together - alone).max() < 1e-12
+
+
+@pytest.mark.skipif(not compiler(), reason="no C compiler")
+def test_the_compiled_kernel_has_every_effect():
+    cars = [everything(PAPER), extended(PAPER, (applied(e, medium(e)) for e in
+                                                catalogue().values()))]
+    draw = np.random.default_rng(2)
+    start = states(2)[:6]
+    start[3] = 1.0, 2.0
+    inputs = draw.uniform(-0.3, 0.5, (2, 60, 2))
+    native, plain = (rollout(stack(cars), start, *inputs, engine=e) for e in ("native", "numpy"))
+    assert np.isfinite(plain).all()
+    assert np.abs(native - plain).max() < 1e-12
+    bare = rollout(PAPER, start, *inputs, engine="numpy")
+    assert np.abs(bare - plain).max() > 0.01
+
+
+def test_rollouts_with_actuators_have_them_too():
+    p = extended(PAPER, [applied(effect("steering_lag"), {"k": 0.1}),
+                         applied(effect("yaw_damping"), {"k": 0.02})])
+    start = np.zeros((8, 1))
+    start[3] = 1.5
+    commands = np.full((30, 1), 0.3), np.full((30, 1), 0.5)
+    got = car_rollout(p, start, *commands, engine="numpy")[-1, :, 0]
+    q = replace(PAPER, delay=replace(PAPER.delay, steering_lag_s=0.1))
+    step, state = make_car_step(apply(q, "yaw_damping", k=0.02), math, 0.01), start[:, 0].tolist()
+    for _ in range(30):
+        state = step(*state, 0.3, 0.5)
+    assert got == pytest.approx(state, abs=1e-12)
+
+
+def test_the_kinematic_car_has_what_is_not_a_force():
+    p = replace(PAPER, kind="kinematic")
+    x = (0.0, 0.0, 0.0, 1.5, 0.0, 0.0, 0.4, 0.2)
+    bare = make_motion_step(p, math)(*x)
+    assert make_motion_step(apply(p, "quadratic_drag", k=0.2), math)(*x)[3] < bare[3]
+    assert make_motion_step(apply(p, "yaw_damping", k=0.2), math)(*x) == bare
