@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from dart_hal.cli.effect_page import render_effects
 from dart_hal.cli.error_page import render_errors
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json
@@ -13,7 +14,7 @@ from dart_hal.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 
-ERRORS = "docs/errors.md"
+PAGES = {"docs/errors.md": render_errors, "docs/effects.md": render_effects}
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
 
 
@@ -36,10 +37,9 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
     """Print the frame table that Nano and host share."""
     if check:
         root = checkout()
-        page = root / ERRORS
         stale = emit.drift(root)
-        if not page.is_file() or page.read_text(encoding="utf-8") != render_errors():
-            stale.append(ERRORS)
+        stale += [name for name, render in PAGES.items() if not (root / name).is_file()
+                  or (root / name).read_text(encoding="utf-8") != render()]
         for path in stale:
             console.print(f"differs from the specification: {path}  (dart-hal wire --write)")
         if as_json:
@@ -47,7 +47,8 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
         return 1 if stale else 0
     if write:
         emit.write_all(checkout())
-        (checkout() / ERRORS).write_text(render_errors(), encoding="utf-8")
+        for name, render in PAGES.items():
+            (checkout() / name).write_text(render(), encoding="utf-8")
         console.print("header, docs and golden vectors are up to date")
         return 0
     if as_json:

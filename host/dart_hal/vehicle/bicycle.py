@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from dart_hal.vehicle.compose import Hook, force_hooks
+from dart_hal.vehicle.compose import Hook, force_hooks, settled
 from dart_hal.vehicle.effect import Forces
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor_gains
@@ -112,7 +112,7 @@ def make_acceleration(p: Vehicle, xp: Any = math,
     The same equations with the commands as they are named in the paper:
     throttle after the dead band of the ESC, road-wheel angle in rad.
     """
-    f = adapt(xp)
+    f, p = adapt(xp), settled(p)
     rates, gains = make_dynamic(p, f, slip), make_motor_gains(p.motor, f)
 
     def acceleration(vx: Value, vy: Value, om: Value, tau: Value,

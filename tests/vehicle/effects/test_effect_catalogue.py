@@ -6,10 +6,12 @@ import inspect
 from dataclasses import replace
 from importlib import import_module
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dart_hal.cli.effect_page import render_effects
 from dart_hal.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import CHANNELS, STAGES, Late
@@ -50,6 +52,12 @@ def test_an_effect_is_documented(of):
     assert set(of.confused_with) <= set(catalogue()) - {of.name}
     assert of.vehicle or of.force or of.signals
     assert set(of.signals) <= set(CHANNELS)
+
+
+def test_the_page_is_that_of_the_files():
+    page = Path(__file__).parents[3] / "docs" / "effects.md"
+    assert page.read_text(encoding="utf-8") == render_effects(), "dart-hal wire --write"
+    assert all(f"### {name}\n" in page.read_text(encoding="utf-8") for name in FIXED)
 
 
 @EVERY

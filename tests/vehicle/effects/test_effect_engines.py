@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from effect_drive import CARS, DT, NAMES, medium
 
-from dart_hal.vehicle import PAPER, make_car_step, make_dynamic, make_motion_step, rollout, stack
+from dart_hal.vehicle import (
+    PAPER,
+    make_acceleration,
+    make_car_step,
+    make_dynamic,
+    make_motion_step,
+    rollout,
+    stack,
+)
 from dart_hal.vehicle.batch import car_rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
@@ -114,6 +122,15 @@ def test_rollouts_with_actuators_have_them_too():
     for _ in range(30):
         state = step(*state, 0.3, 0.5)
     assert got == pytest.approx(state, abs=1e-12)
+
+
+def test_accelerations_have_effects_of_both_kinds():
+    x = (1.5, 0.05, 1.0, 0.3, 0.2)
+    p = extended(PAPER, [applied(effect("yaw_damping"), {"k": 0.02}),
+                         applied(effect("yaw_inertia"), {"k": 0.5})])
+    bare, got = make_acceleration(PAPER)(*x), make_acceleration(p)(*x)
+    moment = PAPER.body.yaw_inertia * bare[2] - 0.02 * x[2]
+    assert got[2] == pytest.approx(moment / (1.5 * PAPER.body.yaw_inertia), rel=1e-12)
 
 
 def test_the_kinematic_car_has_what_is_not_a_force():
