@@ -13,9 +13,10 @@ from effect_drive import CARS, DT, NAMES, drive, medium
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, make_car_step
 from dart_hal.vehicle.bicycle import make_dynamic
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import CHANNELS, Applied, Effect, Now, Parameter, Static
+from dart_hal.vehicle.effect import CHANNELS, Applied, Effect, Forces, Now, Parameter, Static
 from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
 from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.tyres import make_slip, make_tyres
 
@@ -220,6 +221,23 @@ def test_compliance_solves_its_own_equation(k, car):
             0.0, vx, vy, om, *held, math.cos(delta), math.sin(delta))
         rigid = make_dynamic(p, math)(0.0, vx, vy, om, *held, math.cos(delta), math.sin(delta))
         assert got[5] == pytest.approx(want[5], abs=share * abs(want[5] - rigid[5]))
+
+
+@pytest.mark.parametrize("car", CARS)
+def test_compliance_in_reverse_adds_slip_and_no_more_than_it_says(car):
+    p, draw = CARS[car], np.random.default_rng(6)
+    vx, vy, om, delta = draw.uniform([-3, -1, -6, -0.5], [3, 1, 6, 0.5], (20000, 4)).T
+    cd, sd = np.cos(delta), np.sin(delta)
+    alpha = make_slip(p.body, np, p.slip)(vx, vy, om, cd, sd)[0]
+    q = Forces(0.0, vx, vy, om, cd, sd, alpha, alpha, 0.0, 0.0,
+               make_tyres(p.tyres, p.body, np)[0](alpha), 0.0, 0.0, 0.0, 0.0)
+    got = effect("steering_compliance").force(p, ARRAY, 0.03)(q).alpha_f
+    ratio = got / alpha
+    forwards = vx * cd + (vy + p.body.l_f * om) * sd
+    assert (ratio > 0.0).all()
+    assert (ratio < 3.0).all()
+    assert (ratio[forwards > 0.3] < 1.0).all()
+    assert (ratio[forwards < -0.3] > 1.0).all()
 
 
 def test_no_force_of_the_rear_exceeds_its_limit():

@@ -2,9 +2,10 @@
 
     delta_true = delta - k F_yf
 
-F_yf depends on delta_true in turn. Five steps of the secant give it to two
-percent of the change, because the force of a tyre bends in one direction only.
-In reverse the force turns the wheels further; their slip then at most doubles.
+F_yf depends on delta_true in turn: alpha = alpha_rigid / (1 + k F(alpha) / alpha),
+three times, and what remains taken as a geometric series: right to a percent of
+the change. In reverse the force turns the wheels further; their slip then at
+most doubles.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dart_hal.vehicle.tyres import make_tyres
 
 ROLLING = 0.1  # m/s; slower than that it is neither forwards nor backwards
 NO_SLIP = 1e-8  # rad2
+NOTHING = 1e-16  # rad2
 
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
@@ -27,14 +29,23 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
         along = q.v_x * q.cos_d + (q.v_y + l_f * q.omega) * q.sin_d
         way = f.tanh(along / ROLLING)
-        alpha = q.alpha_f
-        for _ in range(5):
-            stiffness = front(alpha) * alpha / (alpha * alpha + NO_SLIP)
-            alpha = q.alpha_f / f.fmax(0.5, 1.0 + k * way * stiffness)
+        rigid = q.alpha_f
+
+        def given_way(alpha: Value, force: Value) -> Value:
+            stiffness = force * alpha / (alpha * alpha + NO_SLIP)
+            return rigid / f.fmax(0.5, 1.0 + k * way * stiffness)
+
+        before = front(rigid)
+        once = given_way(rigid, before)
+        twice = given_way(once, front(once))
+        thrice = given_way(twice, front(twice))
+        step, last = twice - once, thrice - twice
+        ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step + NOTHING)))
+        alpha = thrice + last * ratio / (1.0 - ratio)
         f_yf = front(alpha)
         c, s = f.cos(k * f_yf), f.sin(k * f_yf)
         return q._replace(cos_d=q.cos_d * c + q.sin_d * s, sin_d=q.sin_d * c - q.cos_d * s,
-                          alpha_f=alpha, f_yf=q.f_yf + (f_yf - front(q.alpha_f)))
+                          alpha_f=alpha, f_yf=q.f_yf + (f_yf - before))
 
     return hook
 
