@@ -18,7 +18,8 @@ from dart_hal.types import FloatArray
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
 """(parameters (P, k), starts (P, S)) -> readings (P, n), P variants at once."""
-MAX_STEPS = 60
+MAX_STEPS = 80
+QUIET = 1e-5  # share of the cost; twice a gain below it is the end: far below any standard error
 ROBUST = 3.0  # times the robust scatter: beyond it the loss grows linearly
 
 
@@ -88,7 +89,7 @@ def _descend(p: Problem, x: FloatArray, starts: FloatArray, robust: float
             continue
         gain = (cost - new_cost) / max(cost, 1e-300)
         x, starts, cost, damping = new_x, new_starts, new_cost, max(damping / 10.0, 1e-9)
-        quiet = quiet + 1 if gain < 1e-6 else 0
+        quiet = quiet + 1 if gain < QUIET else 0
         residual, jac, slope = _linearise(p, x, starts)
         if quiet == 2:
             converged = True

@@ -25,7 +25,7 @@ from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")
 LOW = np.array([0.05, 1.0, 0.0, 1.0, 0.0, -0.5, -0.15, 0.0])
 HIGH = np.array([10.0, 100.0, 5.0, 150.0, 50.0, 0.0, 0.4, 0.5])
-STEP = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.008, 0.008])
+STEP = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.002, 0.002])
 FORCE = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 """Which parameters scale with the mass."""
 
