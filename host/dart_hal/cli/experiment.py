@@ -152,9 +152,10 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
 def show(out: Path, drive: Drive, outcome: Outcome | None) -> None:
     """The fit beside the model before, and what there is to say about it."""
     if outcome is not None:
-        for name in outcome.fits:
-            console.print(_table(name, outcome))
-            for note in outcome.fits[name].notes:
+        for name, fit in outcome.fits.items():
+            if fit.n:  # else there is nothing but the values before
+                console.print(_table(name, outcome))
+            for note in fit.notes:
                 console.print(f"  {note}", style="dim", markup=False, highlight=False)
         if outcome.understeer is not None:
             console.print(str(outcome.understeer), markup=False, highlight=False)

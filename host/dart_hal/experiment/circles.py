@@ -12,7 +12,7 @@ from .floor import MARGIN, Floor, Place
 from .plans import Plan, Segment
 from .rehearsal import rehearse
 from .signals import Chirp, Constant, Levels, Ramp, Sine, random_steps
-from .track import straight_of
+from .track import TURN
 
 TOP = {"delay": 1.2, "tyres": 1.6}
 """m/s unless something else is asked for."""
@@ -48,13 +48,17 @@ def plan_circles(name: str, files: CarFiles, floor: Floor, speed: float | None) 
     top = speed if speed is not None else TOP[name]
     rehearsed, place, needed = _tried(name, files, floor, top)
     if not _fits(needed, floor):
-        slower = (0.1 * tenth for tenth in range(round(10.0 * top) - 1, 5, -1))
-        fits = next((v for v in slower if _fits(_tried(name, files, floor, v)[2], floor)), None)
-        raise ExperimentFailed(
-            f"a floor of {floor} is too small for the {name} test at {top:.1f} m/s",
-            found=f"{floor}", expected=f"{_up(needed.length)} m along the car and "
-            f"{_up(needed.width)} m across",
-            remedy="a larger floor" if fits is None else f"--speed {fits:.1f} fits on this floor")
+        slower = (0.1 * tenth for tenth in range(round(10.0 * top) - 2, 5, -2))
+        tries = ((v, _tried(name, files, floor, v)) for v in slower)
+        found = next(((v, t) for v, t in tries if _fits(t[2], floor)), None)
+        if found is None or speed is not None:
+            raise ExperimentFailed(
+                f"a floor of {floor} is too small for the {name} test at {top:.1f} m/s",
+                found=f"{floor}", expected=f"{_up(needed.length)} m along the car and "
+                f"{_up(needed.width)} m across",
+                remedy="a larger floor" if found is None
+                else f"--speed {found[0]:.1f} fits on this floor")
+        rehearsed, place, needed = found[1]
     spare = Place(place.behind + 0.5 * (floor.length - needed.length),
                   place.right + 0.5 * (floor.width - needed.width))
     return replace(rehearsed, floor=floor, place=spare)
@@ -62,8 +66,9 @@ def plan_circles(name: str, files: CarFiles, floor: Floor, speed: float | None) 
 
 def _tried(name: str, files: CarFiles, floor: Floor, top: float) -> tuple[Plan, Place, Floor]:
     """(the plan rehearsed in an open field, where the car stands, the floor it needs)."""
-    lane = min(LANE, max(straight_of(floor, oval=True), 0.5 * LANE)) if name == "delay" else 0.0
-    segments = [*_throttle_steps(top), *_delay(top)] if name == "delay" else _tyres(top)
+    longest = (floor.length - 2.0 * MARGIN) / OTHER_CARS - 2.0 * TURN
+    lane = min(LANE, max(longest - 0.1, 0.5 * LANE)) if name == "delay" else 0.0
+    segments = [*_throttle_steps(top, lane), *_delay(top)] if name == "delay" else _tyres(top)
     plan, drive = rehearse(Plan(
         name, tuple(segments), Floor(200.0, 200.0), Place(100.0, 100.0), top, lane=lane,
         oval=True, notes=TYRES_ON_BOARD if name == "tyres" else ()), files)
@@ -81,18 +86,18 @@ def _up(metres: float) -> str:
     return f"{math.ceil(10.0 * metres) / 10.0:.1f}"
 
 
-def _throttle_steps(top: float) -> list[Segment]:
+def _throttle_steps(top: float, lane: float) -> list[Segment]:
     """Up and down on the lanes: turning would brake the car, so that is done apart."""
     out: list[Segment] = []
-    for lane in range(LANES):
-        levels = STEPS[lane % 2:] + STEPS[:lane % 2]
+    for number in range(LANES):
+        levels = STEPS[number % 2:] + STEPS[:number % 2]
         out += [
-            Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.6 * LANE),
+            Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.6 * lane),
             Segment("throttle steps", 3.0, throttle=Levels(levels, HOLD), steering="lane",
                     top_speed=top, rolls_out=True, measured=True),
             Segment("rolling out", 8.0, steering="lane", until="standstill", measured=True),
         ]
-    return [*out, Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.9 * LANE),
+    return [*out, Segment("to the next lane", 60.0, speed=SLOW, until="room", room=0.9 * lane),
             Segment("rolling out", 8.0, steering="lane", until="standstill")]
 
 

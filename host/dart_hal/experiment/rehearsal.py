@@ -18,7 +18,7 @@ from dart_hal.vehicle.load import vehicle_of
 from .plans import Plan
 from .runner import Drive, run, with_figures
 
-SUB_STEPS = 10
+SUB_STEPS = 5
 LONGEST = 600.0
 """s: no experiment takes longer."""
 _WELL = Health(frozenset(), 0.005, 0.0, 0, 0, 5.0, 1e-4, "linear", (0, 3, 0, 0))

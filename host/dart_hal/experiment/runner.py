@@ -17,6 +17,7 @@ from dart_hal.vehicle.speed_law import SpeedLaw
 
 from .limits import Rolling
 from .plans import Plan, Segment
+from .signals import Ramp
 from .watch import Stopped, Watch, in_frame
 
 SOURCE = "experiment"
@@ -149,7 +150,7 @@ class Runner:
     def _throttle(self, segment: Segment, state: State, t: float) -> float:
         if segment.throttle is not None:
             level = segment.throttle(t) + (self._held if segment.relative else 0.0)
-            return self._whole(max(level, 0.0))
+            return max(level, 0.0) if isinstance(segment.throttle, Ramp) else self._whole(level)
         if segment.speed == 0.0:
             self._law.reset()
             self._held = 0.0
@@ -161,6 +162,7 @@ class Runner:
 
     def _whole(self, throttle: float) -> float:
         """The throttle nearest to it that is a whole count: no dithering between two."""
+        throttle = max(throttle, 0.0)
         pulse = round((self._neutral + self._span * throttle) / self._count) * self._count
         return (pulse - self._neutral) / self._span if throttle else 0.0
 

@@ -4,9 +4,9 @@ Steady turning at a held command gives atan(l omega / v) = delta - (alpha_f -
 alpha_r), where delta is the angle of the wheels, the same all along a ramp.
 The slip difference is fitted as K a + K3 a^3 + K7 a^7 of the lateral
 acceleration a = v omega, equal to the left and to the right: a line, its bend,
-and a front tyre that comes to its end. K = (m / l) (l_r / C_f - l_f /
-C_r) is one equation for two stiffnesses; v_y, which would part them, is not
-measured on board.
+and a front tyre that comes to its end. Its mean slope at small accelerations is
+the understeer gradient, for linear tyres (m / l) (l_r / C_f - l_f / C_r): one
+equation for two stiffnesses; v_y, which would part them, is not measured.
 """
 
 from __future__ import annotations
@@ -34,15 +34,18 @@ LEAST = 60
 """samples: 6 s of ramps."""
 FLOOR = 1e-3
 """rad, one sigma that any value of the slip difference has: ring, gyro bias, form."""
+SLOPE_FLOOR = 4e-4
+"""rad/(m/s2), the same for the slope."""
 POWERS = (1, 3, 7)
+GENTLE = (0.4, 1.2)
+"""m/s2 between which the slope is the understeer gradient: below no ramp begins."""
 
 
 @dataclass(frozen=True, slots=True)
 class Understeer:
-    """terms K, K3, K7 [rad/(m/s2)^power] with their covariance (3, 3); K is the gradient.
+    """terms K, K3, K7 [rad/(m/s2)^power] with their covariance (3, 3).
 
-    n samples up to ``lateral`` [m/s2], rmse [rad]; combination l_r/C_f - l_f/C_r
-    [m rad/N] with one sigma, from K and the car's mass.
+    n samples up to ``lateral`` [m/s2], rmse [rad]; scale: wheelbase by mass [m/kg].
     """
 
     terms: tuple[float, ...]
@@ -50,12 +53,20 @@ class Understeer:
     n: int
     lateral: float
     rmse: float
-    combination: tuple[float, float]
+    scale: float
 
     @property
     def gradient(self) -> Estimate:
-        """K, the slope at no lateral acceleration, + = understeer."""
-        return Estimate(self.terms[0], math.sqrt(float(self.covariance[0, 0])), "rad s2/m")
+        """Mean slope between GENTLE accelerations, + = understeer."""
+        low, high = GENTLE
+        g = np.array([high**power - low**power for power in POWERS]) / (high - low)
+        std = math.hypot(math.sqrt(float(g @ self.covariance @ g)), SLOPE_FLOOR)
+        return Estimate(float(g @ np.array(self.terms)), std, "rad s2/m")
+
+    @property
+    def combination(self) -> tuple[float, float]:
+        """(l_r/C_f - l_f/C_r, one sigma) [m rad/N] if the tyres were linear."""
+        return self.gradient.value * self.scale, self.gradient.std * self.scale
 
     def slip(self, lateral: float) -> tuple[float, float]:
         """(alpha_f - alpha_r, one sigma) [rad] at a lateral acceleration [m/s2]."""
@@ -108,8 +119,5 @@ def understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer
     block = np.arange(len(angle)) // BLOCK + 1000 * left
     covariance = block_covariance(found, block)[2:, 2:]
     top = float(lateral.max())
-    covariance = covariance + np.diag([(FLOOR / top**power) ** 2 for power in POWERS])
-    scale = files.config.geometry.wheelbase / mass
     return Understeer(tuple(float(v) for v in found.x[2:]), covariance, len(angle), top,
-                      found.rmse, (float(found.x[2]) * scale,
-                                   math.sqrt(float(covariance[0, 0])) * scale))
+                      found.rmse, wheelbase / mass)

@@ -1,0 +1,113 @@
+"""``dart-hal experiment`` as it is typed."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dart_hal.cli.main import main
+
+SIM = ["--url", "sim://?seed=3&nano=mock"]
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """``run(*args)`` -> (exit status, standard output, standard error), in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*args: str):
+        with pytest.raises(SystemExit) as ended:
+            main(["experiment", *args])
+        out = capsys.readouterr()
+        return ended.value.code, out.out, out.err
+    return call
+
+
+def test_json_is_one_object_with_fit_recording_and_values_before(run, tmp_path):
+    code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
+                         "--plot", "one.png")
+    told = json.loads(out)
+    assert code == 0
+    assert told["experiment"] == "tyres"
+    assert told["stopped"] is None
+    assert told["understeer"]["gradient"]["unit"] == "rad s2/m"
+    assert told["base"]["tyres"]["front_D"] == pytest.approx(2.9752, abs=1e-3)
+    assert "motion capture" in " ".join(told["notes"])
+    assert (tmp_path / "one.mcap").stat().st_size > 10_000
+    assert (tmp_path / "one.png").stat().st_size > 10_000
+    assert "5 m x 5 m" in err
+    assert "behind the rear axle" in err
+
+
+def test_too_small_a_floor_records_nothing(run, tmp_path):
+    code, out, _ = run("motor", *SIM, "--space", "4x3", "--out", "one.mcap", "--json")
+    assert code == 2
+    assert json.loads(out)["error"]["code"] == "D-EXP-01"
+    assert not (tmp_path / "one.mcap").exists()
+
+
+@pytest.mark.parametrize("args", [
+    ("battery", *SIM), ("friction", *SIM, "--space", "wide"), ("friction", *SIM, "--speed", "nan"),
+    ("friction", *SIM, "--mass", "1670"), ("friction", "--url", "sim://?seed=x")])
+def test_senseless_arguments_are_refused(run, args, tmp_path):
+    code, out, _ = run(*args, "--json")
+    assert code == 2
+    assert "error" in json.loads(out)
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
+    code, out, _ = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--no-fit", "--json")
+    assert code == 0
+    assert "fits" not in json.loads(out)
+    code, out, _ = run("tyres", "--url", "replay://one.mcap", "--space", "5", "--json")
+    assert code == 2
+    assert "identify" in json.loads(out)["error"]["try"]
+
+
+class NotSim:
+    """The backend of sim:// under another scheme: what a real car would be asked."""
+
+    def __init__(self, monkeypatch):
+        import dart_hal.cli.experiment as verb
+        from dart_hal.links.base import Url, open_backend
+
+        def opened(text: str):
+            backend = open_backend("sim://?seed=3&nano=mock")
+            backend.url = Url("serial:///dev/none", "serial", "/dev/none")
+            backend.workshop = None
+            return backend
+        monkeypatch.setattr(verb, "open_backend", opened)
+
+
+def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
+    NotSim(monkeypatch)
+    code, out, _ = run("tyres", "--url", "serial:///dev/none", "--json")
+    assert code == 2
+    assert "--space" in json.loads(out)["error"]["try"]
+    code, out, err = run("tyres", "--url", "serial:///dev/none", "--space", "5", "--json",
+                         "--out", "one.mcap")
+    assert code == 2
+    assert "nobody agreed" in json.loads(out)["error"]["what"]
+    assert "free floor" in err  # what was going to happen has been said
+    code, out, _ = run("tyres", "--url", "serial:///dev/none", "--space", "5", "--json", "--yes",
+                       "--mass", "1.65", "--out", "two.mcap")
+    assert code == 0  # that car is a simulation after all
+    assert json.loads(out)["mass_kg"] == {"value": 1.65, "std": 0.002}
+
+
+def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
+    import dart_hal.experiment.runner as runner
+    from dart_hal.experiment.rehearsal import PaperCar
+
+    def broken(self, *args):
+        if len(self._frames) > 300 and not isinstance(self._car, PaperCar):  # not the rehearsal
+            raise KeyboardInterrupt
+        return original(self, *args)
+    original = runner.Runner._steering
+    monkeypatch.setattr(runner.Runner, "_steering", broken)
+    code, _, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap")
+    assert code == 130
+    assert "one.mcap" in err
+    assert (tmp_path / "one.mcap").stat().st_size > 5_000

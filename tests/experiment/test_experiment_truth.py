@@ -1,0 +1,134 @@
+"""Experiments on hidden cars: the fits hold the truth within what they state.
+
+What is compared is what can be known (docs/experiments.md): throttle is the
+pulse of car.toml, forces hang on a scale of the workshop, speeds on the
+encoder's drawing, delays on the wait for a PWM frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dart_hal.experiment.circles import TYRE_STEERING
+from dart_hal.experiment.understeer import GENTLE
+
+WAIT = 0.0119
+"""s from a command to the end of its pulse: half a PWM frame in the mean, then 1.9 ms."""
+QUICK = "mock&model=kinematic&tick=10"
+"""A car without tyres, in ticks of 10 ms: half the time; the campaign has the whole one."""
+FAR = 3.0
+"""standard errors: one in 400 by chance; the campaign counts 90 % intervals."""
+
+
+def test_friction_of_a_hidden_car(experiment, misses, truth_of):
+    done = experiment("friction", 3)
+    assert not done.drive.stopped
+    assert done.fit.sound
+    away = misses(done.fit, truth_of(done.truth))
+    assert {"a", "c"} <= set(away)
+    assert all(abs(z) < FAR for z in away.values()), away
+    for name, most in (("a", 0.02), ("c", 0.05)):  # and the intervals are worth having
+        entry = done.fit.parameters[name]
+        assert entry.std < most * entry.value
+    assert abs(done.outcome.mass.value - done.truth.vehicle.body.mass) < 0.008
+
+
+def test_motor_of_a_hidden_car(experiment, misses, truth_of):
+    done = experiment("motor", 2, QUICK)
+    truth = truth_of(done.truth)
+    away = misses(done.fit, truth)
+    assert set(away) == {"d", "e", "g"}
+    assert all(abs(z) < FAR for z in away.values()), away
+    force = {}
+    for values in (truth, done.fit.values()):
+        force[id(values)] = [(values["d"] - values["e"] * v) * (tau + values["g"])
+                             for tau in (0.25, 0.3, 0.4) for v in (0.5, 1.5)]
+    one, other = force.values()
+    assert np.allclose(one, other, rtol=0.02)
+    # negative control: the model before is farther away than the fit's errors
+    assert any(abs(getattr(done.outcome.base.motor, n) - truth[n]) > FAR * e.std
+               for n, e in done.fit.parameters.items())
+
+
+def test_steering_of_a_hidden_car(experiment, misses, truth_of):
+    done = experiment("steering", 2)
+    away = misses(done.fit, truth_of(done.truth))
+    assert len(away) >= 3
+    assert all(abs(z) < FAR for z in away.values()), away
+
+
+def test_delay_of_a_hidden_car(experiment):
+    done = experiment("delay", 3, QUICK)
+    fit = done.fit
+    total = fit.parameters["throttle_s"].value + fit.parameters["throttle_lag_s"].value
+    assert total == pytest.approx(WAIT, abs=0.008)  # the hidden ESC has neither
+    steering = fit.parameters["steering_s"]
+    assert abs(steering.value - done.truth.servo.delay - WAIT) < FAR * steering.std
+    assert steering.std < 0.01
+    # the servo's limited rate shows as a lag: half the time of the mean step of the test
+    assert 0.01 < fit.parameters["steering_lag_s"].value < 0.05
+
+
+def test_understeer_of_a_hidden_car(experiment, true_slope):
+    done = experiment("tyres", 6)
+    told = done.outcome.understeer
+    slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+    assert abs(told.gradient.value - slope) < FAR * told.gradient.std
+    assert told.gradient.std < 0.0015
+    value, std = told.combination
+    ratio = done.truth.vehicle.body.wheelbase / done.truth.vehicle.body.mass
+    assert value == pytest.approx(told.gradient.value * ratio, rel=0.01)
+    assert std > 0.0
+    # the two axles each are not told, and nobody pretends they were
+    assert not any(e.identifiable for e in done.fit.parameters.values())
+    assert any("cannot be told apart" in note for note in done.fit.notes)
+
+
+@pytest.mark.emulator
+def test_understeer_through_the_real_firmware(experiment, true_slope):
+    done = experiment("tyres", 4, nano="avr")
+    told = done.outcome.understeer
+    slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+    assert abs(told.gradient.value - slope) < FAR * told.gradient.std
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["friction", "motor", "steering"])
+def test_ninety_per_cent_intervals_over_hidden_cars(name, experiment, misses, truth_of):
+    found: list[float] = []
+    for seed in range(1, 17):
+        done = experiment(name, seed)
+        assert not done.drive.stopped
+        found += list(misses(done.fit, truth_of(done.truth)).values())
+    inside = float(np.mean(np.abs(found) < 1.645))
+    # parameters of one fit go together, so 16 cars count, not 48 values
+    assert inside > 0.9 - 2.5 * math.sqrt(0.9 * 0.1 / 16), (name, inside)
+    assert np.sqrt(np.mean(np.square(found))) < 1.7
+
+
+@pytest.mark.slow
+def test_understeer_over_hidden_cars(experiment, true_slope):
+    away = []
+    for seed in range(1, 13):
+        done = experiment("tyres", seed)
+        told = done.outcome.understeer.gradient
+        slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+        away.append((told.value - slope) / told.std)
+    assert np.abs(away).max() < FAR
+    assert np.mean(np.abs(away) < 1.645) > 0.7
+
+
+@pytest.mark.slow
+def test_delay_over_hidden_cars(experiment):
+    away, totals = [], []
+    for seed in range(1, 11):
+        done = experiment("delay", seed)
+        steering = done.fit.parameters["steering_s"]
+        away.append((steering.value - done.truth.servo.delay - WAIT) / steering.std)
+        totals.append(done.fit.parameters["throttle_s"].value
+                      + done.fit.parameters["throttle_lag_s"].value)
+    assert np.abs(away).max() < FAR
+    assert np.allclose(totals, WAIT, atol=0.008)

@@ -1,0 +1,70 @@
+"""A run as a Recording: speeds without lag, commands where they were, at any rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.identify.runs import read_run
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+START, END = 3.0, 4.5
+
+
+@pytest.fixture(scope="module")
+def pulled(tmp_path_factory):
+    """(path, world): a pull of 1.5 s that rolls out, and the car it was driven by."""
+    folder = tmp_path_factory.mktemp("pull")
+    path, backend = folder / "pull.mcap", open_backend("sim://?seed=0&nano=mock")
+    world = world_of(backend)
+    with Car.over(backend, cars=folder, record=path) as car:
+        car.arm()
+        begin = None
+        for state in car.states(duration=6.0):
+            begin = state.t if begin is None else begin
+            pulls = START - 2.5 < state.t - begin < END - 2.5
+            car.drive(throttle=0.3 if pulls else 0.0)
+    return path, world
+
+
+@pytest.mark.parametrize("every", [1, 2, 5, 10])
+def test_speed_is_the_mean_of_the_step_and_not_older(pulled, every):
+    path, world = pulled
+    m = read_run(path, every).messages
+    window = 0.01 * every
+    true = np.array([(world.truth(t).distance - world.truth(t - window).distance) / window
+                     for t in m.t.tolist()])
+    moving = true > 0.3
+    assert moving.sum() > 100 // every
+    error = (m.speed - true)[moving]
+    slope = np.gradient(true, m.t)[moving]
+    lag = -float(error @ slope) / float(slope @ slope)
+    assert abs(lag) < 2e-3  # State.speed is 11 ms old and more
+    assert np.sqrt(np.mean(error**2)) < 0.012
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_neutral_is_zero_and_jumps_keep_their_time(pulled, every):
+    path, _ = pulled
+    fine, m = read_run(path, 1).messages, read_run(path, every).messages
+    pulls = m.throttle > 0.0
+    assert (m.throttle[~pulls] == 0.0).all()
+    assert np.abs(m.throttle[pulls] - 0.3).max() < (0.011 if every == 1 else 0.005)  # dithering
+    rise = fine.t[np.flatnonzero(np.diff(fine.throttle) > 0.1)]
+    fall = fine.t[np.flatnonzero(np.diff(fine.throttle) < -0.1)]
+    for times, sign in ((rise, 1.0), (fall, -1.0)):
+        found = np.flatnonzero(sign * np.diff(m.throttle) > 0.1)
+        assert len(found) == 1
+        assert m.t[found[0]] == pytest.approx(times[0], abs=1e-6)
+        assert m.t[found[0] + 1] - m.t[found[0]] < 0.015
+
+
+def test_thinning_changes_how_many_messages_not_what_they_say(pulled):
+    path, _ = pulled
+    coarse, fine = read_run(path).messages, read_run(path, 2).messages
+    assert len(fine) > 4 * len(coarse)
+    both = np.interp(coarse.t, fine.t, np.convolve(fine.speed, np.full(5, 0.2), mode="full")
+                     [:len(fine)])
+    assert np.abs(both - coarse.speed)[5:].max() < 0.08
