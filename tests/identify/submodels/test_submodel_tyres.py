@@ -105,7 +105,7 @@ def test_the_smoothing_is_what_the_derivative_sees():
 
 
 def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
-    """The same drive read as two days, one with half the mass: two floors, one honest interval."""
+    """Two days, the second with a room 1.3 times as large: two tyres, one honest interval."""
     first = ramps[0]
     later = [replace(r, mocap=replace(r.mocap, epoch=r.mocap.epoch + 86400.0,
                                       x=1.3 * r.mocap.x, y=1.3 * r.mocap.y)) for r in ramps[1]]
