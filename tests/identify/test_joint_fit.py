@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import RecordingError
-from dart_hal.identify.shooting import Problem, fit_jointly, shaped
-from dart_hal.identify.shooting.commands import delayed, lagged
+from dart_hal.identify.commands import actuated, delayed, lagged
+from dart_hal.identify.shooting import Problem, fit_jointly
 from dart_hal.identify.shooting.descent import descend
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
@@ -28,14 +28,15 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
     hold = 40
     throttle = np.repeat(rng.uniform(0.2, 0.32, n // hold + 1), hold)[:n]
     steering = np.repeat(rng.uniform(-0.9, 0.9, n // hold + 1), hold)[:n]
-    tau, delta = shaped(throttle, steering, vehicle)
+    t, unknown = np.arange(n) * 0.01, np.full(n, np.nan)
+    commands = Grid(t, *[unknown] * 6, throttle, steering, unknown, np.zeros(n, dtype=bool),
+                    SEP_24)
+    tau, delta = actuated(vehicle, commands, smooth=True)
     start = np.array([[0.0], [0.0], [0.0], [1.2], [0.0], [0.0]])
     states = rollout(vehicle, start, tau[:, None], delta[:, None])[:, :, 0]
     states = np.concatenate([start.T, states[:-1]])
     states[:, 3:] += rng.normal(size=(n, 3)) * noise
-    t = np.arange(n) * 0.01
-    return Grid(t, *states.T, throttle, steering, np.full(n, np.nan), np.zeros(n, dtype=bool),
-                SEP_24)
+    return Grid(t, *states.T, throttle, steering, unknown, commands.bad, SEP_24)
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +97,8 @@ def test_bad_samples_are_never_predicted():
 
 def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
     u = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    np.testing.assert_allclose(delayed(u, 0.02), [0, 0, 0, 0, 1, 1])
-    np.testing.assert_allclose(delayed(u, 0.005), [0, 0, 0.5, 1, 1, 1])
+    np.testing.assert_allclose(delayed(u, 0.02, smooth=True), [0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(delayed(u, 0.005, smooth=True), [0, 0, 0.5, 1, 1, 1])
     y, expected = u[0], []
     for i in range(len(u)):
         y = u[0] if i == 0 else y + (1.0 - np.exp(-0.01 / 0.03)) * (u[i - 1] - y)

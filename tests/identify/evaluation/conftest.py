@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dart_hal.identify.commands import actuated
 from dart_hal.identify.evaluation.cases import Case
-from dart_hal.identify.evaluation.commands import actuated
 from dart_hal.identify.evaluation.windows import find_windows
 from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout

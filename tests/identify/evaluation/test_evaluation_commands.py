@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.evaluation.commands import actuated, delayed, lagged
+from dart_hal.identify.commands import actuated, delayed, lagged
 from dart_hal.vehicle.effect import Applied, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering

@@ -9,7 +9,9 @@ import pytest
 from effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.shooting.commands import shaped
+from dart_hal.identify.commands import actuated
+from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
 from dart_hal.vehicle.effect import CHANNELS, Now
 from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse
@@ -226,6 +228,14 @@ def test_a_marker_turns_with_the_car():
 
 
 # commands of a recording
+
+def shaped(throttle, steering, p):
+    """Commands of a recording as the actuators of the vehicle have them."""
+    n = len(throttle)
+    unknown = np.full(n, np.nan)
+    return actuated(p, Grid(np.arange(n) * DT, *[unknown] * 6, throttle, steering, unknown,
+                            np.zeros(n, dtype=bool), SEP_24), smooth=True)
+
 
 def test_rollouts_of_recordings_see_the_effects_on_commands():
     t, throttle, steering = commands()

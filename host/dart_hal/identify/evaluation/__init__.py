@@ -9,8 +9,9 @@ rolls them out, ``errors`` and ``score`` judge, ``gains`` compares two models,
 
 from __future__ import annotations
 
+from dart_hal.identify.commands import actuated
+
 from .cases import Case, FileUse, Prepared, prepare, without
-from .commands import actuated
 from .compare import Gain, gain, gains
 from .prediction import (
     AT,

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from dart_hal.errors import UsageError
+from dart_hal.identify.commands import actuated
 from dart_hal.identify.plots import style
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case, short
-from .commands import actuated
 from .picture_limit import draw_limit
 from .prediction import CHANNELS, UNITS, states
 from .run import Evaluation

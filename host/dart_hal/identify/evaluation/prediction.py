@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dart_hal.identify.commands import actuated
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.model import IntArray
 from dart_hal.types import FloatArray
@@ -19,7 +20,6 @@ from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case
-from .commands import actuated
 from .windows import HORIZONS, LENGTH, SAMPLE
 
 LANES = 2048

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.identify.commands import actuated
 from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case
-from .commands import actuated
 from .compare import LEAST_BLOCKS, Gain, blocks, gain
 from .noslip import SPUN, slip_of
 from .prediction import (

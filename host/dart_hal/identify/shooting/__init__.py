@@ -8,9 +8,7 @@ fit; what two sub-models explain alike shows in the covariance.
 
 from __future__ import annotations
 
-from .commands import shaped
 from .fit import FREE, JointFit, fit_from_recordings, fit_jointly
 from .problem import CHANNELS, Problem
 
-__all__ = ["CHANNELS", "FREE", "JointFit", "Problem", "fit_from_recordings", "fit_jointly",
-           "shaped"]
+__all__ = ["CHANNELS", "FREE", "JointFit", "Problem", "fit_from_recordings", "fit_jointly"]

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
+from dart_hal.identify.commands import SAMPLE, actuated
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
-
-from .commands import SAMPLE, shaped
 
 CHANNELS = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "rad/s")
@@ -73,7 +72,7 @@ class Problem:
         rows = np.arange(samples)[:, None]
         for r, g in enumerate(self.grids):
             mine = self.owner == r
-            tau, delta = shaped(g.throttle, g.steering, p)
+            tau, delta = actuated(p, g, smooth=True)
             at = self.first[mine] + rows
             throttle[:, mine], angle[:, mine] = tau[at], delta[at]
         states = rollout(p, self.start, throttle, angle, at=[round(t / SAMPLE) for t in READ])
