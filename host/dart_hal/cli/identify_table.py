@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from dart_hal.identify.write import why_unsound
 
 PER_DEGREE = math.pi / 180.0
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
+NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap))")
+"""What differs from file to file in reasons that are the same."""
 MOST_FILES = 20
 """Files listed one by one; more are summed up by reason."""
 
@@ -57,7 +60,7 @@ def _files(outcome: Outcome) -> None:
         counts: dict[str, int] = {}
         for report in reports.values():
             for why in report.why:
-                kind = why.partition(":")[0]
+                kind = NUMBER.sub("N", why.partition(":")[0])
                 counts[kind] = counts.get(kind, 0) + 1
         lines = [f"  {why}: {count} file(s)" for why, count in counts.items()]
         lines.append("  (--json tells it file by file)")
