@@ -66,6 +66,30 @@ def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
     assert "identify" in json.loads(out)["error"]["try"]
 
 
+def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
+    from dart_hal.config import load_model
+    from dart_hal.config.model import plain
+    url = "sim://?seed=4&nano=mock&model=kinematic&tick=10"
+    code, out, _ = run("friction", "--url", url, "--space", "9x3", "--out", "one.mcap", "--json",
+                       "--out-model", "model.toml")
+    told = json.loads(out)
+    assert code == 0
+    assert told["model"] == "model.toml"
+    model = load_model(tmp_path / "model.toml")
+    assert plain(model.friction["a"]) == told["fits"]["friction"]["parameters"]["a"]["value"]
+    assert plain(model.body["mass"]) == told["mass_kg"]["value"]
+    assert plain(model.motor["d"]) == pytest.approx(28.8878, abs=1e-3)  # not this experiment's
+
+
+def test_nothing_is_told_so_no_model_is_written(run, tmp_path):
+    code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
+                         "--out-model", "model.toml")
+    assert code == 0
+    assert json.loads(out)["model"] is None
+    assert not (tmp_path / "model.toml").exists()
+    assert "not written: tyres" in err
+
+
 class NotSim:
     """The backend of sim:// under another scheme: what a real car would be asked."""
 

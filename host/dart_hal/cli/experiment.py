@@ -18,7 +18,7 @@ from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.handover import Outcome, fit_run, mass_of
+from dart_hal.experiment.handover import Outcome, fit_run, mass_of, write_model
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.plans import NAMES, Plan
 from dart_hal.experiment.plot import plot_drive
@@ -41,6 +41,8 @@ SIM_FLOOR = "10"
               help="the car on a kitchen scale, ready to drive (default: car.toml's, +- 2 %)")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="recording to write  [default: runs/SUBMODEL-TIME.mcap]")
+@click.option("--out-model", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="write what was told into this model.toml, beside what it holds already")
 @click.option("--waive", multiple=True, type=click.Choice(WAIVE),
               help="arm although this is missing")
 @click.option("--no-fit", is_flag=True, help="drive and record only")
@@ -49,13 +51,17 @@ SIM_FLOOR = "10"
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
 @json_option
 def command(submodel: str, url: str | None, car_name: str, cars: Path | None, space: str | None,
-            speed: float | None, mass: float | None, out: Path | None, waive: tuple[str, ...],
-            no_fit: bool, plot: Path | None, yes: bool, as_json: bool) -> None:
+            speed: float | None, mass: float | None, out: Path | None, out_model: Path | None,
+            waive: tuple[str, ...], no_fit: bool, plot: Path | None, yes: bool,
+            as_json: bool) -> None:
     """Drive the test for SUBMODEL on a free floor, record it, and fit it.
 
-    Nothing is written but the recording; `dart-hal identify` makes a model.toml of
-    one or several of them.
+    Nothing is written but the recording (and --out-model); `dart-hal identify`
+    makes a model.toml of one or several of them.
     """
+    if out_model is not None and no_fit:
+        raise UsageError("--no-fit leaves nothing to write", found="--no-fit --out-model",
+                         expected="one of them")
     out = out or Path("runs") / f"{submodel}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
     backend = open_backend(url or DEFAULT_URL)
     try:  # before anything is recorded or asked
@@ -74,10 +80,11 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     if plot is not None and drive.frames:
         plot_drive(drive, plot)
     outcome = None if no_fit else fit_run(out, submodel, files, weighed)
+    model = _model(outcome, files, out, out_model, submodel) if out_model and outcome else None
     if as_json:
-        print_json(to_json(source, out, plan, drive, outcome))
+        print_json({**to_json(source, out, plan, drive, outcome), "model": model})
     else:
-        show(out, drive, outcome)
+        show(out, drive, outcome, model)
     if drive.stopped:
         sys.exit(1)
 
@@ -129,6 +136,16 @@ def _drive(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
         raise
 
 
+def _model(outcome: Outcome, files: CarFiles, run: Path, target: Path, submodel: str
+           ) -> Path | None:
+    """The file that was written, None and the reason said when no fit is sound."""
+    typed = f"dart-hal experiment {submodel} --out {run} --out-model {target}"
+    written = write_model(outcome, files, run, target, typed)
+    for section, why in written.left_out.items():
+        console.print(f"not written: {section}: {why}", style="yellow", markup=False)
+    return target if written.sections else None
+
+
 def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome | None
             ) -> dict[str, Any]:
     """The object of ``--json``."""
@@ -149,7 +166,7 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
     return result
 
 
-def show(out: Path, drive: Drive, outcome: Outcome | None) -> None:
+def show(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -> None:
     """The fit beside the model before, and what there is to say about it."""
     if outcome is not None:
         for name, fit in outcome.fits.items():
@@ -161,7 +178,8 @@ def show(out: Path, drive: Drive, outcome: Outcome | None) -> None:
             console.print(str(outcome.understeer), markup=False, highlight=False)
     if drive.stopped:
         console.print(f"ended early: {drive.stopped}", style="yellow", markup=False)
-    console.print(f"recorded in {out}; nothing else was written", markup=False, highlight=False)
+    rest = f"model written: {model}" if model else "nothing else was written"
+    console.print(f"recorded in {out}; {rest}", markup=False, highlight=False)
 
 
 def _table(name: str, outcome: Outcome) -> Table:

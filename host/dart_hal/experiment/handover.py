@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dart_hal.config import CarFiles
+import msgspec
+
+from dart_hal.config import CarFiles, Quantity
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.runs import EVERY, read_run
 from dart_hal.identify.submodels import fit_submodels
+from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.links.base import Workshop
-from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
 from .scales import with_scales
 from .understeer import Understeer, understeer
 
-TIMING = 2
-"""Frames to a message where timing is the question: one PWM frame, the steps of the commands."""
+FRAMES = {"delay": 2}
+"""Frames to a message, else ten: where timing is the question, the PWM frame of the commands."""
 MASS_STD = 0.02
 """Relative std of a mass in car.toml that nobody has weighed for this experiment."""
 
@@ -69,8 +73,25 @@ def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Out
     Errors: RecordingError for a run that is too short or cannot be read.
     """
     base = vehicle_of(files.model)
-    recording = read_run(path, TIMING if name == "delay" else EVERY)
+    recording = read_run(path, FRAMES.get(name, EVERY))
     fits, reports = fit_submodels([recording], [name], base=base, mass=mass)
     told = understeer(recording, files, mass.value) if name == "tyres" else None
     return Outcome({n: with_scales(fit, files) for n, fit in fits.items()}, reports, base, mass,
                    told)
+
+
+def write_model(outcome: Outcome, files: CarFiles, run: Path, target: Path, command: str
+                ) -> Written:
+    """Put sound fits and the mass they hang on into ``target``, over what it holds already.
+
+    What it does not hold is the car's model.toml, else the paper's. Nothing is
+    written when no fit is sound. Errors: ConfigError, OSError.
+    """
+    start = find_model(target)[0] if target.exists() else files.model or find_model("paper")[0]
+    mass = Quantity(outcome.mass.value, outcome.mass.std)
+    start = msgspec.structs.replace(start, body={**start.body, "mass": mass})
+    source = Source({str(run): hashlib.sha256(run.read_bytes()).hexdigest()}, command,
+                    method="experiment")
+    written = model_from(outcome.fits, start, source)
+    write(written, target)
+    return written
