@@ -192,7 +192,7 @@ def test_wrong_requests_are_refused():
         rollout(PAPER, state, held, held, at=[6], engine="native")
     with pytest.raises(UsageError, match="no compiled kernel"):
         Batch(PAPER, 3, dtype=np.float16, engine="native")
-    with pytest.raises(ValueError, match="5 vehicles for 3 cars"):
+    with pytest.raises(UsageError, match="a vehicle for each car"):
         rollout(varied(PAPER, 5), state, held, held, engine="native")
 
 

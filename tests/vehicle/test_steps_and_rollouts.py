@@ -123,3 +123,37 @@ def test_wrong_names_and_values_are_refused():
         replace(PAPER, kind="holonomic")
     with pytest.raises(UsageError, match="no model is called"):
         find_model("papper")
+
+
+@pytest.mark.parametrize("engine", ["numpy", "auto"])
+def test_a_start_of_integers_is_not_cut_off(engine):
+    """Integers in, real numbers out: 0.2 m are not 0."""
+    start = np.zeros((6, 2), dtype=int)
+    start[3] = 1
+    throttle, angle = np.full((20, 2), 0.3), np.full((20, 2), 0.1)
+    got = rollout(PAPER, start, throttle, angle, at=[20], engine=engine)
+    assert got.dtype == np.float64
+    np.testing.assert_allclose(got, rollout(PAPER, start.astype(float), throttle, angle, at=[20],
+                                            engine=engine))
+    assert got[0, 0, 0] > 0.2
+
+
+@pytest.mark.parametrize("wrong", [
+    {"substeps": 0}, {"substeps": -1}, {"sample": 0.0}, {"sample": -0.01}, {"sample": math.nan},
+    {"at": [1.5]}, {"at": [21]}, {"at": [-1]}])
+@pytest.mark.parametrize("engine", ["numpy", "auto"])
+def test_a_rollout_that_makes_no_sense_is_refused(engine, wrong):
+    start, inputs = np.zeros((6, 2)), np.zeros((20, 2))
+    with pytest.raises(UsageError):
+        rollout(PAPER, start, inputs, inputs, engine=engine, **wrong)
+
+
+@pytest.mark.parametrize("engine", ["numpy", "auto"])
+def test_a_stack_of_another_size_is_refused(engine):
+    two = stack([PAPER, with_values(PAPER, {"body.mass": 2.0})])
+    with pytest.raises(UsageError, match="for each car"):
+        rollout(two, np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((5, 3)), engine=engine)
+    with pytest.raises(UsageError, match="for each car"):
+        Batch(two, 3, engine=engine)
+    with pytest.raises(UsageError, match="real numbers"):
+        Batch(PAPER, 3, dtype=int, engine=engine)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dart_hal.errors import UsageError
+from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile
 from dart_hal.vehicle.native.kernel import Kernel, make_native_step
@@ -39,8 +40,14 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
     every sample. p: one vehicle, or ``flat.stack`` of n. Raises UsageError
     when shapes do not fit.
     """
+    start, throttle, angle = (_floats(a) for a in (start, throttle, angle))
     wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
     check_shapes(start, throttle, angle, wanted)
+    _check_lanes(p, start.shape[1])
+    if not (sample > 0.0 and substeps >= 1):
+        raise UsageError("a rollout needs time to pass",
+                         found=f"{substeps} substep(s) in {sample} s",
+                         expected="at least one, in more than 0 s")
     kernel = prepare(p, "motion", sample / substeps, start.dtype, "rk4", engine)
     if kernel and _finite(start, throttle, angle):
         return kernel(start, throttle, angle, wanted, substeps)
@@ -57,8 +64,10 @@ def car_rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *,
     row of commands is held. Pure delays are the caller's. Raises UsageError
     when shapes do not fit.
     """
+    start, throttle, steering = (_floats(a) for a in (start, throttle, steering))
     wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
     check_shapes(start, throttle, steering, wanted, states=8)
+    _check_lanes(p, start.shape[1])
     kernel = prepare(p, "car", dt, start.dtype, method, engine)
     if kernel and _finite(start, throttle, steering):
         return kernel(start, throttle, steering, wanted)
@@ -102,9 +111,9 @@ def check_shapes(start: Array, first: Array, second: Array, at: Sequence[int],
         raise UsageError("shapes of a rollout do not fit",
                          found=f"start {start.shape}, inputs {first.shape}, {second.shape}",
                          expected=f"({states}, n), (samples, n), (samples, n)")
-    if any(not 0 <= k <= len(first) for k in at):
+    if any(not 0 <= k <= len(first) or k != int(k) for k in at):
         raise UsageError("a rollout cannot be read there", found=f"at = {list(at)}",
-                         expected=f"0 to {len(first)} samples")
+                         expected=f"whole numbers of 0 to {len(first)} samples")
 
 
 class Batch:
@@ -112,10 +121,15 @@ class Batch:
 
     p: one vehicle for all, or ``flat.stack`` of n; dt [s] of one step. Pure
     delays of the commands are the caller's. ``engine`` says what it runs on.
+    Raises UsageError for a stack of another size, or a dtype that is no float.
     """
 
     def __init__(self, p: Vehicle, n: int, dt: float = SAMPLE, dtype: DTypeLike = np.float32,
                  method: str = "rk4", engine: str = "auto") -> None:
+        if np.dtype(dtype).kind != "f":
+            raise UsageError("a state is of real numbers", found=f"dtype {np.dtype(dtype)}",
+                             expected="float64 or float32")
+        _check_lanes(p, n)
         self.state: Array = np.zeros((8, n), dtype=dtype)
         self._kernel = prepare(p, "car", dt, dtype, method, engine)
         self.engine = "native" if self._kernel else "numpy"
@@ -159,6 +173,19 @@ def _refuse(engine: str, why: CannotCompile) -> None:
     if engine == "native":
         raise UsageError("there is no compiled kernel for this vehicle", found=str(why),
                          remedy="install a C compiler (apt install gcc), or engine=\"numpy\"")
+
+
+def _floats(a: Array) -> Array:
+    """As an array of floats: integers would cut off what the states become."""
+    a = np.asarray(a)
+    return a if a.dtype.kind == "f" else a.astype(np.float64)
+
+
+def _check_lanes(p: Vehicle, n: int) -> None:
+    sizes = {np.shape(v) for name in names(p) if np.ndim(v := value(p, name))}
+    if sizes - {(n,)}:
+        raise UsageError("a stack has a vehicle for each car", found=f"{n} cars and parameters "
+                         f"of shapes {sorted(sizes)}", expected=f"({n},)")
 
 
 def _finite(*arrays: Array) -> bool:
