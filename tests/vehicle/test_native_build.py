@@ -132,12 +132,23 @@ exec {real} "$@"
 
 
 @needs_compiler
-def test_a_damaged_library_is_no_kernel(nothing_built):
+@needs_compiler
+def test_a_damaged_library_is_compiled_anew(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])
     broken = build.cache_folder() / f"{build.key(text, F64)}.so"
     broken.parent.mkdir(parents=True)
     broken.write_bytes(b"not a library")
-    with pytest.raises(CannotCompile, match="does not load"):
+    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+    assert broken.stat().st_size > 1000
+
+
+def test_a_damaged_library_without_a_compiler_is_no_kernel(nothing_built, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    text = source([body(trace(form_of(KINEMATIC), "motion"))])
+    broken = build.cache_folder() / f"{build.key(text, F64)}.so"
+    broken.parent.mkdir(parents=True)
+    broken.write_bytes(b"not a library")
+    with pytest.raises(CannotCompile, match="no C compiler"):
         kernel.Kernel(KINEMATIC, "motion", 0.01)
     assert Batch(KINEMATIC, 3).engine in ("native", "numpy")
 

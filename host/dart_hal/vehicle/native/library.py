@@ -47,8 +47,15 @@ def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
         path = build.BUILT / f"{build.key(committed, variant)}.so"
         if path.is_file():
             return _function(path, traced.name), "built with the package"
-    path = build.compile_kernel(source([text]), variant, build.cache_folder())
-    return _function(path, traced.name), "compiled on demand"
+    whole, folder = source([text]), build.cache_folder()
+    path = build.compile_kernel(whole, variant, folder)
+    try:
+        return _function(path, traced.name), "compiled on demand"
+    except build.CannotCompile:
+        # damaged since it was kept: once more, else it would never be used again
+        path.unlink(missing_ok=True)
+        return _function(build.compile_kernel(whole, variant, folder),
+                         traced.name), "compiled on demand"
 
 
 @lru_cache(maxsize=1)
