@@ -154,6 +154,37 @@ def test_a_model_file_is_taken_however_odd_its_car(verb, tmp_path):
         verb("evaluate", "--json", CIRCLE).json["ctrv"]["1.0"]["pooled"]["vy"], rel=0.05), "l_r"
 
 
+BODY = """schema = "dart-hal/model/1"
+name = "mine"
+kind = "dynamic"
+[body]
+wheelbase = 0.175
+l_f = 0.0805
+l_r = 0.0945
+mass = 1.67
+yaw_inertia = 0.0065
+"""
+
+
+def test_what_a_model_file_leaves_out_is_said(verb, tmp_path):
+    """Half a friction curve of one car and half of another's is no model of either."""
+    model = tmp_path / "model.toml"
+    model.write_text(BODY + "[friction]\na = 0.3\n")
+    said = " ".join(verb("evaluate", "--json", "--model", model, CIRCLE).err.split())
+    assert "does not say friction.b, friction.c, motor, steering, tyres: the paper's" in said
+    assert "does not say" not in verb("evaluate", "--json", "--model", "paper", CIRCLE).err
+
+
+@pytest.mark.parametrize("more", ["[load_transfer]\nk = -0.07\n", "[forms]\ntyres = 'axle'\n",
+                                  "[tyres]\nrear_E = -1.0\n"])
+def test_what_no_equation_knows_is_not_passed_over(verb, tmp_path, more):
+    model = tmp_path / "model.toml"
+    model.write_text(BODY + more)
+    ran = verb("evaluate", "--json", "--model", model, CIRCLE)
+    assert ran.code == 2
+    assert ran.error["code"] == "D-FILE-01"
+
+
 def test_pictures_one_file_or_a_folder(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE, "--plot", tmp_path / "a.png").json

@@ -8,12 +8,13 @@ from types import ModuleType
 import click
 
 from dart_hal.cli.options import REFERENCE, json_option
-from dart_hal.cli.output import print_json, progress_bar
+from dart_hal.cli.output import notices, print_json, progress_bar
 from dart_hal.errors import UsageError
 from dart_hal.identify.evaluation import Evaluation, evaluate, kinematic
 from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
+from dart_hal.vehicle.file import left_out
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -40,7 +41,10 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal evaluate --model paper FOLDER")
-    vehicle = find_model(model)[1]
+    file, vehicle = find_model(model)
+    assumed = left_out(file, vehicle)
+    if assumed:
+        notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
     if plot is not None:
         _drawing().check_target(plot)
     result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference)

@@ -24,8 +24,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "steering": ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"),
     "delay": ("steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s"),
     "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness", "rear_max",
-              "rear_D", "rear_C", "rear_B", "rear_E"),
-    "load_transfer": ("omega", "k"),
+              "rear_D", "rear_C", "rear_B"),
 }
 """Sections of model.toml and the parameters of each (units: see ``vehicle``)."""
 
@@ -47,7 +46,7 @@ class Covariance(Table, frozen=True):
 class ModelFile(Table, frozen=True, kw_only=True):
     """A vehicle model as a file: parameters by section, effects in their order.
 
-    ``forms`` names variants of the equations ("tyres": "axle", "slip": "wheel");
+    ``forms`` names variants of the equations: "slip", see ``vehicle.tyres.make_slip``;
     ``speed_loop`` gains of ``drive_speed``; ``provenance`` data hashes, command.
     """
 
@@ -60,7 +59,6 @@ class ModelFile(Table, frozen=True, kw_only=True):
     steering: Parameters = msgspec.field(default_factory=dict)
     delay: Parameters = msgspec.field(default_factory=dict)
     tyres: Parameters = msgspec.field(default_factory=dict)
-    load_transfer: Parameters = msgspec.field(default_factory=dict)
     forms: dict[str, str] = msgspec.field(default_factory=dict)
     speed_loop: dict[str, float] = msgspec.field(default_factory=dict)
     effects: tuple[EffectEntry, ...] = ()

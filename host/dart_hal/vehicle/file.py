@@ -36,6 +36,11 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     """
     groups = {name: _group(kind, name, model, getattr(base, name, None))
               for name, kind in GROUPS.items()}
+    others = sorted(set(model.forms) - {"slip"})
+    if others:
+        raise ConfigError(f"{model.name}: forms has what no equation knows: {', '.join(others)}",
+                          found=", ".join(model.forms), expected="slip",
+                          remedy="leave it out; tyres are by axle when they have rear_D")
     kind = AxleTyres if "rear_D" in model.tyres else PaperTyres
     old = getattr(base, "tyres", None)
     tyres = _group(kind, "tyres", model, old if isinstance(old, kind) else None)
@@ -61,6 +66,22 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
     return ModelFile(name=p.name, kind="kinematic" if p.kind == "kinematic" else "dynamic",
                      forms={"slip": p.slip}, effects=effects,
                      **sections)  # type: ignore[arg-type]
+
+
+def left_out(model: ModelFile, p: Vehicle) -> tuple[str, ...]:
+    """What of the vehicle ``p`` the file does not say: "group.key", "group" for all of it.
+
+    Without tyres of a kinematic model, and what is null by default.
+    """
+    out: list[str] = []
+    for group in SECTIONS:
+        if group == "tyres" and p.kind == "kinematic":
+            continue
+        needed = [f.name for f in fields(getattr(p, group))
+                  if "unit" in f.metadata and f.default is MISSING]
+        missing = [key for key in needed if key not in getattr(model, group)]
+        out += [group] if missing == needed and needed else [f"{group}.{k}" for k in missing]
+    return tuple(out)
 
 
 def _entries(model: ModelFile) -> dict[str, Parameter]:
