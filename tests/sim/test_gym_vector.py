@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import dart_hal.sim.gym
-from dart_hal.errors import UsageError
+from dart_hal.errors import BadCommand, UsageError
 from dart_hal.sim.gym import ENV_ID, DartCarVectorEnv
 from dart_hal.sim.light import RECORDED, Disturbance, LightConfig
 
@@ -137,3 +137,23 @@ def test_the_randomised_cars_of_a_vector_differ_and_stay_in_bounds():
     assert np.abs(masses).max() <= 0.1
     assert abs(masses.mean()) < 0.02
     assert masses.std() == pytest.approx(0.1 / np.sqrt(3), rel=0.15)
+
+
+@pytest.mark.parametrize("wrong", [np.full((3, 2), np.nan), np.zeros((3, 1)), np.zeros((3, 3)),
+                                   np.zeros((2, 2)), np.zeros(2)])
+def test_a_refused_action_leaves_no_trace(wrong):
+    """Neither the car nor the cost of the next change of commands knows of it."""
+    tried, other = make(3), make(3)
+    for env in (tried, other):
+        env.reset(seed=4)
+        env.step(actions(3, 0))
+    with pytest.raises(BadCommand):
+        tried.step(wrong)
+    for a, b in zip(tried.step(actions(3, 1))[:4], other.step(actions(3, 1))[:4], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, float("nan"), float("inf")])
+def test_time_must_pass(period):
+    with pytest.raises(UsageError, match="period"):
+        make(2, period=period)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -53,6 +54,9 @@ class GymConfig:
     randomise: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.period < math.inf:
+            raise UsageError("the period of the environment makes no sense",
+                             found=f"{self.period} s", expected="more than 0 s")
         steps_of(self.period, self.light.step, "the period of the environment")
         good = self.task in TASKS and self.light.sensors is not None and (
             self.light.dtype == "float64" and min(self.speed, self.half_width) > 0.0

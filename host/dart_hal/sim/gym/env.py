@@ -82,10 +82,15 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[
             Observation, float, bool, bool, dict[str, Any]]:
-        """Hold the action over one period. Raises BadCommand for NaN or infinity."""
-        if not np.isfinite(action).all():
-            raise BadCommand("an action is not a number", found=str(action), expected="-1 to 1")
-        throttle, steering = (min(1.0, max(-1.0, float(a))) for a in action)
+        """Hold the action (2,) over one period.
+
+        Raises BadCommand for another shape, NaN or infinity.
+        """
+        wanted = np.asarray(action, dtype=np.float64)
+        if wanted.shape != (2,) or not np.isfinite(wanted).all():
+            raise BadCommand("an action is not two numbers", found=str(action),
+                             expected="throttle and steering, -1 to 1")
+        throttle, steering = (min(1.0, max(-1.0, a)) for a in wanted.tolist())
         before = self._command
         change = (throttle - before[0]) ** 2 + (steering - before[1]) ** 2
         self._command = [throttle, steering]

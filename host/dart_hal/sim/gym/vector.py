@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from dart_hal.errors import UsageError
+from dart_hal.errors import BadCommand, UsageError
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.gym.render import Picture
 from dart_hal.sim.gym.resets import Draws, action_box, box_of, config_of, new_generator, noise_seed
@@ -74,8 +74,16 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         return self._observation(reading), self._infos({"t": reading.t})
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Hold the actions (n, 2) over one period; arrays (n, ...) and ``info``."""
-        command = np.clip(np.asarray(actions, dtype=np.float64).T, -1.0, 1.0)
+        """Hold the actions (n, 2) over one period; arrays (n, ...) and ``info``.
+
+        Raises BadCommand for another shape, NaN or infinity; nothing has moved then.
+        """
+        wanted = np.asarray(actions, dtype=np.float64)
+        if wanted.shape != (self.num_envs, 2) or not np.isfinite(wanted).all():
+            raise BadCommand("an action for each car, and each two numbers",
+                             found=f"shape {wanted.shape}, or NaN",
+                             expected=f"({self.num_envs}, 2) of -1 to 1")
+        command = np.clip(wanted.T, -1.0, 1.0)
         change = ((command - self._command) ** 2).sum(axis=0)
         self._command = command
         state = self.cars.advance(command[0], command[1], self.config.frame)
