@@ -230,6 +230,22 @@ def test_a_cut_archive_is_refused(originals, listed, to, tmp_path, pack):
     assert leftovers(to) == []
 
 
+@pytest.mark.parametrize("change", ["encrypted", "method"])
+def test_an_archive_that_cannot_be_unpacked_is_refused(originals, listed, to, tmp_path, change):
+    path = as_zip(originals, tmp_path / "x.zip")
+    data = bytearray(path.read_bytes())
+    for mark, flags, method in ((b"PK\x01\x02", 8, 10), (b"PK\x03\x04", 6, 8)):
+        at = data.find(mark)
+        while at >= 0:
+            data[at + (flags if change == "encrypted" else method)] = 1 if change == "encrypted" \
+                else 97
+            at = data.find(mark, at + 4)
+    path.write_bytes(bytes(data))
+    with pytest.raises(FetchFailed, match="not a whole archive"):
+        fetch(str(path), to, manifest=listed)
+    assert leftovers(to) == []
+
+
 # ---- from a server on this machine
 
 @pytest.fixture

@@ -7,6 +7,7 @@ check, by SHA-256, whatever the source.
 from __future__ import annotations
 
 import gzip
+import io
 import tarfile
 import zipfile
 import zlib
@@ -86,7 +87,8 @@ def _content(entry: _Entry) -> bytes:
     data = entry.read()
     if entry.name.endswith(PACKED):
         try:
-            return gzip.decompress(data)
+            with gzip.open(io.BytesIO(data)) as unpacked:
+                return unpacked.read(LARGEST)
         except (OSError, EOFError, zlib.error):
             return data
     return data
@@ -115,17 +117,30 @@ def archive(path: Path, name: str) -> Iterator[Index]:
         else:
             with tarfile.open(path) as tape:
                 yield Index(name, _tar_entries(tape))
-    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, gzip.BadGzipFile) as err:
+    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, gzip.BadGzipFile,
+            _CannotUnpack) as err:
         raise FetchFailed(f"{name}: not a whole archive", found=f"{type(err).__name__}: {err}",
                           expected="a .zip or .tar.gz of the repository", read=str(path),
-                          likely="a download that was cut off, or a web page saved as a file",
+                          likely="a download that was cut off, a web page saved as a file, or an "
+                                 "archive with a password",
                           remedy="download it again") from err
 
 
 def _zip_entries(packed: zipfile.ZipFile) -> Iterator[_Entry]:
     for info in packed.infolist():
         if not info.is_dir() and info.file_size <= LARGEST:
-            yield _Entry(info.filename, info.file_size, lambda i=info: packed.read(i))  # type: ignore[misc]
+            yield _Entry(info.filename, info.file_size, lambda i=info: _unzipped(packed, i))  # type: ignore[misc]
+
+
+class _CannotUnpack(Exception):
+    """Encrypted, or packed in a way that this Python does not know."""
+
+
+def _unzipped(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
+    try:
+        return packed.read(info)
+    except (RuntimeError, NotImplementedError) as err:
+        raise _CannotUnpack(str(err)) from err
 
 
 def _tar_entries(tape: tarfile.TarFile) -> Iterator[_Entry]:
