@@ -1,0 +1,47 @@
+"""Standard errors against closed forms, where few samples make every factor show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.identify.solve import block_covariance, least_squares, plain_covariance
+
+
+def mean_of(y, robust=None):
+    """The simplest fit there is: one number for all samples."""
+    return least_squares(lambda x: x[0] - y, [0.0], ([-1e3], [1e3]), robust=robust)
+
+
+def test_independent_residuals_give_the_textbook_error_of_a_line():
+    """s^2 (X'X)^-1 with n - 2 degrees of freedom: with five samples n would be 40 % less."""
+    t, y = np.arange(5.0), np.array([1.0, 3.5, 4.0, 7.5, 8.0])
+    s = least_squares(lambda x: x[0] + x[1] * t - y, [0.0, 0.0], ([-99, -99], [99, 99]))
+    design = np.stack([np.ones(5), t], axis=1)
+    value, rest = np.linalg.lstsq(design, y, rcond=None)[:2]
+    assert s.x == pytest.approx(value, abs=1e-7)
+    assert plain_covariance(s) == pytest.approx(rest[0] / 3 * np.linalg.inv(design.T @ design),
+                                                rel=1e-5)
+
+
+def test_blocks_count_as_one_sample_each():
+    """Three blocks of 50 equal samples: the error of a mean of three numbers, not of 150."""
+    level = np.array([1.0, 2.0, 6.0])
+    y, block = np.repeat(level, 50), np.repeat(np.arange(3), 50)
+    s = mean_of(y)
+    assert block_covariance(s, block)[0, 0] == pytest.approx(level.var(ddof=1) / 3, rel=1e-6)
+    assert plain_covariance(s)[0, 0] < 0.05 * block_covariance(s, block)[0, 0]
+
+
+@pytest.mark.parametrize("far", [1e2, 1e4])
+def test_a_wild_sample_moves_neither_value_nor_error_when_it_is_held_down(far):
+    rng = np.random.default_rng(2)
+    y, block = rng.normal(5.0, 0.1, 200), np.arange(200) // 10
+    wild = y.copy()
+    wild[7] = far
+    clean, held = mean_of(y, robust=0.2), mean_of(wild, robust=0.2)
+    assert held.weight[7] < 0.01 < 0.5 < held.weight[:7].min()
+    assert abs(held.x[0] - clean.x[0]) < 0.003
+    error, usual = (np.sqrt(block_covariance(s, block)[0, 0]) for s in (held, clean))
+    assert error == pytest.approx(usual, rel=0.5)
+    assert np.sqrt(block_covariance(mean_of(wild), block)[0, 0]) > 20 * usual
