@@ -199,9 +199,9 @@ def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: F
     estimates = {names[i].partition(".")[2]: Estimate(
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
         bool(told[i])) for i in mine}
-    # no delay and no lag are answers, not walls that the fit ran into
+    # no delay and no lag are answers, not walls that the fit ran into; their upper ends are
     stopped = tuple(names[i].partition(".")[2] for i in mine
-                    if data.at_bound[i] and name != "delay")
+                    if data.at_bound[i] and (name != "delay" or value(vehicle, names[i]) > EDGE))
     return Fit(name, estimates, covariance[np.ix_(mine, mine)], len(data.residual), data.rmse,
                "typical error", data.converged, stopped, cpu,
                (note, "one fit of all: its covariance across the sub-models is in the file"))

@@ -103,7 +103,8 @@ class Recording:
     @property
     def name(self) -> str:
         """Folder and file name, for tables and messages."""
-        return f"{self.path.parent.name}/{self.path.name}"
+        folder = self.path.parent.name or self.path.absolute().parent.name
+        return f"{folder}/{self.path.name}"
 
     @property
     def duration(self) -> float:
