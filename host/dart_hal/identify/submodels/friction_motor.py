@@ -1,11 +1,12 @@
-"""Fits "friction" and "motor" out of one joint solution of straight driving."""
+"""Fits "friction" and "motor" out of straight driving: coasting, then what is driven."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.submodels.driving import FRICTION, MOTOR, TIMING, Driving
+from dart_hal.identify.submodels.coasting import FRICTION
+from dart_hal.identify.submodels.driving import MOTOR, TIMING, Driving
 from dart_hal.identify.submodels.report import UNITS, untold
 from dart_hal.identify.submodels.speeds import MAX_STEERING, MAX_YAW_RATE
 from dart_hal.identify.submodels.straight import NAMES, Straight
@@ -28,24 +29,25 @@ def estimate(fit: Straight, name: str, unit: str) -> Estimate:
 
 def longitudinal_fit(submodel: str, d: Driving, base: Vehicle, mass: Estimate | None,
                      cpu_s: float) -> Fit:
-    """``submodel`` "friction" or "motor" with its part of the joint covariance."""
+    """``submodel`` "friction" or "motor" with its part of the covariance."""
     names = FRICTION if submodel == "friction" else MOTOR
     held = vars_of(base, submodel)
     if d.fit is None:
         return untold(submodel, held, [d.why_not], cpu_s)
-    missing = [n for n in names if n not in d.fit.free]
-    if len(missing) == len(names):
+    fit = d.coast if submodel == "friction" else d.fit
+    missing = [n for n in names if fit is None or n not in fit.free]
+    if fit is None or len(missing) == len(names):
         what = "coasting" if submodel == "friction" else "driven"
         return untold(submodel, held, [f"too little {what} motion"], cpu_s)
     rows = [NAMES.index(n) for n in names]
-    covariance = d.fit.covariance[np.ix_(rows, rows)].copy()
+    covariance = fit.covariance[np.ix_(rows, rows)].copy()
     for i, name in enumerate(names):
         if name in missing:
             covariance[i, i] = np.inf
-    values = {n: estimate(d.fit, n, UNITS[submodel][n]) for n in names}
-    return Fit(submodel, values, covariance, len(d.fit.residual), d.fit.rmse, "m/s",
-               d.fit.converged, d.fit.at_bound(names), cpu_s,
-               tuple(_notes(submodel, d, d.fit, base, mass)))
+    values = {n: estimate(fit, n, UNITS[submodel][n]) for n in names}
+    return Fit(submodel, values, covariance, len(fit.residual), fit.rmse, "m/s",
+               fit.converged, fit.at_bound(names), cpu_s,
+               tuple(_notes(submodel, d, fit, base, mass)))
 
 
 def vars_of(base: Vehicle, submodel: str) -> dict[str, float]:
@@ -73,4 +75,4 @@ def _notes(submodel: str, d: Driving, fit: Straight, base: Vehicle, mass: Estima
             out.append("fitted along, from the command itself: throttle delay "
                        f"{fit.value('throttle_s'):+.3f} +- {fit.std('throttle_s'):.3f} s, lag "
                        f"{fit.value('throttle_lag_s'):.3f} +- {fit.std('throttle_lag_s'):.3f} s")
-    return [*out, *d.notes]
+    return [*out, *(d.coast_notes if submodel == "friction" else d.notes)]

@@ -1,71 +1,89 @@
-"""Fits of several sessions into one: what differs between them is part of the error.
+"""Sessions, and averages over them: what differs between them is part of the error.
 
-A session is a day and a folder. Battery, trim of the ESC and floor change
-between sessions; one pooled fit would be wrong for each of them and say so
-nowhere. So every session is fitted by itself, and they are averaged with the
-spread between them as a variance of its own (DerSimonian and Laird's
-random-effects mean, the covariance of each session kept whole).
+A session is a day and a folder, or an outing. Battery, trim of the ESC and floor change
+between sessions, and errors that know only what is inside of them would
+promise too much.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Sequence
+from datetime import datetime, timedelta
 
 import numpy as np
 
 from dart_hal.identify.submodels.groups import day_of
-from dart_hal.identify.submodels.straight import HIGH, LOW, NAMES, Straight
 from dart_hal.recording.dart import Recording
 from dart_hal.types import FloatArray
 
-WIDE = np.array([5.0, 30.0, 3.0, 60.0, 20.0, 0.2, 0.3, 0.3])
-"""Std that stands for "nothing": of a parameter that a session cannot tell."""
+GAP = timedelta(hours=1)
+_MOMENT = re.compile(r"(?<!\d)(\d\d)_(\d\d)_(20\d\d)_(\d\d)_(\d\d)_\d\d")
 TOLD = 0.3  # std over value of a session that takes part in the spread between them
 
 
 def session_of(recording: Recording) -> str:
     """Date and folder, or the folder alone where no date is known."""
     day = day_of(recording)
+    return f"{day.isoformat()} {_folder(recording)}" if day else _folder(recording)
+
+
+def _folder(recording: Recording) -> str:
     parent = recording.path.absolute().parent
-    folder = parent.parent.name if parent.name == "csv" else parent.name
-    return f"{day.isoformat()} {folder}" if day else folder
+    return parent.parent.name if parent.name == "csv" else parent.name
 
 
-def combine(parts: Mapping[str, Straight]) -> tuple[Straight, list[str]]:
-    """(random-effects mean over sessions, notes). One session: itself."""
-    if len(parts) == 1:
-        return next(iter(parts.values())), []
-    done = {name: f for name, f in parts.items() if f.converged}
-    left = [f"{name}: no convergence, left out" for name in parts if name not in done]
-    parts = done or parts
-    if len(parts) == 1:
-        return next(iter(parts.values())), left
-    fits = list(parts.values())
-    free = tuple(n for n in NAMES if any(n in f.free for f in fits))
-    rows = [NAMES.index(n) for n in free]
-    mean, covariance, between = random_effects(
-        np.stack([f.x[rows] for f in fits]),
-        np.stack([_widened(f)[np.ix_(rows, rows)] for f in fits]))
-    full = fits[0].x.copy()
-    full[rows] = np.clip(mean, LOW[rows], HIGH[rows])
-    out = np.zeros((len(NAMES), len(NAMES)))
-    out[np.ix_(rows, rows)] = covariance
-    best = np.max([f.independent for f in fits if set(free) <= set(f.free)] or
-                  [f.independent for f in fits], axis=0)
-    result = Straight(free, full, out, np.asarray(best),
-                      np.concatenate([f.residual for f in fits]),
-                      bool(done), ())
-    return result, _notes(parts, free, between) + (left if done else [])
+def outings(recordings: Sequence[Recording]) -> list[str]:
+    """Label of each recording: one for all that began within an hour of the one before.
+
+    What the motor hangs on (battery, trim) lasts for an outing, whatever the
+    folders are; without a time of day date and folder stand for it.
+    """
+    out = [session_of(r) for r in recordings]
+    timed = sorted((began, i) for i, r in enumerate(recordings)
+                   if (began := _began(r)) is not None)
+    outing: list[int] = []
+    for place, (began, i) in enumerate(timed):
+        outing.append(i)
+        if place + 1 == len(timed) or timed[place + 1][0] - began > GAP:
+            folders = dict.fromkeys(_folder(recordings[k]) for k in outing)
+            for k in outing:
+                out[k] = f"{_began(recordings[outing[0]]):%Y-%m-%d %H:%M} " + " + ".join(folders)
+            outing = []
+    return out
 
 
-def _widened(f: Straight) -> FloatArray:
-    """Covariance (8, 8) with a wide variance where the session tells nothing."""
-    out = f.covariance.copy()
-    for i, name in enumerate(NAMES):
-        if name not in f.free or name in f.stopped or not out[i, i] < WIDE[i] ** 2:
-            out[i, :] = out[:, i] = 0.0
-            out[i, i] = WIDE[i] ** 2
-    return np.asarray(out + np.diag(1e-10 * WIDE**2))
+def _began(recording: Recording) -> datetime | None:
+    """When by the file's name, else by the mocap's clock."""
+    found = _MOMENT.search(recording.path.name)
+    when = recording.when
+    if found is None:
+        return None if when is None else when.replace(tzinfo=None)
+    month, day, year, hour, minute = map(int, found.groups())
+    try:
+        return datetime(year, month, day, hour, minute)
+    except ValueError:  # digits that are no time
+        return None
+
+
+def wider(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The smallest covariance (k, k) that in no direction is narrower than either."""
+    if not (np.isfinite(first).all() and np.isfinite(second).all()):
+        return first
+    size = np.sqrt(np.maximum(np.diag(first), 1e-300))
+    unit = np.outer(size, size)
+    value, vector = np.linalg.eigh((second - first) / unit)
+    return np.asarray(first + (vector * np.maximum(value, 0.0)) @ vector.T * unit)
+
+
+def excess(x: FloatArray, variance: FloatArray) -> float:
+    """Variance between x (s,) beyond their own (s,), by DerSimonian and Laird."""
+    if len(x) < 2:
+        return 0.0
+    weight = 1.0 / variance
+    off = x - weight @ x / weight.sum()
+    spare = weight.sum() - (weight**2).sum() / weight.sum()
+    return max(0.0, float((weight @ off**2 - len(x) + 1) / spare))
 
 
 def random_effects(x: FloatArray, covariance: FloatArray
@@ -92,22 +110,5 @@ def _between(x: FloatArray, covariance: FloatArray) -> FloatArray:
         told = np.sqrt(own) < TOLD * np.maximum(np.abs(x[:, i]), 1e-3)
         if told.sum() < 2:
             continue
-        weight, value = 1.0 / own[told], x[told, i]
-        off = value - weight @ value / weight.sum()
-        spare = weight.sum() - (weight**2).sum() / weight.sum()
-        out[i] = max(0.0, float((weight @ off**2 - told.sum() + 1) / spare))
-    return out
-
-
-def _notes(parts: Mapping[str, Straight], free: tuple[str, ...], between: FloatArray) -> list[str]:
-    spread = [f"{n} {np.sqrt(v):.3g}" for n, v in zip(free, between, strict=True) if v > 0.0]
-    out = [f"{len(parts)} sessions fitted apart and averaged; rmse is that of their own fits"]
-    if spread:
-        out.append("the sessions differ by more than their errors, standard deviation between "
-                   "them: " + ", ".join(spread))
-    for session, f in parts.items():
-        told = [n for n in NAMES[:6] if n in f.free and f.std(n) < TOLD * abs(f.value(n))]
-        if told:
-            out.append(f"{session}: " + ", ".join(f"{n} {f.value(n):.3g} +- {f.std(n):.2g}"
-                                              for n in told))
+        out[i] = excess(x[told, i], own[told])
     return out

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.identify.solve import EDGE, Solution
-from dart_hal.recording.dart.model import IntArray
+from dart_hal.recording.dart.model import BoolArray, IntArray
 from dart_hal.types import FloatArray
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
@@ -25,7 +25,11 @@ ROBUST = 3.0  # times the robust scatter: beyond it the loss grows linearly
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """predict, measured (n,), stretch (n,) 0..S-1; bounds and difference steps (k,)."""
+    """predict, measured (n,), stretch (n,) 0..S-1; bounds and difference steps (k,).
+
+    group (n,) 0..G-1: the last G parameters are each felt by one group of
+    samples alone, and are therefore differenced all at once. None: all shared.
+    """
 
     predict: Predict
     measured: FloatArray
@@ -33,6 +37,7 @@ class Problem:
     low: FloatArray
     high: FloatArray
     step: FloatArray
+    group: IntArray | None = None
 
 
 def shoot(problem: Problem, x0: FloatArray, starts: FloatArray) -> tuple[Solution, FloatArray]:
@@ -105,15 +110,33 @@ def _scatter(residual: FloatArray) -> float:
 def _linearise(p: Problem, x: FloatArray, starts: FloatArray
                ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """residual (n,), d/dx (n, k), d/dstart (n,) out of one batch of variants."""
-    k = len(x)
     up = np.minimum(x + p.step, p.high)
     down = np.maximum(x - p.step, p.low)
-    variants = np.concatenate([np.tile(x, (2, 1)), x + np.diag(up - x), x + np.diag(down - x)])
+    move = _together(p, len(x))
+    variants = np.concatenate([np.tile(x, (2, 1)), np.where(move, up, x), np.where(move, down, x)])
     held = np.tile(starts, (len(variants), 1))
     held[1] += 1e-5
     read = p.predict(variants, held)
-    jac = (read[2:2 + k] - read[2 + k:]) / (up - down)[:, None]
-    return read[0] - p.measured, jac.T, (read[1] - read[0]) / 1e-5
+    change = read[2:2 + len(move)] - read[2 + len(move):]
+    if p.group is not None:
+        shared = len(move) - 1
+        own = np.where(p.group == np.arange(len(x) - shared)[:, None], change[-1], 0.0)
+        change = np.concatenate([change[:-1], own])
+    return read[0] - p.measured, (change / (up - down)[:, None]).T, (read[1] - read[0]) / 1e-5
+
+
+def _together(p: Problem, k: int) -> BoolArray:
+    """Which parameters (m, k) are moved at once: one by one, those of the groups together."""
+    if p.group is None:
+        return np.eye(k, dtype=bool)
+    shared = k - int(p.group.max()) - 1
+    return np.concatenate([np.eye(shared, k, dtype=bool), np.arange(k)[None] >= shared])
+
+
+def sensitivity(p: Problem, x: FloatArray, starts: FloatArray, weight: FloatArray) -> FloatArray:
+    """Jacobian (n, k) without what the starts can take over, at any x (k,)."""
+    residual, jac, slope = _linearise(p, x, starts)
+    return _project(p, residual, jac, slope, weight)[0]
 
 
 def _project(p: Problem, residual: FloatArray, jac: FloatArray, slope: FloatArray,

@@ -7,7 +7,7 @@ standstill (static friction is no sub-model either), braking, bad mocap.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ MAX_ACCEL = 4.0  # m/s2; harder launches spin the wheels, and a late command cos
 SETTLE = 0.5  # s before a sample in which the throttle must not have been negative
 EVERY = 10  # samples of the mocap grid: 0.1 s, the span of its derivative
 MIN_RUN = 4  # samples in a row
+TAIL = 8  # samples after a run in which the model may still be moving while the car stands
 WINDOW = 0.1  # s, over which the encoder counts
 
 
@@ -51,18 +52,29 @@ MOCAP, MOCAP_SLOW = _kernel_mocap(7), _kernel_mocap(12)
 
 @dataclass(frozen=True, slots=True)
 class Speeds:
-    """Straight driving of one recording: t (n,) s, v (n,) m/s, run (n,): samples in a row."""
+    """Straight driving of one recording: t (n,) s, v (n,) m/s, run (n,): samples in a row.
+
+    tail (n,): samples after the end of a run, where the car is slow or stands. Where
+    a coast-down ends must not hang on the measured speed: cars that happen to be
+    pushed roll longer, and would count for more than those that are held back.
+    """
 
     name: str
     t: FloatArray
     v: FloatArray
     run: IntArray
+    tail: BoolArray
     throttle: Command
     kernel: Kernel
     source: str
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def only(self, rows: IntArray, run: IntArray | None = None) -> Speeds:
+        """The samples ``rows``, with other run numbers (len(rows),) if given."""
+        return replace(self, t=self.t[rows], v=self.v[rows], tail=self.tail[rows],
+                       run=self.run[rows] if run is None else run)
 
 
 def mocap_grid(recording: Recording, reference: Reference | None) -> Grid | None:
@@ -86,16 +98,13 @@ def speeds_of(recording: Recording, reference: Reference | None, ledger: Ledger)
             return None
         motion = None
     found = _from_encoder(recording) if motion is None else _from_mocap(recording, motion)
-    total = len(found)
     keep = np.flatnonzero(found.run >= 0)
+    used = int((~found.tail[keep]).sum())
     said = [f"speed from the {found.source}"]
     said += [] if len(keep) else [f"no straight driving (|yaw rate| < {MAX_YAW_RATE} rad/s, "
                                   f"|steering| < {MAX_STEERING}, throttle >= 0)"]
-    ledger.add(recording.name, len(keep), total - len(keep), said)
-    if not len(keep):
-        return None
-    return Speeds(found.name, found.t[keep], found.v[keep], found.run[keep], found.throttle,
-                  found.kernel, found.source)
+    ledger.add(recording.name, used, len(found) - used, said)
+    return found.only(keep) if len(keep) else None
 
 
 def _from_encoder(recording: Recording) -> Speeds:
@@ -106,10 +115,11 @@ def _from_encoder(recording: Recording) -> Speeds:
     # the window of a first and of a last sample may hold a part of the standstill
     moves = moves & ~np.append(False, near[:-1]) & ~np.append(near[1:], False)
     straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE) & (np.abs(m.steering) < MAX_STEERING)
-    use = moves & straight & ~_braked(m.t, m.throttle, m.t) & ~_launch(m.t, m.speed)
-    return Speeds(recording.name, m.t, m.speed, _runs(use, np.diff(m.segment) != 0),
-                  throttle_of(recording, m.t), _kernel_mean(_window(recording)),
-                  "encoder")
+    usable = (straight & np.isfinite(m.speed) & ~_braked(m.t, m.throttle, m.t)
+              & ~_launch(m.t, m.speed))
+    run, tail = _runs(moves & usable, usable, np.diff(m.segment) != 0)
+    return Speeds(recording.name, m.t, m.speed, run, tail, throttle_of(recording, m.t),
+                  _kernel_mean(_window(recording)), "encoder")
 
 
 def _window(recording: Recording) -> float:
@@ -122,12 +132,12 @@ def _from_mocap(recording: Recording, g: Grid) -> Speeds:
     t, v = g.t[::EVERY], g.v_x[::EVERY]
     good = ~np.maximum.reduceat(g.bad, np.arange(0, len(g), EVERY))
     turning = np.maximum.reduceat(np.abs(g.omega), np.arange(0, len(g), EVERY))
-    use = (good & (v > MIN_SPEED) & (turning < MAX_YAW_RATE)
-           & (np.abs(g.steering[::EVERY]) < MAX_STEERING)
-           & ~_braked(recording.messages.arrival, recording.messages.throttle, t)
-           & ~_launch(t, v))
+    usable = (good & (turning < MAX_YAW_RATE) & (np.abs(g.steering[::EVERY]) < MAX_STEERING)
+              & ~_braked(recording.messages.arrival, recording.messages.throttle, t)
+              & ~_launch(t, v))
+    run, tail = _runs(usable & (v > MIN_SPEED), usable, np.zeros(len(t) - 1, dtype=bool))
     held = throttle_of(recording, recording.messages.arrival)
-    return Speeds(recording.name, t, v, _runs(use, np.zeros(len(t) - 1, dtype=bool)), held,
+    return Speeds(recording.name, t, v, run, tail, held,
                   MOCAP_SLOW if slow else MOCAP, "mocap")
 
 
@@ -148,9 +158,15 @@ def _launch(t: FloatArray, v: FloatArray) -> BoolArray:
     return np.asarray(np.abs(np.concatenate([slope[:1], slope, slope[-1:]])) > MAX_ACCEL)
 
 
-def _runs(use: BoolArray, cut: BoolArray) -> IntArray:
-    """Number (n,) of the run of used samples without a cut between them; -1: not used."""
-    start = use & ~np.append(False, use[:-1] & ~cut)
-    run = np.where(use, np.cumsum(start) - 1, -1)
+def _runs(moving: BoolArray, usable: BoolArray, cut: BoolArray) -> tuple[IntArray, BoolArray]:
+    """(run (n,) of moving samples without a cut between them, -1: none; whether of its tail)."""
+    start = moving & ~np.append(False, moving[:-1] & ~cut)
+    run = np.where(moving, np.cumsum(start) - 1, -1)
     label, count = np.unique(run[run >= 0], return_counts=True)
-    return np.where(np.isin(run, label[count >= MIN_RUN]), run, -1)
+    run = np.where(np.isin(run, label[count >= MIN_RUN]), run, -1)
+    tail = np.zeros(len(run), dtype=bool)
+    for _ in range(TAIL):
+        more = (run[1:] < 0) & (run[:-1] >= 0) & usable[1:] & ~cut
+        run[1:] = np.where(more, run[:-1], run[1:])
+        tail[1:] |= more
+    return run, tail

@@ -1,4 +1,4 @@
-"""Friction, motor and throttle timing together, by simulating the speed of straight driving.
+"""Friction, motor and throttle timing, by simulating the speed of straight driving.
 
 m dv/dt = F_m(tau, v) + F_f(v), tau delayed and lagged; what is compared is
 what the sensor reads (the encoder the mean of the last 0.1 s, the mocap its
@@ -14,17 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.solve import collinearity, leverage_covariance
+from dart_hal.identify.solve import collinearity, leverage_covariance, plain_covariance
 from dart_hal.identify.submodels.commands import DT
-from dart_hal.identify.submodels.shooting import Predict, Problem, shoot
+from dart_hal.identify.submodels.sessions import wider
+from dart_hal.identify.submodels.shooting import Problem, shoot
 from dart_hal.identify.submodels.speeds import Speeds
 from dart_hal.identify.submodels.stretches import Stretches
+from dart_hal.recording.dart.model import IntArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 
 NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")
 LOW = np.array([0.05, 1.0, 0.0, 1.0, 0.0, -0.5, -0.15, 0.0])
-HIGH = np.array([10.0, 100.0, 5.0, 150.0, 50.0, 0.0, 0.4, 0.5])
+HIGH = np.array([10.0, 40.0, 5.0, 150.0, 50.0, 0.0, 0.4, 0.5])
 STEP = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.002, 0.002])
 FORCE = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 """Which parameters scale with the mass."""
@@ -72,25 +74,22 @@ class Straight:
 
 
 def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatArray,
-                   free: Sequence[str], mass: float) -> Straight:
+                   free: Sequence[str], mass: float, session: IntArray | None = None
+                   ) -> Straight:
     """Fit the ``free`` parameters from x0 (8,); mass [kg] scales the forces.
 
-    q and the reverse gain are those of ``base``.
+    q and the reverse gain are those of ``base``. session (n,) of each sample:
+    the errors are no smaller than what leaving out whole sessions changes.
     """
     rows = [NAMES.index(n) for n in free]
-
-    def predict(p: FloatArray, starts: FloatArray) -> FloatArray:
-        full = np.tile(x0, (len(p), 1))
-        full[:, rows] = p
-        return simulate(series, s, base, full, starts, mass)
-
-    problem = Problem(_checked(predict), s.v, s.stretch, LOW[rows], HIGH[rows], STEP[rows])
-    first = np.searchsorted(s.stretch, np.arange(len(s)))
-    solution, _ = shoot(problem, x0[rows], s.v[first])
+    solution, _ = shoot(problem_of(series, s, base, x0, free, mass), x0[rows], first_speeds(s))
     x = x0.copy()
     x[rows] = solution.x
     covariance = np.zeros((len(NAMES), len(NAMES)))
-    covariance[np.ix_(rows, rows)] = leverage_covariance(solution, s.block)
+    own = wider(leverage_covariance(solution, s.block), plain_covariance(solution))
+    if session is not None:
+        own = wider(own, leverage_covariance(solution, session))
+    covariance[np.ix_(rows, rows)] = own
     independent = np.ones(len(NAMES))
     independent[rows] = collinearity(solution)
     stopped = tuple(n for n, edge in zip(free, solution.at_bound, strict=True) if edge)
@@ -98,22 +97,49 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
                     solution.converged, stopped)
 
 
-def _checked(predict: Predict) -> Predict:
-    """Overflowing trial steps become large residuals, not NaN."""
-    def safe(p: FloatArray, starts: FloatArray) -> FloatArray:
+def first_speeds(s: Stretches) -> FloatArray:
+    """Measured speed (S,) [m/s] at the start of every stretch."""
+    return s.v[np.searchsorted(s.stretch, np.arange(len(s)))]
+
+
+def problem_of(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatArray,
+               free: Sequence[str], mass: float, group: IntArray | None = None) -> Problem:
+    """The stretches as a problem in the ``free`` parameters, the others as in x0 (8,).
+
+    group (S,) 0..G-1 of each stretch: parameters are then ``free`` and G dead bands g.
+    """
+    rows = [NAMES.index(n) for n in free]
+    known = None if set(free) & set(NAMES[6:]) else throttle_at(series, s, x0[6:7], x0[7:])
+
+    def predict(p: FloatArray, starts: FloatArray) -> FloatArray:
+        full = np.tile(x0, (len(p), 1))
+        full[:, rows] = p[:, :len(rows)]
+        g = None if group is None else p[:, len(rows) + group]
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(np.nan_to_num(predict(p, starts), nan=1e3, posinf=1e3, neginf=-1e3))
-    return safe
+            # overflowing trial steps become large residuals, not NaN
+            return np.nan_to_num(simulate(series, s, base, full, starts, mass, g, known),
+                                 nan=1e3, posinf=1e3, neginf=-1e3)
+
+    rows_all = rows if group is None else rows + [NAMES.index("g")] * (int(group.max()) + 1)
+    return Problem(predict, s.v, s.stretch, LOW[rows_all], HIGH[rows_all], STEP[rows_all],
+                   None if group is None else group[s.stretch])
 
 
 def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArray,
-             starts: FloatArray, mass: float) -> FloatArray:
-    """Readings (P, n) [m/s] for parameters p (P, 8) and start speeds (P, S) [m/s]."""
+             starts: FloatArray, mass: float, g: FloatArray | None = None,
+             throttle: FloatArray | None = None) -> FloatArray:
+    """Readings (P, n) [m/s] for parameters p (P, 8) and start speeds (P, S) [m/s].
+
+    g: dead band (P, S) of every stretch instead of that in p; throttle (1, S,
+    steps) at the motor, if it is known.
+    """
     columns = {n: p[:, i, None] for i, n in enumerate(NAMES)}
     friction = make_friction(_group(columns, "abc", q=base.friction.q), np)
+    if g is not None:
+        columns["g"] = g
     gains = make_motor_gains(_group({n: v[..., None] for n, v in columns.items()}, "deg",
                                     reverse=base.motor.reverse), np)
-    push, drag = gains(throttle_at(series, s, p[:, 6], p[:, 7]))
+    push, drag = gains(throttle_at(series, s, p[:, 6], p[:, 7]) if throttle is None else throttle)
     push, drag = np.moveaxis(push / mass, -1, 0), np.moveaxis(drag / mass, -1, 0)
     v = np.array(np.broadcast_to(starts, (len(p), len(s))))
     way = np.zeros((*v.shape, s.steps + 1))
