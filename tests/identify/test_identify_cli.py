@@ -197,6 +197,16 @@ def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
         assert rms[1][channel] < 0.5 * rms[0][channel], channel
 
 
+def test_a_joint_fit_is_not_its_own_prior(run, tmp_path):
+    """The same recordings again: their errors are in the base already and must not count twice."""
+    files = [EXCERPT / "91_free_driving_16_sept_2024"]
+    std = []
+    for _ in range(2):
+        _, document, _ = run("all", "--joint", *files, "--json")
+        std.append(document["fits"]["steering"]["parameters"]["a_left_rad"]["std"])
+    assert std[1] > 0.8 * std[0], "counted twice it would be 0.71"
+
+
 def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
     status, document, _ = run("all", "--joint", EXCERPT / "19_step_input_data", "--json")
     assert status == 2

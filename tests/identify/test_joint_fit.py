@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.errors import RecordingError, UsageError
 from dart_hal.identify.commands import actuated, delayed, lagged
 from dart_hal.identify.shooting import Problem, fit_jointly
 from dart_hal.identify.shooting.descent import descend
@@ -53,7 +55,7 @@ def test_every_parameter_lies_within_its_interval(joint):
     assert max(abs(s) for s in scores.values()) < 4.0, scores
     told = [name for fit in joint.fits.values() for name, e in fit.parameters.items()
             if e.identifiable]
-    assert {"d", "g", "a_left_rad", "s0", "steering_s", "front_D",
+    assert {"d", "a_left_rad", "s0", "steering_s", "front_D",
             "rear_cornering_stiffness"} <= set(told)
 
 
@@ -80,6 +82,28 @@ def test_the_order_of_recordings_does_not_matter(joint):
     for name in joint.names:
         assert value(other.vehicle, name) == pytest.approx(value(joint.vehicle, name), rel=2e-3,
                                                            abs=2e-3)
+
+
+def test_what_the_base_knows_better_stays_known():
+    """A standard error of the base is its prior: a poor recording does not wash it out."""
+    problem = Problem.of([driven(5, 20.0)])
+    known = {"steering.k_left": 0.02, "friction.a": 0.03}
+    free = fit_jointly(problem, PAPER)
+    held = fit_jointly(problem, PAPER, known=known)
+    for name, std in known.items():
+        group, key = name.split(".")
+        assert held.fits[group].parameters[key].std <= 1.0001 * std
+        assert free.fits[group].parameters[key].std > 2.0 * std
+        assert abs(value(held.vehicle, name) - value(PAPER, name)) < 4.0 * std
+    assert not held.fits["steering"].parameters["k_left"].identifiable, "the base told it"
+
+
+def test_bases_that_cannot_be_moved():
+    problem = Problem.of([driven(5, 20.0)])
+    with pytest.raises(UsageError, match="base of 0"):
+        fit_jointly(problem, with_values(PAPER, {"friction.a": 0.0}))
+    rolling = fit_jointly(problem, replace(PAPER, kind="kinematic"))
+    assert "tyres" not in rolling.fits, "a bicycle without slip tells nothing of tyres"
 
 
 def test_bad_samples_are_never_predicted():
@@ -114,3 +138,24 @@ def test_descent_stops_at_bounds_and_goes_on_along_them():
     # with x0 held at 0 the best x1 minimises (1 + 0.8 (x1 - 0.5))^2 + (x1 - 0.5)^2
     assert found.converged
     np.testing.assert_allclose(found.x, [0.0, max(0.0, 0.5 - 0.8 / 1.64)], atol=2e-3)
+
+
+def test_descent_follows_a_bent_valley_to_its_end():
+    """Rosenbrock's valley: whoever is content with little gain stops half way."""
+    def residual(x):
+        return np.array([10.0 * (x[1] - x[0]**2), 1.0 - x[0], 1.0])
+
+    def jacobian(x, r):
+        return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+
+    found = descend(residual, jacobian, np.array([-1.2, 1.0]), np.full(2, -5.0), np.full(2, 5.0),
+                    robust=1e6, prior=0.0, rounds=200)
+    assert found.converged
+    np.testing.assert_allclose(found.x, 1.0, atol=0.05)
+
+
+def test_descent_that_gets_nowhere_does_not_call_it_convergence():
+    """A Jacobian of the wrong sign: it promises a gain that no step keeps."""
+    found = descend(lambda x: x + 2.0, lambda x, r: -np.eye(1), np.zeros(1), np.full(1, -9.0),
+                    np.full(1, 9.0), robust=1e6, prior=0.0)
+    assert not found.converged

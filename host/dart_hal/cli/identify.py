@@ -65,7 +65,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     elif joint:
         with progress_bar() as bar:
             task = bar.add_task("joint fit", total=1.0)
-            outcome, data = jointly(files, names, vehicle_of(start), typed, reference,
+            outcome, data = jointly(files, names, start, typed, reference,
                                     lambda share, text: bar.update(task, completed=share,
                                                                    description=text))
     else:

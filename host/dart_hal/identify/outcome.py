@@ -7,14 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dart_hal.config import ModelFile, Quantity
 from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.runs import read_any
-from dart_hal.identify.write import Source, rounded, why_unsound
+from dart_hal.identify.write import SECTIONS, Source, rounded, why_unsound
 from dart_hal.recording.dart import Recording, Reference, reference_for
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import value as flat_value
+from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 
@@ -81,17 +83,21 @@ def as_paper(root: Path, names: Sequence[str], command: str
     return Outcome(made.fits, made.files, made.published, source, made.derived), made
 
 
-def jointly(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
+def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, command: str,
             reference: Reference | None = None, progress: Progress | None = None
             ) -> tuple[Outcome, list[Recording]]:
     """All sub-models in one fit on rollouts, from the recordings that have motion capture.
+
+    Standard errors of the base are its prior, unless some of these recordings
+    are already in them.
 
     Errors: RecordingError when none of them can be predicted.
     """
     from dart_hal.identify.shooting import fit_from_recordings
 
     recordings, skipped = read_any(paths)
-    made, grids, unused = fit_from_recordings(recordings, base, names, reference, progress)
+    made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
+                                              progress, _known(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}
     files: dict[str, FileReport] = {}
     for r in recordings:
@@ -107,6 +113,15 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command:
     published = {name: published_values(name) for name in made.fits}
     joint = Covariance(made.names, rounded(made.covariance))
     return Outcome(made.fits, files, published, source, joint=joint), recordings
+
+
+def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Standard errors of the base by name; none that these recordings have made."""
+    seen = set(base.provenance.get("files", {}).values())
+    if seen & {r.sha256 for r in recordings}:
+        return {}
+    return {f"{section}.{key}": entry.std for section in SECTIONS
+            for key, entry in getattr(base, section).items() if isinstance(entry, Quantity)}
 
 
 def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,

@@ -6,8 +6,12 @@ factors, so that no fit runs into zero; offsets and times move by amounts.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
+from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.flat import bounds, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
@@ -16,19 +20,34 @@ AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
 """One prior standard deviation in SI units, by name or group."""
 FACTOR = 0.7
 """The same of the logarithm of all others: a factor of two."""
+NOUGHT = 1e-9
 FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has no slope
 
 
 class Coordinates:
-    """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x."""
+    """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x.
 
-    def __init__(self, base: Vehicle, names: tuple[str, ...]) -> None:
+    known: standard errors by name, in SI units, where the base was measured.
+    Raises UsageError where the base has a 0 that would have to move by factors.
+    """
+
+    def __init__(self, base: Vehicle, names: tuple[str, ...],
+                 known: Mapping[str, float] = MappingProxyType({})) -> None:
         self._base, self.names = base, names
         self._start = np.array([value(base, name) for name in names])
         amount = [AMOUNT.get(n, AMOUNT.get(n.partition(".")[0])) for n in names]
         self._log = np.array([a is None for a in amount])
+        zero = [n for n, log, number in zip(names, self._log, self._start, strict=True)
+                if log and number == 0.0]
+        if zero:
+            raise UsageError("a base of 0 cannot be moved by factors", found=", ".join(zero),
+                             expected="values other than 0",
+                             remedy="--base paper, or a model.toml with a typical value")
         self._whole = np.where(self._log, self._start, 1.0)
-        self._width = np.array([FACTOR if a is None else a for a in amount])
+        usual = [FACTOR if a is None else a for a in amount]
+        scale = np.where(self._log, np.abs(self._start), 1.0)
+        self._width = np.array([min(w, known[n] / s) if known.get(n, 0.0) > 0.0 and s else w
+                                for n, w, s in zip(names, usual, scale.tolist(), strict=True)])
         self._limits = np.array([bounds(base, name) for name in names]).T
         with np.errstate(divide="ignore"):  # the logarithm of a bound at 0
             ends = [np.where(self._log, np.log(np.where(self._log, limit / self._whole, 1.0)),
@@ -46,8 +65,8 @@ class Coordinates:
         """Parameters (k,) in SI units."""
         moved = np.where(self._log, self._start * np.exp(self._width * x * self._log),
                          self._start + self._width * x)
-        # the way there and back may miss a bound by one digit
-        return np.asarray(np.clip(moved, *self._limits))
+        # the way there and back may miss a bound, or nought, by one digit
+        return np.asarray(np.clip(np.where(np.abs(moved) < NOUGHT, 0.0, moved), *self._limits))
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Size of d number / d x, (k,)."""

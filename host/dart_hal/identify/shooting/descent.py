@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 
 ROUNDS = 40
 DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6
 CONVERGED = 1e-4  # of the cost
+STUCK = 1e-2  # of the cost; a larger gain was promised where no step gained anything
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +58,12 @@ def descend(residual: Callable[[FloatArray], FloatArray],
                 damping *= EASIER
                 break
             damping *= HARDER
-        if not moved or (gain < CONVERGED * cost and damping < 1.0):
-            # no way down from here, or not worth the next Jacobian
+        if not moved:
+            # at the bottom, or stuck where the Jacobian promises what no step keeps
+            free = _free(x, slope, low, high)
+            promised = slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
+            return Descent(x, r, jac, weight, bool(promised < STUCK * cost))
+        if gain < CONVERGED * cost and damping < 1.0:
             return Descent(x, r, jac, weight, True)
     return Descent(x, r, jac, weight, False)
 
@@ -71,7 +77,7 @@ def _step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,
           low: FloatArray, high: FloatArray) -> FloatArray:
     """The damped Newton step; what it pushes over a bound goes to the bound, the rest follows."""
     damped = hessian + damping * np.diag(np.diag(hessian))
-    free = ~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0)))
+    free = _free(x, slope, low, high)
     move = np.zeros(len(x))
     while free.any():
         rest = slope[free] + damped[np.ix_(free, ~free)] @ move[~free]
@@ -83,3 +89,8 @@ def _step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,
         move[over] = (np.clip(target, low, high) - x)[over]
         free &= ~over
     return np.asarray(np.clip(x + move, low, high))
+
+
+def _free(x: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Parameters that are not held at a bound by the slope."""
+    return np.asarray(~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ TIMING_STEP = 4e-3  # s, both sides: a delay of held commands is smooth only bey
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
 MANY = 8  # recordings from which on each is one block
 SPUN = 1e3  # typical errors; a rollout that left the road is not wronger than this
-TOLD = 0.5  # of the prior: a smaller standard error counts as identified
+TOLD = 1.0 / 3.0  # of the prior: a smaller standard error counts as identified
 ALIKE = (len(READ) * BLOCK / EVERY)**-0.5
 """Read-outs of one window and windows of one block say much the same; the prior, which
 is said once, is weighed against a block and not against each of its samples."""
@@ -67,19 +67,23 @@ class JointFit:
 def free_names(base: Vehicle, submodels: Sequence[str]) -> tuple[str, ...]:
     """Names "group.key" of what the fit moves."""
     keys = {**FREE, "tyres": AXLE} if isinstance(base.tyres, AxleTyres) else FREE
-    return tuple(f"{group}.{key}" for group in keys if group in submodels for key in keys[group])
+    wanted = [g for g in keys if g in submodels and not (g == "tyres" and base.kind == "kinematic")]
+    return tuple(f"{group}.{key}" for group in wanted for key in keys[group])
 
 
 def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tuple(FREE),
-                progress: Progress | None = None) -> JointFit:
+                progress: Progress | None = None,
+                known: Mapping[str, float] | None = None) -> JointFit:
     """The parameters of the sub-models that predict the windows best, starting at ``base``.
 
     Residuals in units of their typical size, soft L1 beyond two of these; a
-    weak prior around ``base``; standard errors by blocks.
+    prior around ``base``, weak but for the standard errors that are ``known``
+    by name; standard errors by blocks. Raises UsageError where the base has a
+    0 that would have to move by factors.
     """
     begin = time.process_time()
     names = free_names(base, submodels)
-    space = Coordinates(base, names)
+    space = Coordinates(base, names, known or {})
     work = _Work(problem, space, progress)
     scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
     x = space.first
@@ -99,7 +103,7 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
         f"{c} {b:.3g} -> {a:.3g} {u}"
         for c, b, a, u in zip(CHANNELS, before, after, UNITS, strict=True))
     fits = {s: _submodel(s, vehicle, names, covariance, told, data, cpu, note)
-            for s in FREE if s in submodels}
+            for s in FREE if any(name.startswith(f"{s}.") for name in names)}
     return JointFit(vehicle, fits, names, covariance, len(problem), before, after)
 
 
@@ -108,7 +112,8 @@ Used = list[tuple[Recording, Grid]]
 
 def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
                         submodels: Sequence[str] = tuple(FREE),
-                        reference: Reference | None = None, progress: Progress | None = None
+                        reference: Reference | None = None, progress: Progress | None = None,
+                        known: Mapping[str, float] | None = None
                         ) -> tuple[JointFit, Used, dict[str, tuple[str, ...]]]:
     """(fit, recordings used with their grids, reasons by file of those that were not).
 
@@ -130,7 +135,8 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
         raise RecordingError("none of these recordings can be predicted", found=reasons,
                              expected="motion capture of a moving car",
                              remedy="without --joint the sub-models are fitted one by one")
-    return fit_jointly(Problem.of([g for _, g in used]), base, submodels, progress), used, unused
+    problem = Problem.of([g for _, g in used])
+    return fit_jointly(problem, base, submodels, progress, known), used, unused
 
 
 class _Work:
