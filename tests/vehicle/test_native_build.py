@@ -132,6 +132,14 @@ exec {real} "$@"
 
 
 @needs_compiler
+def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_built, monkeypatch):
+    text = build.COMMITTED.read_text(encoding="utf-8")
+    broken = build.BUILT / f"{build.key(text, F64)}.so"
+    broken.parent.mkdir(parents=True, exist_ok=True)
+    broken.write_bytes(b"not a library")
+    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+
+
 @needs_compiler
 def test_a_damaged_library_is_compiled_anew(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])

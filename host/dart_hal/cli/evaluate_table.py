@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
 from dart_hal.cli.output import console
@@ -16,6 +17,8 @@ from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
 EXACT, ROOMY, WIDTH = ("vy", "yaw_deg"), 100, 16
 """Channels that never get one digit more; columns of a terminal that has room for it; of a name."""
+NARROWEST = 80
+"""Columns that the table takes wherever it is printed."""
 YEAR = re.compile(r"_20\d\d_")
 HEADS = ("v_x", "v_y", "yaw rate", "position", "yaw")
 
@@ -23,7 +26,8 @@ HEADS = ("v_x", "v_y", "yaw rate", "position", "yaw")
 def show(e: Evaluation, pictures: list[Path]) -> None:
     """Files that gave nothing, the rows, and what follows from them last."""
     _files(e)
-    console.print(_table(e))
+    # a narrow terminal may break lines, but no number may lose its second half
+    Console(stderr=True, width=max(console.width, NARROWEST)).print(_table(e))
     for line in _gain(e):
         console.print(line, markup=False, highlight=False)
     if e.limit is not None:

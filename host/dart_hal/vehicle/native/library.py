@@ -46,7 +46,10 @@ def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
     if text in committed:
         path = build.BUILT / f"{build.key(committed, variant)}.so"
         if path.is_file():
-            return _function(path, traced.name), "built with the package"
+            try:
+                return _function(path, traced.name), "built with the package"
+            except build.CannotCompile:
+                pass  # damaged: one compiled on demand does as well
     whole, folder = source([text]), build.cache_folder()
     path = build.compile_kernel(whole, variant, folder)
     try:
