@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from dart_hal.identify.runs import read_any
 from dart_hal.identify.submodels import fit_submodels
-from dart_hal.vehicle import PAPER
+from dart_hal.vehicle import PAPER, make_friction, make_motor
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -41,6 +42,24 @@ def test_friction_and_motor_of_january(folder):
     standing = files["19_step_input_data/car_1_Datarecording_01_22_2024_14_54_30.csv"]
     assert standing.used == 0
     assert "the car never moved" in standing.why
+
+
+def test_the_three_days_of_straight_driving_brake_alike_and_hold_their_speeds(folder):
+    """Coasting gives one friction; with it and the mean motor, the speeds held are those held."""
+    days = [folder(f"{n}_step_input_data{floor}") for n, floor in
+            ((10, "_rubbery_floor"), (19, ""), (29, ""))]
+    for day in days:
+        alone = fit_submodels(day, ("friction",))[0]["friction"].parameters
+        assert 1.6 < alone["a"].value < 1.9
+        assert 0.2 < alone["c"].value < 0.45
+    fits = fit_submodels([r for day in days for r in day], ("friction", "motor"))[0]
+    assert all(f.sound for f in fits.values())
+    car = replace(PAPER, friction=replace(PAPER.friction, **fits["friction"].values()),
+                  motor=replace(PAPER.motor, **fits["motor"].values()))
+    v = np.linspace(0.05, 6.0, 2000)
+    for throttle, held in ((0.25, 1.08), (0.4, 3.03), (0.6, 4.22)):
+        pull = make_motor(car.motor, np)(throttle, v) + make_friction(car.friction, np)(v)
+        assert v[pull > 0.0].max() == pytest.approx(held, rel=0.15)
 
 
 def test_the_steering_map_agrees_with_the_papers(folder):

@@ -9,8 +9,11 @@ import pytest
 
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels import fit_submodels
+from dart_hal.identify.submodels.coasting import driven, fit_coasting
 from dart_hal.identify.submodels.guess import first_guess
+from dart_hal.identify.submodels.motor_fit import fit_motor
 from dart_hal.identify.submodels.report import Ledger
+from dart_hal.identify.submodels.sessions import outings, wider
 from dart_hal.identify.submodels.speeds import speeds_of
 from dart_hal.identify.submodels.straight import NAMES, solve_straight
 from dart_hal.identify.submodels.stretches import cut
@@ -55,6 +58,104 @@ def test_the_truth_lies_within_the_stated_intervals(fits):
     assert np.mean(np.abs(z) < 1.645) >= 0.75
     assert np.sqrt(np.mean(np.square(z))) < 1.5
     assert all(f.converged for fit in fits for f in fit.values())
+
+
+def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
+    """Cars that chance pushes roll longer: taken as long as they roll, friction seems to fade."""
+    right, wrong = [], []
+    for recordings in sets:
+        series = [s for r in recordings if (s := speeds_of(r, None, Ledger())) is not None]
+        rolling = [s.only(np.flatnonzero(~s.tail)) for s in series]
+        for out, some in ((right, series), (wrong, rolling)):
+            out.append(1.0 / fit_coasting(some, [""] * len(some), PAPER, 1.67)[0].value("b"))
+    assert np.mean(right) == pytest.approx(1.0 / TRUTH["b"], abs=0.03)
+    assert np.mean(wrong) > 1.5 / TRUTH["b"]
+
+
+def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, lively):
+    """A battery that gives way under load: together, the friction takes what the motor cannot."""
+    rng = np.random.default_rng(9)
+    throttle = steps(LEVELS, rng)
+    sag = 1.0 - 0.15 * np.clip(np.cumsum(throttle > 0.0, axis=1) / 500.0, 0.0, 1.0)
+    slower = workshop.drive(lively, throttle * sag, 0.0 * throttle, rng)
+    recordings = workshop.recordings(replace(slower, throttle=throttle), 80, name="sag")
+    apart = fit_submodels(recordings, ("friction", "motor"))[0]["friction"].parameters
+    series, s, x0 = prepared(recordings)
+    together = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
+    for n in "ac":
+        assert abs(apart[n].value - TRUTH[n]) < 2.5 * apart[n].std
+    assert abs(together.value("c") - TRUTH["c"]) > 2.5 * together.std("c")
+
+
+def test_the_error_of_the_friction_is_in_the_motor(sets):
+    """As much as the motor moves when it is fitted again with another friction."""
+    series = [s for r in sets[0] if (s := speeds_of(r, None, Ledger())) is not None]
+    coast = fit_coasting(series, [""] * len(series), PAPER, PAPER.body.mass)[0]
+    parts = [d for s in series if (d := driven(s)) is not None]
+    x0 = np.concatenate([coast.x[:3], first_guess(series, PAPER, PAPER.body.mass)[3:]])
+
+    def fit(x0, friction):
+        return fit_motor(parts, np.zeros(len(parts), dtype=int), PAPER, x0, NAMES[3:], friction,
+                         PAPER.body.mass)[0]
+
+    friction = coast.covariance[:3, :3]
+    found, exact = fit(x0, friction), fit(x0, 0.0 * friction)
+    move = found.covariance[3:6, :3] @ np.linalg.inv(friction)
+    other = fit(x0 + np.eye(8)[0] * 0.05, friction)
+    assert other.x[3:6] - found.x[3:6] == pytest.approx(
+        0.05 * move[:, 0], rel=0.3, abs=0.1 * exact.std("g"))
+    added = found.covariance[3:6, 3:6] - exact.covariance[3:6, 3:6]
+    assert added == pytest.approx(move @ friction @ move.T)
+    assert found.std("g") > 1.1 * exact.std("g")
+
+
+def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
+    """Three days, three dead bands: d and e as of one, g their mean and as unsure as they differ.
+
+    With one dead band for all, the motor would be wrong.
+    """
+    rng = np.random.default_rng(10)
+    recordings = []
+    for day, off in ((22, -0.02), (23, 0.0), (24, 0.02)):
+        car = replace(lively, motor=replace(lively.motor, g=lively.motor.g + off))
+        throttle = steps(np.array(LEVELS[1 + day - 22:][:5]) - off, rng)
+        recordings += workshop.recordings(workshop.drive(car, throttle, 0.0 * throttle, rng), day,
+                                          name=f"car_1_Datarecording_01_{day}_2024_15_00_00")
+    motor = fit_submodels(recordings, ("motor",))[0]["motor"]
+    series, s, x0 = prepared(recordings)
+    one = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
+    for n in "deg":
+        entry = motor.parameters[n]
+        assert abs(entry.value - TRUTH[n]) < 3.0 * entry.std
+    assert motor.parameters["g"].std > 0.02 / np.sqrt(3)
+    assert motor.rmse < 0.8 * one.rmse
+    assert motor.parameters["d"].std < 0.6 * one.std("d")
+
+
+def test_an_outing_ends_with_an_hour_of_rest(workshop, steps, lively):
+    """Whatever the folders; recordings without a time stay with their folder."""
+    rng = np.random.default_rng(11)
+    throttle = steps([0.3], rng, pulse=1.0, coast=0.5)
+    recording = workshop.recordings(workshop.drive(lively, throttle, 0.0 * throttle, rng), 12)[0]
+
+    def at(name):
+        return replace(recording, path=recording.path.parent / name)
+
+    found = outings([at("a/car_1_Datarecording_01_22_2024_11_40_46.csv"),
+                     at("b/car_1_Datarecording_01_22_2024_12_15_11.csv"),
+                     at("b/car_1_Datarecording_01_22_2024_15_00_29.csv"),
+                     at("b/run.csv"), at("c/run.csv")])
+    assert found == ["2024-01-22 11:40 a + b", "2024-01-22 11:40 a + b", "2024-01-22 15:00 b",
+                     "b", "c"]
+
+
+def test_the_wider_of_two_covariances_is_narrower_than_neither():
+    rng = np.random.default_rng(12)
+    first, second = (m @ m.T for m in rng.normal(size=(2, 3, 3)))
+    out = wider(first, second)
+    for other in (first, second):
+        assert np.linalg.eigvalsh(out - other).min() > -1e-9
+    assert wider(first, 0.1 * first) == pytest.approx(first)
 
 
 def test_the_values_are_worth_having(fits):
