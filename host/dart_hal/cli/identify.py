@@ -55,7 +55,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
-    start = _base(base, target)
+    start, origin = _base(base, target)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None})
     outcome: Outcome
@@ -74,12 +74,13 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     path = None if dry_run or target is None else write(written, target)
     pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []
     if as_json:
-        print_json({**outcome.to_json(), "model": path, "plots": pictures,
+        print_json({**outcome.to_json(), "base": origin, "model": path, "plots": pictures,
                     "left_out": dict(written.left_out)})
     else:
         from dart_hal.cli.identify_table import show
 
         show(outcome, pictures)
+        console.print(f"base: {origin}", markup=False, highlight=False)
     _say(written, path, target, dry_run)
     asked_in_vain = out is not None and path is None and not dry_run
     return 1 if asked_in_vain or not outcome.sound else 0
@@ -114,13 +115,13 @@ def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str
     return shlex.join(words)
 
 
-def _base(base: str | None, target: Path | None) -> ModelFile:
-    """The model whose values stay where nothing is identified."""
+def _base(base: str | None, target: Path | None) -> tuple[ModelFile, str]:
+    """The model whose values stay where nothing is identified, and where it is from."""
     if base is not None:
-        return find_model(base)[0]
+        return find_model(base)[0], base
     if target is not None and target.exists():
-        return find_model(target)[0]
-    return find_model("paper")[0]
+        return find_model(target)[0], str(target)
+    return find_model("paper")[0], "paper"
 
 
 def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None,
