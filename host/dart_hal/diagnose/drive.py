@@ -1,0 +1,126 @@
+"""A recording as the diagnosis sees it: less smoothed, and on the time of its own messages.
+
+Where a model is wrong shows within tens of milliseconds of a command, so two
+things are finer here than in an open-loop evaluation: velocities come from
+seven mocap samples instead of fifteen (and what is predicted is averaged in
+the same way), and commands change when the message that carried them was
+sent, not when the next mocap row was written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.recording.dart import Grid, Messages, Recording, Reference, grid, savgol_derivative
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.signals import through
+
+STEP = 0.01  # s
+POINTS = 7  # of the derivative; 30 ms to each side
+HALF = POINTS // 2
+READ = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is compared
+EVERY = 50  # samples from start to start
+WARM_UP, MARGIN = 20, 8
+SLOWEST = 0.3  # m/s at the start of a window
+TURNING_WHEEL = 0.2  # m/s; below it an encoder counts too little to be judged
+PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One recording with motion capture, prepared for a base model.
+
+    grid: motion of the centre of mass from POINTS samples, commands at message
+    time; starts (n,): first sample of each window; at (m,): time of each usable
+    message in samples; read (m, 4): encoder [m/s], gyro [rad/s], acceleration
+    a_x, a_y [m/s2], NaN where there is no such sensor.
+    """
+
+    recording: Recording
+    grid: Grid
+    starts: NDArray[np.int64]
+    at: FloatArray
+    read: FloatArray
+
+    def without_mocap_effects(self, p: Vehicle, l_r: float) -> Grid:
+        """The motion if the mocap had not done to the pose what the effects of p say.
+
+        Small changes: the effect of the measured pose is taken off once.
+        """
+        g = self.grid
+        marker = _marker(g, l_r)
+        seen = through(p, "pose", marker, Now(g.t, g.v_x, g.v_y, g.omega, g.yaw), STEP)
+        if all(a is b for a, b in zip(seen, marker, strict=True)):
+            return g
+        x, y, yaw = (2.0 * was - is_ for was, is_ in zip(marker, seen, strict=True))
+        return _motion(g, x, y, yaw, l_r)
+
+
+def prepare(recording: Recording, l_r: float, reference: Reference | None = None) -> Drive:
+    """Errors: RecordingError as for ``grid``."""
+    coarse = grid(recording, reference, l_r)
+    g = _motion(coarse, *_marker(coarse, l_r), l_r)
+    messages = recording.messages
+    if recording.schema == "C":
+        return Drive(recording, g, _starts(g), np.empty(0), np.empty((0, 4)))
+    sent = message_time(messages)
+    g = replace(g, throttle=held(sent, messages.throttle, len(g)),
+                steering=held(sent, messages.steering, len(g)))
+    at = sent / STEP
+    good = _clean(g, at) & ~(messages.speed < TURNING_WHEEL)
+    read = np.stack([messages.speed, messages.yaw_rate, messages.accel_x, messages.accel_y], axis=1)
+    return Drive(recording, g, _starts(g), at[good], read[good])
+
+
+def message_time(m: Messages) -> FloatArray:
+    """When each message was sent (m,) [s], on the clock of the mocap.
+
+    The sensor node's own stamps are steady; arrival waits for the line, the
+    loop and the next mocap row. The promptest arrivals tie the two clocks.
+    """
+    return np.asarray(m.t + np.quantile(m.arrival - m.t, PROMPT))
+
+
+def held(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
+    """Mean of a command over each sample (n,), held from message (m,) to message."""
+    since = np.concatenate([[min(t[0], 0.0) - 1.0], t[1:]])
+    total = np.concatenate([[0.0], np.cumsum(np.diff(since) * value[:-1])])
+    edges = np.arange(n + 1) * STEP
+    integral = np.interp(edges, since, total) + np.maximum(edges - since[-1], 0.0) * value[-1]
+    return np.asarray(np.diff(integral) / STEP)
+
+
+def _marker(g: Grid, l_r: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ref, c, s = g.reference, np.cos(g.yaw), np.sin(g.yaw)
+    forward = ref.lx - l_r
+    return (g.x + forward * c - ref.ly * s, g.y + forward * s + ref.ly * c, g.yaw)
+
+
+def _motion(g: Grid, x: FloatArray, y: FloatArray, yaw: FloatArray, l_r: float) -> Grid:
+    ref, c, s = g.reference, np.cos(yaw), np.sin(yaw)
+    dx, dy, omega = (savgol_derivative(v, POINTS, STEP) for v in (x, y, yaw))
+    forward = ref.lx - l_r
+    return replace(g, x=x - forward * c + ref.ly * s, y=y - forward * s - ref.ly * c, yaw=yaw,
+                   v_x=c * dx + s * dy + omega * ref.ly,
+                   v_y=-s * dx + c * dy - omega * forward, omega=omega)
+
+
+def _starts(g: Grid) -> NDArray[np.int64]:
+    starts = np.arange(WARM_UP, max(len(g) - READ[-1] - MARGIN, WARM_UP), EVERY)
+    bad = np.concatenate([[0], np.cumsum(g.bad)])
+    clean = bad[starts + READ[-1] + MARGIN] == bad[starts - MARGIN]
+    return np.asarray(starts[clean & (g.v_x[starts] > SLOWEST)])
+
+
+def _clean(g: Grid, at: FloatArray) -> NDArray[np.bool_]:
+    """Messages with good mocap over the window of the encoder and a little beyond."""
+    bad = np.concatenate([[0], np.cumsum(g.bad)])
+    here = np.rint(at).astype(np.int64)
+    inside = (here > 30) & (here < len(g) - 30)
+    here = np.clip(here, 30, max(len(g) - 30, 30))
+    return np.asarray(inside & (bad[here + 10] == bad[here - 25]))

@@ -1,0 +1,120 @@
+"""What the model says that was measured, minus what was: motion, and every sensor by itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.identify.commands import actuated
+from dart_hal.recording.dart import Grid, savgol_derivative
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.friction import make_friction
+from dart_hal.vehicle.motor import make_motor
+from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.signals import through
+
+from .drive import HALF, POINTS, READ, STEP, Drive
+
+MOTION = ("v_x", "v_y", "omega")
+SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
+GEAR = 2.0 * math.pi * (11 / 39) * 0.0233  # m of way per revolution of the gear with the marks
+WINDOW = 10  # samples over which the encoder counts
+AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
+
+
+def _kernel() -> FloatArray:
+    """Weights (POINTS - 1,) by which a derivative over POINTS samples averages velocity."""
+    offsets = np.arange(-HALF, HALF + 1)
+    weights = -np.cumsum(offsets / (offsets @ offsets))[:-1]
+    return np.asarray(weights / weights.sum())
+
+
+KERNEL = _kernel()
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """motion (n, len(READ) * 3): errors of n windows, read-out by read-out; sensors (m, 4)."""
+
+    motion: FloatArray
+    sensors: FloatArray
+
+
+class Evidence:
+    """Drives and how the residuals of any model on them are computed."""
+
+    def __init__(self, drives: Sequence[Drive], l_r: float) -> None:
+        self.drives, self.l_r = tuple(drives), l_r
+        self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
+        self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+
+    def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""
+        def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:
+            return np.asarray(drive * 100_000 + (sample * STEP // length).astype(np.int64))
+
+        return (label(self.motion_drive, np.concatenate([d.starts for d in self.drives])),
+                label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
+
+    def residuals(self, p: Vehicle, late: float = 0.0) -> Residuals:
+        """Of the model p with its effects; late [s]: sensors are that much older than stamped."""
+        parts = [self._of(drive, p, settled(p), late) for drive in self.drives]
+        return Residuals(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _of(self, drive: Drive, p: Vehicle, q: Vehicle, late: float
+            ) -> tuple[FloatArray, FloatArray]:
+        g = drive.without_mocap_effects(p, self.l_r)
+        moved = q.body.l_r - self.l_r
+        if moved != 0.0:
+            g = replace(g, v_y=g.v_y + moved * g.omega)
+        throttle, angle = actuated(p, g, smooth=True)
+        return (_motion_error(p, g, drive.starts, throttle, angle),
+                _sensor_error(p, q, g, drive, throttle, late))
+
+
+def _motion_error(p: Vehicle, g: Grid, starts: NDArray[np.int64], throttle: FloatArray,
+                  angle: FloatArray) -> FloatArray:
+    over = starts + np.arange(AT[-1])[:, None]
+    start = np.stack([g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega])[:, starts]
+    states = rollout(p, start, throttle[over], angle[over], at=AT)[:, 3:]
+    seen = np.stack([g.v_x, g.v_y, g.omega])[:, starts + np.array(READ)[:, None]]
+    error = _averaged(states) - seen.swapaxes(0, 1)
+    return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
+
+
+def _averaged(states: FloatArray) -> FloatArray:
+    """Predictions (len(AT), 3, n) as the derivative sees them, (len(READ), 3, n)."""
+    out = []
+    for r in READ:
+        rows = [AT.index(r + j) for j in range(-HALF, HALF + 1)]
+        between = 0.5 * (states[rows[1:]] + states[rows[:-1]])
+        out.append(np.tensordot(KERNEL, between, axes=(0, 0)))
+    return np.stack(out)
+
+
+def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, throttle: FloatArray,
+                  late: float) -> FloatArray:
+    """What each sensor should read for the measured motion, minus what it read; (m, 4)."""
+    if not len(drive.at):
+        return np.empty((0, len(SENSORS)))
+    rates = [savgol_derivative(v, 2 * POINTS + 1, STEP) for v in (g.v_x, g.v_y, g.omega)]
+    a_x, a_y = rates[0] - g.omega * g.v_y, rates[1] + g.omega * g.v_x
+    force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
+    now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, a_x, a_y, rates[2], force,
+              np.cumsum(g.v_x) * STEP / GEAR)
+    wheel = through(p, "wheel", np.array(g.v_x), now, STEP)
+    gyro = through(p, "gyro", np.array(g.omega), now, STEP)
+    a_x, a_y = through(p, "accel", (a_x, a_y), now, STEP)
+    at, sample = drive.at - late / STEP, np.arange(len(g))
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]))])
+    encoder = (np.interp(at, sample, way) - np.interp(at - WINDOW, sample, way)) / WINDOW
+    said = [encoder, *(np.interp(at, sample, v) for v in (gyro, a_x, a_y))]
+    return np.stack(said, axis=1) - drive.read

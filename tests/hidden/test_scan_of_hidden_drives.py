@@ -1,0 +1,47 @@
+"""A scan over the catalogue names the one thing that is hidden, and is quiet when nothing is."""
+
+from __future__ import annotations
+
+import pytest
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.scan import scan
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+
+QUIET = 30.0
+"""Gain below which nothing is named: about twice the largest without anything hidden."""
+PLAN = Plan(seconds=60.0)
+
+
+def scanned(tmp_path, p, seed, names=None):
+    recording = read(write(tmp_path / "hidden.csv", p, seed, PLAN))
+    evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
+    noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+    return scan(evidence, PAPER, noise, names)
+
+
+def test_nothing_hidden_is_quiet(tmp_path):
+    assert scanned(tmp_path, PAPER, 11)[0].gain < QUIET
+
+
+@pytest.mark.parametrize(("name", "k"), [
+    ("steering_lag", 0.06), ("steering_trim", -0.01), ("grip", -0.1), ("throttle_lag", 0.08),
+    ("gyro_bias", 0.02), ("mocap_offset_x", 0.008), ("rolling_resistance", 0.25)])
+def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
+    best = scanned(tmp_path, apply(PAPER, name, k=k), 12)[0]
+    assert best.effect == name
+    assert best.gain > QUIET
+    assert best.values["k"] == pytest.approx(k, rel=0.3)
+
+
+def test_without_the_cause_in_the_catalogue_another_name_gains_less(tmp_path):
+    """The negative control: what is left when the right answer is not on offer is a worse one."""
+    p = apply(PAPER, "steering_lag", k=0.06)
+    right, *_ = scanned(tmp_path, p, 13, ["steering_lag"])
+    wrong, *_ = scanned(tmp_path, p, 13, ["steering_delay", "yaw_inertia", "grip"])
+    assert wrong.gain < 0.8 * right.gain
