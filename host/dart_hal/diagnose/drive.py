@@ -27,6 +27,9 @@ READ = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is
 EVERY = 50  # samples from start to start
 WARM_UP, MARGIN = 20, 8
 SLOWEST = 0.3  # m/s at the start of a window
+CALM, CALM_BEND = 5, 0.1
+"""Samples to each side, and rad/s: where the yaw rate bends more, a smoothed derivative is off
+it, and a wrong start looks like a car with less yaw inertia."""
 TURNING_WHEEL = 0.2  # m/s; below it an encoder counts too little to be judged
 PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
 
@@ -114,7 +117,8 @@ def _starts(g: Grid) -> NDArray[np.int64]:
     starts = np.arange(WARM_UP, max(len(g) - READ[-1] - MARGIN, WARM_UP), EVERY)
     bad = np.concatenate([[0], np.cumsum(g.bad)])
     clean = bad[starts + READ[-1] + MARGIN] == bad[starts - MARGIN]
-    return np.asarray(starts[clean & (g.v_x[starts] > SLOWEST)])
+    bend = np.abs(g.omega[starts + CALM] - 2.0 * g.omega[starts] + g.omega[starts - CALM])
+    return np.asarray(starts[clean & (g.v_x[starts] > SLOWEST) & (bend < CALM_BEND)])
 
 
 def _clean(g: Grid, at: FloatArray) -> NDArray[np.bool_]:
