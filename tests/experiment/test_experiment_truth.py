@@ -67,6 +67,10 @@ def test_delay_of_a_hidden_car(experiment):
     fit = done.fit
     total = fit.parameters["throttle_s"].value + fit.parameters["throttle_lag_s"].value
     assert total == pytest.approx(WAIT, abs=0.008)  # the hidden ESC has neither
+    at = [list(fit.parameters).index(n) for n in ("throttle_s", "throttle_lag_s")]
+    std = math.sqrt(fit.covariance[np.ix_(at, at)].sum())
+    assert abs(total - WAIT) < FAR * std
+    assert std < 0.015  # the loose friction of so little coasting is not in it
     steering = fit.parameters["steering_s"]
     assert abs(steering.value - done.truth.servo.delay - WAIT) < FAR * steering.std
     assert steering.std < 0.01

@@ -25,7 +25,8 @@ from dart_hal.identify.submodels.motor_fit import band_notes, fit_motor
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.sessions import outings
 from dart_hal.identify.submodels.speeds import WINDOW, Speeds, speeds_of
-from dart_hal.identify.submodels.straight import NAMES, Straight
+from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
+from dart_hal.identify.submodels.stretches import cut
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
@@ -118,8 +119,25 @@ def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mas
     if coast is not None:
         fit = replace(fit, free=(*coast.free, *fit.free),
                       independent=np.append(coast.independent[:3], fit.independent[3:]))
+        if len(names) == 1 and TIMING[0] in free:
+            fit = _timed(fit, used, base, mass)
     notes = [f"{n}: too little driven straight, left out" for n in small]
     return fit, [*notes, *([] if bands is None else band_notes(names, bands))]
+
+
+def _timed(fit: Straight, series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight:
+    """The fit with the timing of one fit of everything, its errors over blocks.
+
+    One outing may coast little (the delay test hardly does): forces are then as
+    uncertain as its friction, but when they begin does not hang on that.
+    """
+    whole = solve_straight(series, cut(series), base, fit.x, fit.free, mass)
+    rows = [NAMES.index(n) for n in TIMING]
+    x, covariance, independent = fit.x.copy(), fit.covariance.copy(), fit.independent.copy()
+    x[rows], independent[rows] = whole.x[rows], whole.independent[rows]
+    covariance[rows], covariance[:, rows] = 0.0, 0.0
+    covariance[np.ix_(rows, rows)] = whole.covariance[np.ix_(rows, rows)]
+    return replace(fit, x=x, covariance=covariance, independent=independent)
 
 
 def _count(series: Sequence[Speeds]) -> Driving:
