@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 
+from dart_hal.cli.identify_table import with_error
 from dart_hal.cli.main import main
 from dart_hal.config import load_model
+from dart_hal.errors import UsageError
 from dart_hal.identify.evaluation import evaluate
 from dart_hal.identify.runs import read_any
 from dart_hal.vehicle import PAPER
@@ -100,6 +104,34 @@ def test_a_base_gives_what_is_not_identified(run, tmp_path):
     assert car.friction.a == pytest.approx(1.7258, abs=1e-3)
 
 
+def test_every_file_of_the_paper_is_in_the_list(run):
+    _, _, err = run("all", "--as-paper", EXCERPT, "--dry-run")
+    head, rest = err.split("parameters,")[0].splitlines()[0], err.split("parameters,")[0]
+    listed = [int(n) for n in re.findall(r": (\d+) file\(s\)", rest)]
+    assert head.startswith("43 of 43 file(s) used")
+    assert sum(listed) == 43
+
+
+@pytest.mark.parametrize(("columns", "shown"), [("80", False), ("89", False), ("90", True)])
+def test_a_narrow_terminal_costs_a_column_and_no_digits(run, monkeypatch, columns, shown):
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr("dart_hal.cli.output.console._width", int(columns))
+    _, _, err = run("friction", "--as-paper", EXCERPT)
+    table = err.split("residuals")[1]
+    assert (" loss " in table) == shown
+    assert ("0.0360688" in table) == shown
+    assert "0.18992 N" in table
+    assert "0.18994" in table  # the paper's
+
+
+@pytest.mark.parametrize(("value", "std", "text"), [
+    (13.348, 9.3, "13.3 +- 9.3"), (1.72584, 0.0213, "1.726 +- 0.021"),
+    (0.0, 0.013, "0.000 +- 0.013"), (9.96, 0.996, "10.0 +- 1.0"), (1234.5, 172.0, "1230 +- 170"),
+    (-0.0001, 0.31, "0.00 +- 0.31"), (1.0, math.inf, "1 +- unknown")])
+def test_value_and_error_end_at_the_same_place(value, std, text):
+    assert with_error(value, std) == text
+
+
 def test_a_dry_run_writes_nothing(run, tmp_path):
     status, document, err = run("friction", "--as-paper", EXCERPT, "--out", "m.toml", "--dry-run",
                                 "--json")
@@ -111,7 +143,7 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
 def test_the_table_says_value_error_paper_and_what_is_not_told(run):
     _, document, err = run("tyres", "--as-paper", EXCERPT)
     assert document is None
-    assert "0.3851 +- 0.00088 N/deg" in err
+    assert "0.38508 +- 0.00088 N/deg" in err
     assert "22.301" in err  # the paper's, beside it
     assert "at bound" in err
     assert "caution: tyres: front_C stopped at the edge of the allowed interval" in err
@@ -215,6 +247,31 @@ def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
                               "--json")
     assert status == 2
     assert not (tmp_path / "model.toml").exists()
+
+
+def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    status, _, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
+                         "pics")
+    assert status == 0
+    table = err.split("residuals")[1].split("\n\n")[0]
+    assert len(re.findall(r"typical error", table)) == 1
+    assert "paper's" not in table
+    assert err.index("written: model.toml") < err.index("picture: pics/")
+    assert (tmp_path / "pics" / "tyres.png").exists()
+    assert "next: dart-hal evaluate --model model.toml" in err
+
+
+def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+
+    def fail(*_):
+        raise UsageError("no room for pictures")
+    monkeypatch.setattr("dart_hal.identify.plots.draw", fail)
+    status, _, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
+    assert status == 2
+    assert err.index("1.726 +- 0.021") < err.index("written: m.toml") < err.index("no room")
+    assert (tmp_path / "m.toml").exists()
 
 
 def test_pictures_of_recordings(run, tmp_path):

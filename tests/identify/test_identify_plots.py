@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dart_hal.identify.as_paper import fit_as_paper
-from dart_hal.identify.plots import draw, evidence_as_paper, evidence_of
+from dart_hal.identify.plots import (
+    completed,
+    draw,
+    evidence_as_paper,
+    evidence_of,
+    missing,
+    style,
+)
 from dart_hal.identify.plots.from_recordings import HELD, Motion
 from dart_hal.identify.runs import read_any
 from dart_hal.vehicle import PAPER, make_friction
@@ -52,6 +60,40 @@ def test_recordings_give_forces_of_the_right_sign_and_size(made):
     tyres = evidence.tyres
     assert np.corrcoef(tyres.rear_slip, tyres.rear_force)[0, 1] > 0.8
     assert np.abs(tyres.front_slip).max() < np.radians(40.0)  # rad, not deg
+
+
+def test_rows_without_a_yaw_rate_cost_only_themselves(made):
+    """As in our own runs, whose first messages have none."""
+    recordings, _ = read_any([EXCERPT / "19_step_input_data"])
+    whole = next(r for r in recordings if "15_28_11" in r.path.name)
+    rate = whole.messages.yaw_rate.copy()
+    rate[:5] = np.nan
+    cut = replace(whole, messages=replace(whole.messages, yaw_rate=rate))
+    expected, found = (len(evidence_of([r], made.fits).friction.v) for r in (whole, cut))
+    assert expected > 20
+    assert expected - 5 <= found <= expected
+    none = replace(whole, messages=replace(whole.messages, yaw_rate=np.full_like(rate, np.nan)))
+    evidence = evidence_of([none], made.fits)
+    assert evidence.friction is None
+    assert missing(evidence, made.fits)["friction"] == "no usable stretch in these recordings"
+
+
+def test_what_a_joint_fit_held_comes_from_the_base(made):
+    tyres = made.fits["tyres"]
+    half = replace(tyres, parameters={n: tyres.parameters[n] for n in (
+        "front_D", "front_B", "rear_cornering_stiffness")})
+    full = completed({"tyres": half, "friction": made.fits["friction"]}, PAPER)
+    assert full["tyres"].parameters["front_D"] == tyres.parameters["front_D"]
+    assert full["tyres"].parameters["front_C"].value == PAPER.tyres.front_C
+    assert not full["tyres"].parameters["front_C"].identifiable
+    assert full["friction"] is made.fits["friction"]
+
+
+def test_a_curve_of_many_sessions_says_so(made):
+    fit = made.fits["friction"]
+    assert style.label(fit) == "fit"
+    pooled = replace(fit, notes=("one fit of the coasting of 10 sessions",))
+    assert style.label(pooled) == "fit, mean of 10 sessions"
 
 
 def test_only_what_was_fitted_is_drawn(made, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -42,16 +43,19 @@ DEFAULT_OUT = Path("model.toml")
               help="all sub-models in one fit on what they predict, from recordings with motion "
                    "capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
+@click.option("--full", is_flag=True, help="every session by itself, however many files")
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
             out: Path | None, plot: Path | None, reference: Reference | None, joint: bool,
-            dry_run: bool, as_json: bool) -> int:
+            dry_run: bool, full: bool, as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
     Values come with standard errors. A fit that did not converge or stopped at
     a bound is said, and never written. Exit status 1: nothing could be identified.
     """
     _check(submodel, files, root, reference, joint)
+    if plot is not None:
+        _need_matplotlib()
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
@@ -69,19 +73,26 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
                                     lambda share, text: bar.update(task, completed=share,
                                                                    description=text))
     else:
-        outcome, data = per_recording(files, names, vehicle_of(start), typed, reference)
+        with progress_bar() as bar:
+            task = bar.add_task("reading", total=1.0)
+            outcome, data = per_recording(files, names, vehicle_of(start), typed, reference,
+                                          lambda share, text: bar.update(task, completed=share,
+                                                                         description=text))
     written = model_from(outcome.fits, start, outcome.source, joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
+    if not as_json:
+        from dart_hal.cli.identify_table import show
+
+        show(outcome, full)
+        console.print(f"base: {origin}", markup=False, highlight=False)
+    _say(written, path, target, dry_run)
+    # last: whatever goes wrong with a picture, the figures above are out and the file is written
     pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []
     if as_json:
         print_json({**outcome.to_json(), "base": origin, "model": path, "plots": pictures,
                     "left_out": dict(written.left_out)})
-    else:
-        from dart_hal.cli.identify_table import show
-
-        show(outcome, pictures)
-        console.print(f"base: {origin}", markup=False, highlight=False)
-    _say(written, path, target, dry_run)
+    elif path is not None:
+        _next(path, data)
     asked_in_vain = out is not None and path is None and not dry_run
     return 1 if asked_in_vain or not outcome.sound else 0
 
@@ -105,6 +116,12 @@ def _check(submodel: str, files: Sequence[Path], root: Path | None,
                          remedy="dart-hal identify all FOLDER")
 
 
+def _need_matplotlib() -> None:
+    """Before the fits, which take longer than to find out."""
+    if find_spec("matplotlib") is None:
+        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'")
+
+
 def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
     """The command line, for the provenance of the file."""
     words = ["dart-hal", "identify", submodel, *map(str, files)]
@@ -126,11 +143,29 @@ def _base(base: str | None, target: Path | None) -> tuple[ModelFile, str]:
 
 def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None,
           base: Vehicle) -> list[Path]:
-    from dart_hal.identify.plots import draw, evidence_as_paper, evidence_of
+    from dart_hal.identify.plots import completed, draw, evidence_as_paper, evidence_of, missing
 
-    evidence = (evidence_of(data, outcome.fits, reference, base) if isinstance(data, list)
+    fits = completed(outcome.fits, base)
+    evidence = (evidence_of(data, fits, reference, base) if isinstance(data, list)
                 else evidence_as_paper(data))
-    return draw(evidence, outcome.fits, folder)
+    pictures = draw(evidence, fits, folder)
+    for picture in pictures:
+        console.print(f"picture: {picture}", markup=False, highlight=False)
+    for name, why in missing(evidence, fits).items():
+        console.print(f"no picture of {name}: {why}", style="yellow", markup=False,
+                      highlight=False)
+    return pictures
+
+
+def _next(path: Path, data: Any) -> None:
+    """What to type after a model was written."""
+    judged = not isinstance(data, list) or any(r.mocap is not None for r in data)
+    lines = [f"dart-hal evaluate --model {shlex.quote(str(path))} FILES   "
+             "(motion capture that this fit has not seen)"] if judged else []
+    if path.parent.parent.name != "cars":
+        lines.append("for a car of your own: the same with --out cars/NAME/model.toml")
+    for line in lines:
+        console.print(f"next: {line}", markup=False, highlight=False)
 
 
 def _say(written: Written, path: Path | None, target: Path | None, dry_run: bool) -> None:

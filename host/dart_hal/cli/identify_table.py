@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 from rich import box
@@ -13,18 +13,25 @@ from rich.table import Table
 from dart_hal.cli.output import console
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.outcome import Outcome
-from dart_hal.identify.write import why_unsound
+from dart_hal.identify.write import SECTIONS, why_unsound
 
 PER_DEGREE = math.pi / 180.0
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
-NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap))")
+NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|change speed))")
 """What differs from file to file in reasons that are the same."""
+SESSION = re.compile(r"20\d\d-\d\d-\d\d\b")
+"""How a note on one session of many begins."""
+NARROW = 90
+"""Columns of a terminal below which the loss, the square of the rmse, is left out."""
 MOST_FILES = 20
 """Files listed one by one; more are summed up by reason."""
 
 
-def show(outcome: Outcome, pictures: list[Path]) -> None:
-    """Files first, then the fits, so that the result does not scroll away."""
+def show(outcome: Outcome, full: bool = False) -> None:
+    """Files first, then the fits, so that the result does not scroll away.
+
+    full: notes of every session also where there are many files.
+    """
     _files(outcome)
     console.print(_parameters(outcome))
     console.print(_quality(outcome))
@@ -32,10 +39,16 @@ def show(outcome: Outcome, pictures: list[Path]) -> None:
         why = why_unsound(fit)
         if why:
             console.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
-    for note, names in _notes(outcome).items():
-        console.print(f"  {', '.join(names)}: {note}", style="dim", markup=False, highlight=False)
-    for picture in pictures:
-        console.print(f"picture: {picture}", markup=False, highlight=False)
+    notes = _notes(outcome)
+    short = {} if full or len(outcome.files) <= MOST_FILES else {
+        note: names for note, names in notes.items() if SESSION.match(note)}
+    for note, names in notes.items():
+        if note not in short:
+            console.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
+                          highlight=False)
+    if short:
+        console.print(f"  {len(short)} note(s) on single sessions: --full shows them, --json too",
+                      style="dim", markup=False, highlight=False)
 
 
 def _notes(outcome: Outcome) -> dict[str, list[str]]:
@@ -60,9 +73,13 @@ def _files(outcome: Outcome) -> None:
         counts: dict[str, int] = {}
         for report in reports.values():
             for why in report.why:
-                kind = NUMBER.sub("N", why.partition(":")[0])
+                head, _, rest = why.partition(":")
+                kind = NUMBER.sub("N", head if head not in SECTIONS
+                                  else f"{head}:{rest.partition(':')[0]}")
                 counts[kind] = counts.get(kind, 0) + 1
         lines = [f"  {why}: {count} file(s)" for why, count in counts.items()]
+        whole = sum(1 for report in reports.values() if not report.why)
+        lines += [f"  every row used: {whole} file(s)"] if whole else []
         lines.append("  (--json tells it file by file)")
     for line in lines:
         console.print(line, style="dim", markup=False, highlight=False)
@@ -78,11 +95,11 @@ def _parameters(outcome: Outcome) -> Table:
         table.add_row(f"[bold]{name}[/]")
         for key, e in {**fit.parameters, **outcome.derived.get(name, {})}.items():
             beside = f"{paper[key]:.5g}" if key in paper else ""
-            table.add_row(f"  {key}", f"{e.value:.5g} +- {_error(e.std)} {e.unit.strip('-')}",
+            table.add_row(f"  {key}", f"{with_error(e.value, e.std)} {e.unit.strip('-')}",
                           beside, _told(fit, key, e))
             if e.unit in DEGREES:
                 beside = f"{paper[key] * PER_DEGREE:.4f}" if key in paper else ""
-                value = f"{e.value * PER_DEGREE:.4f} +- {_error(e.std * PER_DEGREE)}"
+                value = with_error(e.value * PER_DEGREE, e.std * PER_DEGREE)
                 table.add_row("", f"{value} {DEGREES[e.unit]}", beside, "", style="dim")
         table.add_section()
     return table
@@ -101,17 +118,33 @@ def _told(fit: Fit, key: str, e: Estimate) -> str:
     return "yes" if e.identifiable else "no"
 
 
-def _error(std: float) -> str:
-    return f"{std:.2g}" if math.isfinite(std) else "unknown"
+def with_error(value: float, std: float) -> str:
+    """value +- std: the error with two digits, the value to the same place."""
+    if not math.isfinite(std):
+        return f"{value:.5g} +- unknown"
+    if not 1e-9 < std < 1e6:
+        return f"{value:.5g} +- {std:.2g}"
+    place = 1 - math.floor(math.log10(float(f"{std:.1e}")))
+    value, std = round(value, place) + 0.0, round(std, place)  # + 0.0: no minus zero
+    return f"{value:.{max(place, 0)}f} +- {std:.{max(place, 0)}f}"
 
 
 def _quality(outcome: Outcome) -> Table:
-    table = _columns("residuals", {
-        "sub-model": "left", "n": "right", "rmse": "right", "paper's": "right",
-        "loss": "right", "sound": "left", "CPU ms": "right"})
-    for name, fit in outcome.fits.items():
-        paper = outcome.published[name].rmse if name in outcome.published else None
-        table.add_row(name, str(fit.n), f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
-                      "" if paper is None else f"{paper:.5f}", f"{fit.loss:.6g}" if fit.n else "-",
-                      "yes" if fit.sound else "NO", f"{1e3 * fit.cpu_s:.1f}")
+    """One row for each fit; a joint fit is one, whatever it is of."""
+    rows = dict(outcome.fits)
+    if outcome.joint is not None and rows:
+        first = next(iter(rows.values()))
+        rows = {"all": replace(first, converged=all(f.converged for f in rows.values()),
+                               at_bound=tuple(n for f in rows.values() for n in f.at_bound))}
+    papers = {name: p.rmse for name, p in outcome.published.items() if p.rmse is not None}
+    columns = {"sub-model": "left", "n": "right", "rmse": "right", "paper's": "right",
+               "loss": "right", "sound": "left", "CPU ms": "right"}
+    left_out = ({"loss"} if console.width < NARROW else set()) | (set() if papers else {"paper's"})
+    table = _columns("residuals", {c: side for c, side in columns.items() if c not in left_out})
+    for name, fit in rows.items():
+        cells = {"sub-model": name, "n": str(fit.n), "sound": "yes" if fit.sound else "NO",
+                 "rmse": f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
+                 "paper's": f"{papers[name]:.5f}" if name in papers else "",
+                 "loss": f"{fit.loss:.6g}" if fit.n else "-", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
+        table.add_row(*(cells[column] for column in columns if column not in left_out))
     return table

@@ -125,7 +125,8 @@ def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]
 
 
 def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
-                  reference: Reference | None = None) -> tuple[Outcome, list[Recording]]:
+                  reference: Reference | None = None, progress: Progress | None = None
+                  ) -> tuple[Outcome, list[Recording]]:
     """Every recording for itself, robust; also the recordings, for pictures.
 
     Errors: RecordingError when a file named by itself, or all of them, cannot
@@ -134,7 +135,8 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     from dart_hal.identify.submodels import fit_submodels
 
     recordings, skipped = read_any(paths)
-    fits, reports = fit_submodels(recordings, names, base=base, reference=reference)
+    fits, reports = fit_submodels(recordings, names, base=base, reference=reference,
+                                  progress=progress)
     files: dict[str, FileReport] = {}
     points: dict[str, tuple[float, float, float]] = {}
     for r in recordings:

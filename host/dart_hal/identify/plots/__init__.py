@@ -9,6 +9,7 @@ from typing import Any
 from dart_hal.identify.fit import Fit
 
 from . import style
+from .complete import completed, papers_form
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
 from .from_paper import evidence_as_paper
 from .from_recordings import evidence_of
@@ -16,7 +17,7 @@ from .lateral import draw_delay, draw_steering, draw_tyres
 from .longitudinal import draw_friction, draw_motor, draw_step
 
 __all__ = ["Coasting", "Driving", "Evidence", "Lagging", "Slipping", "StepResponse", "Turning",
-           "draw", "evidence_as_paper", "evidence_of"]
+           "completed", "draw", "evidence_as_paper", "evidence_of", "missing"]
 
 DRAWN: dict[str, Callable[[Any, Fit], Any]] = {
     "friction": draw_friction, "motor": draw_motor, "steering": draw_steering,
@@ -26,16 +27,32 @@ DRAWN: dict[str, Callable[[Any, Fit], Any]] = {
 def draw(evidence: Evidence, fits: Mapping[str, Fit], folder: str | Path) -> list[Path]:
     """One PNG per sub-model that was fitted and has data, and the step response.
 
+    fits with all parameters that a curve needs, see ``completed``.
     Errors: UsageError when matplotlib is missing.
     """
     folder = Path(folder)
     pictures: list[Path] = []
     for name, drawer in DRAWN.items():
         data: Any = getattr(evidence, name)
-        if data is not None and name in fits and fits[name].n:
+        if name in fits and not _why_not(evidence, name, fits[name]):
             pictures.append(style.save(drawer(data, fits[name]), folder, name))
     longitudinal = [fits.get(name) for name in ("friction", "motor")]
     if evidence.step is not None and any(longitudinal):
         figure = draw_step(evidence.step, *longitudinal)
         pictures.append(style.save(figure, folder, "step_response"))
     return pictures
+
+
+def missing(evidence: Evidence, fits: Mapping[str, Fit]) -> dict[str, str]:
+    """Sub-models that were asked for and have no picture, with the reason."""
+    reasons = {name: _why_not(evidence, name, fits[name]) for name in DRAWN if name in fits}
+    return {name: why for name, why in reasons.items() if why}
+
+
+def _why_not(evidence: Evidence, name: str, fit: Fit) -> str:
+    """Empty where there is something to draw."""
+    if name == "tyres" and not papers_form({name: fit}):
+        return "these tyres have another form than the paper's"
+    if getattr(evidence, name) is None:
+        return "no usable stretch in these recordings"
+    return "" if fit.n else "nothing of it was fitted"

@@ -6,6 +6,7 @@ a second and differentiated. The fits do not use these derivatives.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,7 @@ from dart_hal.recording.dart.model import BoolArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_steering
 
+from .complete import papers_form
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
 
 HELD = 0.4  # s; a command this old has been answered
@@ -31,6 +33,8 @@ MOST = 6000  # points in one picture
 STRAIGHT, GRIP = 0.6, 4.0  # m/s2 of lateral acceleration
 OFFSETS = np.radians(np.arange(-6.0, 6.05, 0.1))
 LAGS = np.arange(0.0, 0.6, 0.01)
+COMMAND = re.compile(r"as one pure delay (\d+\.\d+) ")
+"""In the notes of a fit of the delay; its values are those for a replay of held rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +62,7 @@ class Motion:
 
 def evidence_of(recordings: Sequence[Recording], fits: Mapping[str, Fit],
                 reference: Reference | None = None, base: Vehicle = PAPER) -> Evidence:
-    """What these recordings show of the sub-models in ``fits``."""
+    """What these recordings show of the sub-models in ``fits``, complete as by ``completed``."""
     motions = [m for r in recordings for m in _motions(r, reference, base.body)]
     found: dict[str, Any] = {}
     if "friction" in fits or "motor" in fits:
@@ -69,7 +73,7 @@ def evidence_of(recordings: Sequence[Recording], fits: Mapping[str, Fit],
         found["steering"] = _turning(motions, base.body.wheelbase)
     if "delay" in fits:
         found["delay"] = _lagging(motions, fits, base)
-    if "tyres" in fits:
+    if papers_form(fits):
         found["tyres"] = _slipping(recordings, fits, reference, base)
     return Evidence(**found)
 
@@ -83,9 +87,12 @@ def _from_encoder(r: Recording, body: Body) -> list[Motion]:
     m, out = r.messages, []
     if r.encoder in ("dead", "none"):
         return []
-    for label in np.unique(m.segment):
-        rows = np.flatnonzero(m.segment == label)
-        if len(rows) >= 10 and np.all(np.isfinite(m.yaw_rate[rows])):
+    known = np.isfinite(m.yaw_rate) & np.isfinite(m.speed)
+    # cut where a value is missing (the first messages of our own runs have no yaw rate)
+    label = np.cumsum(np.concatenate([[0], (np.diff(m.segment) != 0) | (np.diff(known) != 0)]))
+    for one in np.unique(label[known]):
+        rows = np.flatnonzero(label == one)
+        if len(rows) >= 10:
             v = smooth(m.speed[rows], 5, 2)
             out.append(Motion(r.path.name, m.t[rows], v, body.mass * slope(m.t[rows], v),
                               m.yaw_rate[rows], m.throttle[rows], m.steering[rows]))
@@ -172,6 +179,8 @@ def _lagging(motions: Sequence[Motion], fits: Mapping[str, Fit], base: Vehicle) 
     both = e["steering_s"].value + e["steering_lag_s"].value if "steering_lag_s" in e else None
     marks = [(e["steering_s"].value, "fitted delay")]
     marks += [] if both is None else [(both, "fitted delay + lag")]
+    total = COMMAND.search(" ".join(fits["delay"].notes))
+    marks += [] if total is None else [(float(total[1]), "from the command itself")]
     return Lagging(LAGS, np.array(value) / max(value), tuple(marks))
 
 

@@ -60,8 +60,8 @@ def draw_motor(data: Driving, fit: Fit) -> Any:
 
 
 def _over_throttle(axes: Any, x: FloatArray, data: Driving, fit: Fit) -> None:
-    top = max(0.4, float(data.throttle.max()))
-    tau = np.linspace(0.0, top, 300)
+    # as far as there are data: beyond them the curve says nothing
+    tau = np.linspace(0.0, float(data.throttle.max()), 300)
     for v in (0.0, 1.0, 2.0):
         speed = np.full(300, v)
         axes.plot(tau, curves.motor(x, tau, speed)[0], color=style.OURS, lw=2.2,
@@ -96,8 +96,9 @@ def draw_step(data: StepResponse, friction: Fit | None, motor: Fit | None) -> An
         x = style.values(friction, "a", "b", "c"), style.values(motor, "d", "e", "g")
         v, force = _driven(data, *x)
         kind = "-" if friction.sound and motor.sound else ":"
-        top.plot(data.t, v, color=style.OURS, lw=1.8, ls=kind, label="fit")
-        bottom.plot(data.t, force, color=style.OURS, lw=1.8, ls=kind, label="fit")
+        label = style.label(motor)
+        top.plot(data.t, v, color=style.OURS, lw=1.8, ls=kind, label=label)
+        bottom.plot(data.t, force, color=style.OURS, lw=1.8, ls=kind, label=label)
     v, force = _driven(data, PAPER_FRICTION, PAPER_MOTOR)
     style.paper(top, data.t, v)
     style.paper(bottom, data.t, force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,13 @@ def line(axes: Any, x: FloatArray, y: FloatArray, fit: Fit, part: str = "") -> N
     """
     sound = fit.converged and not any(name.startswith(part) for name in fit.at_bound)
     axes.plot(x, y, color=OURS, lw=2.2, ls="-" if sound else ":", zorder=3,
-              label="fit" if sound else "fit (not sound)")
+              label=label(fit) if sound else f"{label(fit)} (not sound)")
+
+
+def label(fit: Fit) -> str:
+    """What the curve of a fit is: no single recording need lie on one of many sessions."""
+    found = re.search(r"one fit of (?:the coasting of )?(\d+) sessions", " ".join(fit.notes))
+    return f"fit, mean of {found[1]} sessions" if found else "fit"
 
 
 def paper(axes: Any, x: FloatArray, y: FloatArray) -> None:

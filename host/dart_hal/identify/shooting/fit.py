@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
-from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
 from dart_hal.identify.solve import EDGE, Solution, block_covariance
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.types import FloatArray
@@ -204,7 +204,7 @@ def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: F
     std = np.sqrt(np.diag(covariance))
     estimates = {names[i].partition(".")[2]: Estimate(
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
-        bool(told[i])) for i in mine}
+        bool(told[i]) and (name != "delay" or float(std[i]) < TIME_TOLD)) for i in mine}
     # no delay and no lag are answers, not walls that the fit ran into; their upper ends are
     stopped = tuple(names[i].partition(".")[2] for i in mine
                     if data.at_bound[i] and (name != "delay" or value(vehicle, names[i]) > EDGE))

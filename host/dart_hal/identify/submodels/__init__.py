@@ -7,7 +7,7 @@ that are taken as independent, because the samples of a drive are not.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dart_hal.errors import UsageError
@@ -29,15 +29,17 @@ __all__ = ["SUBMODELS", "FileReport", "fit_submodels"]
 
 def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMODELS, *,
                   base: Vehicle = PAPER, mass: Estimate | None = None,
-                  reference: Reference | None = None
+                  reference: Reference | None = None,
+                  progress: Callable[[float, str], None] | None = None
                   ) -> tuple[dict[str, Fit], dict[str, FileReport]]:
     """(fits by name in the order asked for, report by file).
 
     base: geometry, mass and every value that is not fitted; mass [kg] instead
     of the base's, its std enters the errors of all forces; reference: where
-    the markers sat, None = by date. What the recordings cannot tell comes back
-    as the base's values, not identifiable, not converged, with the reason in
-    its notes. Errors: UsageError for an unknown name or no recording.
+    the markers sat, None = by date; progress(share, what comes now). What the
+    recordings cannot tell comes back as the base's values, not identifiable,
+    not converged, with the reason in its notes. Errors: UsageError for an
+    unknown name or no recording.
     """
     unknown = [n for n in names if n not in SUBMODELS]
     if unknown or not names:
@@ -47,7 +49,12 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
         raise UsageError("no recording to fit", expected="at least one recording")
     ledger = Ledger()
     fits: dict[str, Fit] = {}
+
+    def tell(name: str) -> None:
+        if progress is not None:
+            progress(len(fits) / len(names), name)
     if {"friction", "motor", "delay"} & set(names):
+        tell("straight driving")
         begin = time.process_time()
         found = drive(recordings, reference, base, mass, ledger,
                       only_friction=not {"motor", "delay"} & set(names))
@@ -55,10 +62,13 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
         fits |= {n: longitudinal_fit(n, found, base, mass, cpu) for n in names
                  if n in ("friction", "motor")}
         if "delay" in names:
+            tell("delay")
             fits["delay"] = fit_delay(recordings, reference, base, found, ledger)
     if "steering" in names:
+        tell("steering")
         fits["steering"] = fit_steering(recordings, reference, base, ledger)
     if "tyres" in names:
+        tell("tyres")
         fits["tyres"] = fit_tyres(recordings, reference, base, fitted_car(base, fits), ledger)
     return {n: fits[n] for n in names}, ledger.reports()
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
 from dart_hal.identify.submodels.driving import TIMING, Driving
 from dart_hal.identify.submodels.report import UNITS, Ledger, untold
 from dart_hal.identify.submodels.steering_timing import (
@@ -47,8 +47,9 @@ def fit_delay(recordings: Sequence[Recording], reference: Reference | None, base
             continue
         covariance[np.ix_(rows, rows)] = part.covariance
         for i, row in enumerate(rows):
-            entries[names[row]] = Estimate(float(part.values[i]),
-                                           float(np.sqrt(part.covariance[i, i])), "s", part.apart)
+            std = float(np.sqrt(part.covariance[i, i]))
+            entries[names[row]] = Estimate(float(part.values[i]), std, "s",
+                                           part.apart and std < TIME_TOLD)
         notes += part.notes
     return Fit("delay", entries, covariance, known[0].n, known[0].rmse,
                "rad/s" if steering else "m/s", all(p.converged for p in known), (),
