@@ -52,7 +52,6 @@ EFFECT = Effect(
     confused_with=("encoder_scale",),
     experiment=(
         "Roll slowly and steadily, below 0.4 m/s, where a window of 0.1 s holds less "
-        "than a turn: the ripple shows the ring mark by mark (dart-hal calibrate "
-        "encoder)."),
+        "than a turn: the ripple shows the ring mark by mark."),
     signals={"wheel": Static(ring)},
 )

@@ -43,6 +43,6 @@ EFFECT = Effect(
     experiment=(
         "Straight drives with two levels of throttle: the clock moves trim and dead "
         "band together, in the ratio 375 to 450; a counter on the PWM pin shows it at "
-        "once (dart-hal calibrate clock)."),
+        "once (hardware/README.md, PWM clock)."),
     signals={"steering": Static(steering), "throttle": Static(throttle)},
 )
