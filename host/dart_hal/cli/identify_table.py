@@ -17,7 +17,8 @@ from dart_hal.identify.write import SECTIONS, why_unsound
 
 PER_DEGREE = math.pi / 180.0
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
-NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|change speed))")
+NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"
+                    r"change speed|s earlier))")
 """What differs from file to file in reasons that are the same."""
 SESSION = re.compile(r"20\d\d-\d\d-\d\d\b")
 """How a note on one session of many begins."""

@@ -16,6 +16,8 @@ from .evidence import Coasting, Driving, StepResponse
 
 PAPER_FRICTION = np.array([PUBLISHED.friction.a, PUBLISHED.friction.b, PUBLISHED.friction.c])
 PAPER_MOTOR = np.array([PUBLISHED.motor.d, PUBLISHED.motor.e, PUBLISHED.motor.g])
+REACHED = 0.99
+"""Share of the rows that the picture over throttle covers."""
 LEVELS = 7
 """At most so many throttle levels in the motor picture."""
 
@@ -60,8 +62,8 @@ def draw_motor(data: Driving, fit: Fit) -> Any:
 
 
 def _over_throttle(axes: Any, x: FloatArray, data: Driving, fit: Fit) -> None:
-    # as far as there are data: beyond them the curve says nothing
-    tau = np.linspace(0.0, float(data.throttle.max()), 300)
+    # as far as there are data, but for a few rows: beyond them the curve says nothing
+    tau = np.linspace(0.0, float(np.quantile(data.throttle, REACHED)), 300)
     for v in (0.0, 1.0, 2.0):
         speed = np.full(300, v)
         axes.plot(tau, curves.motor(x, tau, speed)[0], color=style.OURS, lw=2.2,
