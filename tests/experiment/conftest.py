@@ -11,7 +11,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.config import CarFiles, parse_car
 from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.handover import Outcome, fit_run, mass_of
+from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.runner import Drive
 from dart_hal.identify.fit import Fit
@@ -75,6 +75,7 @@ def experiment(tmp_path):
         with Car.over(backend, cars=tmp_path, record=path) as car:
             plan = make_plan(name, car.files, Floor.parse(FLOOR[name]), None)
             mass = mass_of(car.files, None, backend.workshop)
+            note_mass(car, mass)
             drive = conduct(car, plan)
             files = car.files
         return Driven(drive, fit_run(path, name, files, mass), files, hidden_car(seed), path)

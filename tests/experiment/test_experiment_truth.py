@@ -8,12 +8,17 @@ encoder's drawing, delays on the wait for a PWM frame.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dart_hal.experiment.circles import TYRE_STEERING
 from dart_hal.experiment.understeer import GENTLE
+from dart_hal.identify.mass import never_weighed, weighed
+from dart_hal.identify.outcome import per_recording
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.load import find_model
 
 WAIT = 0.0119
 """s from a command to the end of its pulse: half a PWM frame in the mean, then 1.9 ms."""
@@ -34,6 +39,20 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
         entry = done.fit.parameters[name]
         assert entry.std < most * entry.value
     assert abs(done.outcome.mass.value - done.truth.vehicle.body.mass) < 0.008
+    # identify takes the mass out of the recording, and the model it writes has it
+    found, recordings = per_recording([done.path], ["friction"], PAPER, "")
+    mass = found.mass
+    assert mass is not None
+    assert (mass.value, mass.std) == pytest.approx((done.outcome.mass.value,
+                                                    done.outcome.mass.std))
+    assert found.over(find_model("paper")[0]).body["mass"].value == mass.value
+    again = found.fits["friction"].parameters["a"].value
+    assert again == pytest.approx(done.fit.parameters["a"].value, rel=0.002)
+    assert abs(mass.value / PAPER.body.mass - 1.0) > 0.004  # negative control: it does matter
+    unknown = [replace(r, mass=None) for r in recordings]
+    assert weighed(unknown) is None
+    assert "nobody has weighed" in never_weighed(unknown, PAPER)
+    assert not never_weighed(recordings, PAPER)
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
@@ -224,6 +224,11 @@ class Car:
             return self._engine.driver.stop(self._engine.now)
 
     # -- arming ----------------------------------------------------------------------
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Put a record of this name into the recording, if one is made; the newest counts."""
+        if self._recorder is not None:
+            self._recorder.note(name, values)
 
     def arm(self, *, waive: Sequence[str] = ()) -> None:
         """Hold neutral for the ESC's start-up time, check everything, arm.

@@ -18,7 +18,7 @@ from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.handover import Outcome, fit_run, mass_of, write_model
+from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.plans import NAMES, Plan
 from dart_hal.experiment.plot import plot_drive
@@ -74,6 +74,8 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         raise
     with Car.over(backend, car=car_name, cars=cars, record=out) as car:
         notices(car.notices)
+        if mass is not None or backend.workshop is not None:
+            note_mass(car, weighed)
         _agree(plan, simulated, yes)
         drive = _drive(car, plan, waive, out)
         source = car.url

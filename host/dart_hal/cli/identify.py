@@ -78,7 +78,8 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
             outcome, data = per_recording(files, names, vehicle_of(start), typed, reference,
                                           lambda share, text: bar.update(task, completed=share,
                                                                          description=text))
-    written = model_from(outcome.fits, start, outcome.source, joint=outcome.joint)
+    written = model_from(outcome.fits, outcome.over(start), outcome.source,
+                         joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
     if not as_json:
         from dart_hal.cli.identify_table import show

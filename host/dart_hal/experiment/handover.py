@@ -10,9 +10,10 @@ from typing import Any
 
 import msgspec
 
+from dart_hal.car import Car
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.runs import EVERY, read_run
+from dart_hal.identify.runs import EVERY, MASS, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.links.base import Workshop
@@ -65,6 +66,11 @@ def mass_of(files: CarFiles, kilograms: float | None = None, workshop: Workshop 
         return Estimate(value, std, "kg")
     entry = files.config.geometry.mass
     return Estimate(entry, MASS_STD * entry, "kg")
+
+
+def note_mass(car: Car, mass: Estimate) -> None:
+    """Put what was weighed into the recording, so that ``identify`` takes it later."""
+    car.note(MASS, {"kg": repr(mass.value), "std": repr(mass.std)})
 
 
 def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Outcome:

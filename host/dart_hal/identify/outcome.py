@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from dart_hal.config import ModelFile, Quantity
 from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.mass import never_weighed, of_mass, weighed
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.runs import read_any
 from dart_hal.identify.write import SECTIONS, Source, rounded, why_unsound
@@ -33,7 +36,8 @@ class Outcome:
 
     published: the paper's values beside them; derived: what the data do tell
     where single parameters are not told; source: for the file's provenance;
-    joint: covariance across sub-models, where they were fitted together.
+    joint: covariance across sub-models, where they were fitted together;
+    mass [kg]: as weighed with the recordings, None = the base's was taken.
     """
 
     fits: Mapping[str, Fit]
@@ -42,11 +46,19 @@ class Outcome:
     source: Source
     derived: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     joint: Covariance | None = None
+    mass: Estimate | None = None
 
     @property
     def sound(self) -> bool:
         """Whether any fit can be trusted."""
         return any(fit.sound for fit in self.fits.values())
+
+    def over(self, base: ModelFile) -> ModelFile:
+        """The base that the fits belong to: with the mass that they hang on."""
+        if self.mass is None:
+            return base
+        mass = Quantity(self.mass.value, self.mass.std)
+        return msgspec.structs.replace(base, body={**base.body, "mass": mass})
 
     def to_json(self) -> dict[str, Any]:
         """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
@@ -135,8 +147,12 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     from dart_hal.identify.submodels import fit_submodels
 
     recordings, skipped = read_any(paths)
-    fits, reports = fit_submodels(recordings, names, base=base, reference=reference,
-                                  progress=progress)
+    mass = weighed(recordings)
+    fits, reports = fit_submodels(recordings, names, base=of_mass(base, mass), mass=mass,
+                                  reference=reference, progress=progress)
+    if vague := never_weighed(recordings, base):
+        fits = {name: replace(fit, notes=(*fit.notes, vague)) if name in ("friction", "motor")
+                else fit for name, fit in fits.items()}
     files: dict[str, FileReport] = {}
     points: dict[str, tuple[float, float, float]] = {}
     for r in recordings:
@@ -151,4 +167,4 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "per recording, robust, errors over blocks")
     published = {name: published_values(name) for name in fits}
-    return Outcome(fits, files, published, source), recordings
+    return Outcome(fits, files, published, source, mass=mass), recordings

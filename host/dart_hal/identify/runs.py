@@ -21,11 +21,13 @@ from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.recording.dart import Messages, Note, Recording, read
 from dart_hal.recording.dart.model import IntArray, freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
+from dart_hal.recording.run import RunReader
 from dart_hal.types import FloatArray, State
 
 EVERY = 10  # frames of 10 ms
 SHORTEST = 100  # frames: 1 s
 FRAME = 0.01  # s
+MASS = "mass"  # metadata of a run: kg and std, as weighed
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
@@ -58,7 +60,18 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
                                                         else "all used"))]
     notes += [Note("frames lost on the line", lost)] if lost else []
     return Recording(path, RUN, _messages(states, files, every), None, "ok", None,
-                     hashlib.sha256(path.read_bytes()).hexdigest(), tuple(notes))
+                     hashlib.sha256(path.read_bytes()).hexdigest(), tuple(notes),
+                     mass=_weighed(path))
+
+
+def _weighed(path: Path) -> tuple[float, float] | None:
+    """(kg, one sigma) as noted by the experiment; None where nobody has weighed."""
+    noted = RunReader(path).metadata.get(MASS, {})
+    try:
+        value, std = float(noted["kg"]), float(noted["std"])
+    except (KeyError, ValueError):
+        return None
+    return (value, std) if 0.0 < value < np.inf and 0.0 < std < np.inf else None
 
 
 def undithered(command: FloatArray, count: float) -> FloatArray:

@@ -88,6 +88,7 @@ class Recording:
     nothing shows that the car did), "none" (schema C). quantum: m/s per
     encoder count, None if it cannot be told. sha256 of the file's bytes.
     rows: lines of the table before anything was dropped (0: no table).
+    mass: as weighed for this recording, (kg, one sigma); None: it was not.
     """
 
     path: Path
@@ -99,6 +100,7 @@ class Recording:
     sha256: str
     notes: tuple[Note, ...]
     rows: int = 0
+    mass: tuple[float, float] | None = None
 
     @property
     def name(self) -> str:
