@@ -57,6 +57,7 @@ def test_as_paper_prints_the_contract(run, tmp_path):
     assert document["fits"]["tyres"]["derived"]["front_stiffness_BCD"]["unit"] == "N/rad"
     assert len(document["files"]) == 43
     assert all(set(f) == {"used", "dropped", "why"} for f in document["files"].values())
+    assert not document["fits"]["delay"]["identifiable"]["steering_s"]  # an error of a row
     assert document["model"] is None
     assert not list(tmp_path.iterdir())
 
@@ -157,7 +158,9 @@ def test_the_table_says_value_error_paper_and_what_is_not_told(run):
     (["friction", "x.csv", "--reference", "0.1,0.2"], "LX,THETA,LY"),
     (["friction", "x.csv", "--reference", "93,0,0"], "metres"),
     (["friction", "x.csv", "--base", "nobody"], "no model is called"),
-    (["nothing", "x.csv"], "nothing")])
+    (["nothing", "x.csv"], "dart-hal identify all FILES"),
+    (["fricton", "x.csv"], "dart-hal identify friction FILES"),
+    (["x.csv"], "no such sub-model")])
 def test_usage_and_input_errors(run, words, what):
     status, document, _ = run(*words, "--json")
     assert status == 2

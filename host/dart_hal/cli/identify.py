@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import shlex
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -24,8 +25,20 @@ from dart_hal.vehicle.parameters import Vehicle
 DEFAULT_OUT = Path("model.toml")
 
 
+class SubmodelName(click.Choice):  # type: ignore[type-arg]
+    """A choice that says which one may have been meant."""
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> str:
+        if value in self.choices:
+            return str(value)
+        near = difflib.get_close_matches(str(value), self.choices, n=1)
+        raise UsageError("no such sub-model", found=str(value), expected=", ".join(self.choices),
+                         remedy=f"dart-hal identify {near[0] if near else 'all'} FILES")
+
+
 @click.command("identify")
-@click.argument("submodel", type=click.Choice([*SECTIONS, "all"]))
+@click.argument("submodel", type=SubmodelName([*SECTIONS, "all"]))
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--as-paper", "root", type=click.Path(path_type=Path), default=None, metavar="ROOT",
               help="the paper's own preprocessing on its folders 19, 29, 30, 40 and 50 below ROOT, "

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
@@ -87,7 +87,7 @@ def fit_delay(rows: Rows) -> tuple[Fit, Correlation]:
         f"is {c.lag * c.median_step:.3f} s",
         f"parabola through the peak: {c.peak:.3f} rows = {c.peak * c.median_step:.3f} s",
         "a slow sine cannot tell delay from lag: identify without --as-paper for both")
-    parameters = {"steering_s": Estimate(c.delay, std, "s", std < 0.5 * c.delay)}
+    parameters = {"steering_s": Estimate(c.delay, std, "s", std < TIME_TOLD)}
     edge = ("steering_s",) if c.lag == LAGS - 1 else ()
     return Fit("delay", parameters, np.array([[std**2]]), len(rest),
                float(np.sqrt(np.mean(rest**2))), "rad", True, edge,
