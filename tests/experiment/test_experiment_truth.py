@@ -17,6 +17,8 @@ from dart_hal.experiment.circles import TYRE_STEERING
 from dart_hal.experiment.understeer import GENTLE
 from dart_hal.identify.mass import never_weighed, weighed
 from dart_hal.identify.outcome import per_recording
+from dart_hal.identify.runs import read_run
+from dart_hal.identify.submodels import fit_submodels
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 
@@ -93,6 +95,11 @@ def test_delay_of_a_hidden_car(experiment):
     steering = fit.parameters["steering_s"]
     assert abs(steering.value - done.truth.servo.delay - WAIT) < FAR * steering.std
     assert steering.std < 0.01
+    # identify reads the run as the experiment does, whatever the thinning was
+    again = fit_submodels([read_run(done.path)], ["delay"], base=done.outcome.base,
+                          mass=done.outcome.mass)[0]["delay"]
+    assert again.values() == pytest.approx(fit.values(), abs=1e-9)
+    assert not any("age of a message" in note for note in again.notes)
     # the servo's limited rate shows as a lag: half the time of the mean step of the test
     assert 0.01 < fit.parameters["steering_lag_s"].value < 0.05
 

@@ -13,7 +13,7 @@ import msgspec
 from dart_hal.car import Car
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.runs import EVERY, MASS, read_run
+from dart_hal.identify.runs import EVERY, FINE, MASS, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.links.base import Workshop
@@ -23,7 +23,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from .scales import with_scales
 from .understeer import Understeer, understeer
 
-FRAMES = {"delay": 2}
+FRAMES = {"delay": FINE}
 """Frames to a message, else ten: where timing is the question, the PWM frame of the commands."""
 MASS_STD = 0.02
 """Relative std of a mass in car.toml that nobody has weighed for this experiment."""

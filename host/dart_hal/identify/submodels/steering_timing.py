@@ -134,7 +134,7 @@ def _notes(series: Sequence[Turning], total: tuple[Solution, FloatArray],
            f"{std[0]:.3f} and {joint[0].x[1]:.3f} +- {std[1]:.3f} s",
            f"{yaw:.3f} s of the car's own yaw motion taken off (the base's tyres); "
            f"{SYSTEMATIC} s of every error stands for what is wrong with that"]
-    if "gyro" in sources:
+    if any(s.source == "gyro" for s in series):  # of a run every value has its own time
         out.append("gyro: the age of a message (0 to 0.1 s) is in these values")
     if not apart:
         out.append("steering: delay and lag cannot be told apart by these data (slow or few "

@@ -79,7 +79,7 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
     elif recording.encoder == "ok":
         t, yaw_rate, source = m.t, m.yaw_rate, "gyro"
         if recording.schema == RUN:  # means of one and the same step
-            cells = max(round(step_of(recording) / DT), 1)
+            cells, source = max(round(step_of(recording) / DT), 1), "gyro of a run"
             speed, window, first = m.speed, np.full(cells, 1.0 / cells), -cells
         else:
             speed = np.interp(m.t, m.t - 0.5 * WINDOW, m.speed)
