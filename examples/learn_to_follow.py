@@ -6,8 +6,12 @@ A controller of four numbers on DartCar-v0, found by the cross-entropy method
     python examples/learn_to_follow.py
 """
 
-import gymnasium
 import numpy as np
+
+try:
+    import gymnasium
+except ImportError as err:
+    raise SystemExit("this example needs gymnasium: pip install 'dart-hal[gym]'") from err
 
 CARS, ROUNDS, STEPS, BEST = 256, 8, 200, 24
 ENV = "dart_hal.sim.gym:DartCar-v0"

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
+
+from dart_hal.cli import evaluate_table
 
 DATA = Path(__file__).resolve().parents[1] / "recorded" / "data"
 FREE = DATA / "91_free_driving_16_sept_2024"
@@ -195,3 +199,48 @@ def test_pictures_one_file_or_a_folder(verb, tmp_path):
     for path in [*got["plots"], tmp_path / "a.png"]:
         assert Path(path).read_bytes()[:4] == b"\x89PNG"
         assert Path(path).stat().st_size > 20_000
+
+
+def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
+    model = tmp_path / "model.toml"
+    digest = hashlib.sha256(one(FREE).read_bytes()).hexdigest()
+    model.write_text(f'{BODY}[provenance.files]\n"elsewhere/renamed.csv" = "{digest}"\n')
+    seen = verb("evaluate", "--json", "--model", model, FREE, CIRCLE).json["fitted_to"]
+    assert [name.split("/")[0] for name in seen] == [FREE.name], "by content, whatever its name"
+    said = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).err.split())
+    assert "caution: 1 of 2 recordings are those that this model was fitted to: 91_" in said
+    other = verb("evaluate", "--model", model, CIRCLE)
+    assert "caution" not in other.err
+
+
+def test_a_model_among_the_recordings_is_told_where_it_belongs(verb):
+    error = verb("evaluate", "--json", "model.toml", CIRCLE).error
+    assert "model.toml is a model" in error["what"]
+    assert error["try"] == f"dart-hal evaluate --model model.toml {CIRCLE}"
+
+
+def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
+    """It has vicon columns: asking for schema B or C would send the user in a circle."""
+    folder = moved_to(0.0, rows=160).parent
+    error = verb("evaluate", "--json", folder).error
+    assert "no recording can be used" in error["what"]
+    assert "schema B or C" not in error["try"]
+    assert "2 s" in error["try"]
+    assert "schema B or C" in verb("evaluate", "--json", STRAIGHT).error["try"]
+
+
+def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
+    said = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).err
+    assert "/later): " in said
+    assert "skipped 13 file(s): " in verb("evaluate", FREE, STRAIGHT).err
+
+
+def test_names_take_the_room_there_is(verb, monkeypatch):
+    """And the folder is the one that says what was driven, not "csv"."""
+    monkeypatch.setattr(evaluate_table, "console", Console(stderr=True, soft_wrap=True, width=120))
+    said = verb("evaluate", FREE).err
+    assert FREE.name in said
+    monkeypatch.setattr(evaluate_table, "console", Console(stderr=True, soft_wrap=True, width=80))
+    said = verb("evaluate", FREE).err
+    assert FREE.name not in said.split("how far")[0]
+    assert max(map(len, said.split("recording (1 s)")[1].split("change of")[0].splitlines())) <= 80

@@ -78,5 +78,6 @@ def test_arc_length_grows_over_laps():
 def test_refusals():
     with pytest.raises(UsageError, match="not closed"):
         track_of("open", [(1.0, 0.0)])
-    with pytest.raises(UsageError, match="no track"):
+    with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
+    assert "docs/learning.md" in refused.value.remedy

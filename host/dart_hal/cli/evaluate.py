@@ -9,6 +9,7 @@ import click
 
 from dart_hal.cli.options import REFERENCE, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
+from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.identify.evaluation import Evaluation, evaluate, kinematic
 from dart_hal.identify.runs import read_any
@@ -34,20 +35,23 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
             plot: Path | None, as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
-    FILES: recordings with motion capture, or folders of them. Beside the model
+    FILES: recordings with motion capture, or folders of them; what is not here is looked for
+    in the data folder ($DART_DATA, see dart-hal data check --help). Beside the model
     stands what holding the velocities would have given (CTRV), and how far the
     kinematic model reaches on these recordings.
     """
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal evaluate --model paper FOLDER")
+    _refuse_models(files)
     file, vehicle = find_model(model)
     assumed = left_out(file, vehicle)
     if assumed:
         notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
     if plot is not None:
         _drawing().check_target(plot)
-    result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference)
+    result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference,
+                  hashes(file))
     pictures = _drawing().draw(result, plot) if plot is not None else []
     if as_json:
         print_json({**result.to_json(), "plots": pictures})
@@ -57,12 +61,30 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
         show(result, pictures)
 
 
-def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None) -> Evaluation:
+def _refuse_models(files: tuple[Path, ...]) -> None:
+    """A model among the recordings: --model was forgotten."""
+    models = [f for f in files if f.suffix == ".toml"]
+    if models:
+        others = " ".join(str(f) for f in files if f not in models) or "FOLDER"
+        raise UsageError(f"{models[0]} is a model, no recording", found=str(models[0]),
+                         expected="FILES (recordings or folders of them)",
+                         remedy=f"dart-hal evaluate --model {models[0]} {others}")
+
+
+def hashes(model: ModelFile) -> frozenset[str]:
+    """SHA-256 of the files that a model was fitted to, as its provenance says."""
+    files = model.provenance.get("files", {})
+    return frozenset(map(str, files.values())) if isinstance(files, dict) else frozenset()
+
+
+def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None,
+         fitted_to: frozenset[str]) -> Evaluation:
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
         recordings, skipped = read_any(files)
         bar.update(task, completed=0.2, description="predicting")
         return evaluate(vehicle, recordings, reference=reference, skipped=skipped,
+                        fitted_to=fitted_to,
                         named=[f for f in files if not f.is_dir()],
                         progress=lambda share: bar.update(task, completed=0.2 + 0.8 * share))
 

@@ -15,8 +15,12 @@ from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
-EXACT, ROOMY, WIDTH = ("vy", "yaw_deg"), 100, 16
-"""Channels that never get one digit more; columns of a terminal that has room for it; of a name."""
+EXACT, ROOMY = ("vy", "yaw_deg"), 100
+"""Channels that never get one digit more; columns of a terminal that has room for it."""
+WIDTH, WIDEST = 16, 40
+"""Columns of a name at 80 columns, and where there is room."""
+NAMED = 3
+"""Files of one kind that are named; above it they are counted."""
 NARROWEST = 80
 """Columns that the table takes wherever it is printed."""
 YEAR = re.compile(r"_20\d\d_")
@@ -26,6 +30,7 @@ HEADS = ("v_x", "v_y", "yaw rate", "position", "yaw")
 def show(e: Evaluation, pictures: list[Path]) -> None:
     """Files that gave nothing, the rows, and what follows from them last."""
     _files(e)
+    _caution(e)
     # a narrow terminal may break lines, but no number may lose its second half
     Console(stderr=True, width=max(console.width, NARROWEST)).print(_table(e))
     for line in _gain(e):
@@ -40,16 +45,16 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
 
 def _files(e: Evaluation) -> None:
     files = e.prepared.files
-    counts: dict[str, int] = {}
-    for use in files.values():
+    unused: dict[str, list[str]] = {}
+    for file, use in files.items():
         if not use.windows:
-            reason = use.why[0] if use.why else "no window"
-            counts[reason] = counts.get(reason, 0) + 1
+            unused.setdefault(use.why[0] if use.why else "no window", []).append(file)
     console.print(f"{len(e.prepared.cases)} of {len(files)} file(s) used, "
                   f"{e.prepared.windows} windows", highlight=False)
-    for reason, count in counts.items():
-        console.print(f"  skipped {count} file(s): {reason}", style="dim", markup=False,
-                      highlight=False)
+    for reason, names in unused.items():
+        which = f" ({', '.join(map(short, names))})" if len(names) <= NAMED else ""
+        console.print(f"  skipped {len(names)} file(s){which}: {reason}", style="dim",
+                      markup=False, highlight=False)
     slow, bad = (sum(getattr(c.windows, kind) for c in e.prepared.cases)
                  for kind in ("slow", "bad"))
     console.print(f"  windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples",
@@ -61,6 +66,17 @@ def _files(e: Evaluation) -> None:
                               highlight=False)
 
 
+def _caution(e: Evaluation) -> None:
+    """A model is good on what it was fitted to; that must not pass for prediction."""
+    n, total = len(e.fitted_to), len(e.prepared.cases)
+    if not n:
+        return
+    names = ", ".join(short(file) for file in e.fitted_to[:NAMED])
+    more = f" and {n - NAMED} more" if n > NAMED else ""
+    console.print(f"caution: {n} of {total} recordings are those that this model was fitted to: "
+                  f"{names}{more}", style="yellow", markup=False, highlight=False)
+
+
 def _table(e: Evaluation) -> Table:
     table = Table(title=f"{e.vehicle.name} ({e.vehicle.kind}) | holding the velocities: "
                         "RMSE, below it the median", box=box.SIMPLE_HEAD, pad_edge=False,
@@ -69,9 +85,10 @@ def _table(e: Evaluation) -> Table:
     table.add_column("n", justify="right", no_wrap=True)
     for head, unit in zip(HEADS, UNITS, strict=True):
         table.add_column(f"{head}\n[dim]{unit}[/]", justify="right", no_wrap=True)
+    width = min(WIDTH + max(console.width - ROOMY, 0), WIDEST)
     for file in e.model.slices:
-        folder, _, name = short(file).rpartition("/")
-        _rows(table, e, (folder[:WIDTH], YEAR.sub(" ", name)[:WIDTH]), 1.0, file)
+        folder, _, name = short(file, WIDEST).rpartition("/")
+        _rows(table, e, (folder[:width], YEAR.sub(" ", name)[:width]), 1.0, file)
     table.add_section()
     for horizon in HORIZONS:
         _rows(table, e, (f"all, at {horizon:g} s", ""), horizon, None)

@@ -21,6 +21,7 @@ from dart_hal.identify.evaluation import (
 )
 from dart_hal.identify.evaluation.cases import Case
 from dart_hal.identify.runs import read_any
+from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle.sets import PAPER
 
@@ -39,7 +40,7 @@ class Table:
     def __init__(self, folder) -> None:
         recordings, _ = read_any([folder])
         self.recordings = [r for r in recordings if r.mocap is not None]
-        paths = {r.name: str(r.path) for r in self.recordings}
+        paths = {f"{folder_of(r.path)}/{r.path.name}": str(r.path) for r in self.recordings}
         self.cases = prepare(self.recordings).cases
         truth = measured(self.cases)
         self.errors = [errors(states, truth) for states in (

@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.errors import RecordingError
+from dart_hal.identify.evaluation import prepare
+from dart_hal.identify.evaluation.cases import short
 from dart_hal.identify.evaluation.windows import covered, find_windows
+from dart_hal.identify.runs import RUN, read_any
 
 
 @pytest.fixture
@@ -52,3 +56,18 @@ def test_samples_covered_are_counted_once(moving):
     g = moving(291)
     assert covered(find_windows(g), len(g)).sum() == 50 + 201
     assert covered(find_windows(moving(10)), 10).sum() == 0
+
+
+def test_a_folder_called_csv_names_no_recording(excerpt):
+    recordings, _ = read_any([excerpt / "83_24_april_2025_slippery_floor_no_tape"])
+    (case,) = prepare(recordings).cases
+    assert case.file.startswith("83_24_april_2025_slippery_floor_no_tape/2025-04-24")
+    assert short(case.file, 12).startswith("83_24_april_/2025-04-24")
+
+
+def test_runs_of_our_own_are_sent_to_identify(excerpt):
+    recordings, _ = read_any([excerpt / "circles_27_sept_2024"])
+    runs = [replace(r, schema=RUN, mocap=None) for r in recordings]
+    with pytest.raises(RecordingError, match="runs of our own") as refused:
+        prepare(runs)
+    assert "dart-hal identify all" in refused.value.remedy

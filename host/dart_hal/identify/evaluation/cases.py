@@ -8,21 +8,28 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.errors import RecordingError
+from dart_hal.identify.runs import RUN
+from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart import Grid, Recording, Reference, fit_reference, grid, reference_for
 from dart_hal.recording.dart.grid import L_R
 
 from .windows import Windows, covered, find_windows
 
 LEFT_OUT = "window(s) left out"
+NO_MOCAP, OWN = "no motion capture", "a run of our own has no motion capture"
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One recording with at least one window; file: its key in every table and JSON."""
+    """One recording with at least one window; file: its key in every table and JSON.
+
+    sha256 of the file's bytes, "" where there is no file.
+    """
 
     file: str
     grid: Grid
     windows: Windows
+    sha256: str = ""
 
     def __len__(self) -> int:
         return len(self.windows)
@@ -73,7 +80,8 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
     references = _References(recordings, reference)
     cases = []
     for recording in recordings:
-        key = recording.name if recording.name not in files else str(recording.path)
+        key = _key(recording.path)
+        key = key if key not in files else str(recording.path)
         try:
             case, use = _case(key, recording, references, l_r)
         except RecordingError as err:
@@ -98,11 +106,12 @@ def without(prepared: Prepared, files: Sequence[str]) -> Prepared:
     return replace(prepared, cases=tuple(c for c in prepared.cases if c.file not in files))
 
 
-def short(file: str) -> str:
-    """Folder and file for a label, without what all DART files are called."""
-    folder, _, name = file.rpartition("/")
+def short(file: str, folder: int = 26) -> str:
+    """Folder (its first characters) and file for a label, without what all DART files share."""
+    above, _, name = file.rpartition("/")
     name = name.removesuffix(".gz").removesuffix(".csv").replace("car_1_Datarecording_", "")
-    return f"{folder[:14]}/{name[:28]}" if folder else name[:40]
+    above = above.rpartition("/")[2]
+    return f"{above[:folder]}/{name[:28]}" if above else name[:40]
 
 
 class _References:
@@ -137,10 +146,13 @@ class _References:
 def _case(key: str, recording: Recording, references: _References,
           l_r: float) -> tuple[Case, FileUse]:
     if recording.mocap is None:
+        own = recording.schema == RUN
         raise RecordingError(
-            f"{recording.name}: no motion capture, so nothing to compare a prediction with",
-            found=f"schema {recording.schema}", expected="schema B or C", read=str(recording.path),
-            remedy="give a recording with vicon columns")
+            f"{recording.name}: {OWN if own else NO_MOCAP}, so nothing to compare a prediction "
+            "with", found="a run" if own else f"schema {recording.schema}",
+            expected="schema B or C", read=str(recording.path),
+            remedy="dart-hal identify all RUNS fits it; evaluate needs a recording with vicon "
+                   "columns" if own else "give a recording with vicon columns")
     reference, said = references.of(recording)
     g = grid(recording, reference, l_r)
     windows = find_windows(g)
@@ -152,7 +164,8 @@ def _case(key: str, recording: Recording, references: _References,
         why = [f"{len(g) / 100:.1f} s are too short for a window of 2 s"]
     why += [str(note) for note in recording.notes if note.kind in ("false_lock", "outliers",
                                                                    "mocap_gap", "encoder_dead")]
-    return Case(key, g, windows), FileUse(used, len(windows), len(g) - used, tuple(why))
+    return (Case(key, g, windows, recording.sha256),
+            FileUse(used, len(windows), len(g) - used, tuple(why)))
 
 
 def _day(recording: Recording) -> str:
@@ -161,15 +174,25 @@ def _day(recording: Recording) -> str:
 
 
 def _key(path: Path) -> str:
-    return f"{path.parent.name}/{path.name}"
+    return f"{folder_of(path)}/{path.name}"
 
 
 def _nothing(files: Mapping[str, FileUse]) -> RecordingError:
     reasons = [why for use in files.values() for why in use.why[:1]]
-    common = max(set(reasons), key=reasons.count) if reasons else "no file"
+    common = max(reasons, key=reasons.count) if reasons else "no file"
+    if reasons and all(OWN in why for why in reasons):
+        return RecordingError(
+            "runs of our own have no motion capture and cannot be evaluated",
+            found=f"{len(files)} run(s)", expected="recordings with motion capture",
+            read=", ".join(list(files)[:3]),
+            remedy="dart-hal identify all RUNS fits them; evaluate on the published recordings "
+                   "(dart-hal data fetch)")
     return RecordingError(
         "no recording can be used for open-loop prediction",
         found=f"{len(files)} file(s), most of them: {common}",
         expected="recordings with motion capture in which the car drives faster than 0.3 m/s",
         read=", ".join(list(files)[:3]),
-        remedy="give DART CSV files of schema B or C: they have vicon columns")
+        remedy="give DART CSV files of schema B or C: they have vicon columns"
+        if NO_MOCAP in common else
+        "give longer or faster drives: a window is 2 s and starts above 0.3 m/s; "
+        "dart-hal data check says how many a file has")

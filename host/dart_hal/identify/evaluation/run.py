@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,18 @@ from .windows import HORIZONS
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """One model beside holding the velocities, on the same windows."""
+    """One model beside holding the velocities, on the same windows.
+
+    fitted_to: keys of the recordings that the model was fitted to, so that
+    its errors on them do not tell what it does on others.
+    """
 
     vehicle: Vehicle
     prepared: Prepared
     model: Score
     ctrv: Score
     limit: KinematicLimit | None
+    fitted_to: tuple[str, ...] = ()
 
     def gain_over_ctrv(self, horizon: float = 1.0) -> dict[str, Gain]:
         """By channel, what the model gains over holding the velocities, with its interval."""
@@ -41,6 +46,7 @@ class Evaluation:
                 for h in HORIZONS}
         return {
             "model": self.vehicle.name, "kind": self.vehicle.kind,
+            "fitted_to": list(self.fitted_to),
             "horizons": self.model.to_json(), "ctrv": self.ctrv.to_json(),
             "gain_over_ctrv": over,
             "kinematic_limit": self.limit.to_json() if self.limit else None,
@@ -52,10 +58,12 @@ class Evaluation:
 
 def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Reference | None = None,
              named: Sequence[Path] = (), skipped: Sequence[tuple[str, str]] = (),
-             limit: bool = True, progress: Progress | None = None) -> Evaluation:
+             limit: bool = True, fitted_to: Collection[str] = (),
+             progress: Progress | None = None) -> Evaluation:
     """Score a model on recordings. limit: also find where its kinematic form ends.
 
-    Options and errors as for ``prepare``; progress(share) is called as it goes.
+    fitted_to: SHA-256 of the files that the model was fitted to. Other
+    options and errors as for ``prepare``; progress(share) is called as it goes.
     """
     p = settled(p)  # an effect may move the centre of mass
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
@@ -67,5 +75,6 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
         return score(errors(states, truth), cases)
 
     share = (lambda done: progress(0.6 * done)) if progress else None
-    out = Evaluation(p, prepared, judged(predict(p, cases, share)), judged(hold(cases)), None)
+    out = Evaluation(p, prepared, judged(predict(p, cases, share)), judged(hold(cases)), None,
+                     tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to))
     return replace(out, limit=kinematic_limit(p, cases)) if limit else out

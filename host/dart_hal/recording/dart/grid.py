@@ -52,6 +52,11 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
     ``marker_grid``, and when no reference point is known for the date.
     """
     ref = reference if reference is not None else reference_for(recording)
+    if ref is None and recording.mocap is None:
+        raise RecordingError(
+            f"{recording.name}: no motion capture in this file, so no motion on a grid",
+            found=f"schema {recording.schema}", expected="schema B or C",
+            read=str(recording.path), remedy="Recording.messages has what the sensors measured")
     if ref is None:
         when = recording.when
         raise RecordingError(

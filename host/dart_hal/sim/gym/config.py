@@ -56,7 +56,8 @@ class GymConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.period < math.inf:
             raise UsageError("the period of the environment makes no sense",
-                             found=f"{self.period} s", expected="more than 0 s")
+                             found=f"{self.period} s", expected="more than 0 s",
+                             remedy="docs/learning.md has every keyword")
         steps_of(self.period, self.light.step, "the period of the environment")
         good = self.task in TASKS and self.light.sensors is not None and (
             self.light.dtype == "float64" and min(self.speed, self.half_width) > 0.0
@@ -66,7 +67,8 @@ class GymConfig:
                              found=f"task {self.task!r}, speed {self.speed}, half width "
                                    f"{self.half_width}, episode {self.episode}",
                              expected=f"a task of {', '.join(TASKS)}, sensors, float64, "
-                                      "positive numbers")
+                                      "positive numbers",
+                             remedy="docs/learning.md has every keyword")
 
     @property
     def frame(self) -> int:
@@ -93,7 +95,8 @@ def spread_of(wanted: bool | Mapping[str, float], p: Vehicle) -> dict[str, float
         if name in FIXED or not 0.0 <= half < 1.0:
             raise UsageError(f"{name} cannot be drawn within +-{half}",
                              expected="a share of 0 to 1, of a parameter other than "
-                                      + ", ".join(FIXED))
+                                      + ", ".join(FIXED),
+                             remedy="docs/learning.md, DartCar-v0: randomise")
         for side in (1.0 - half, 1.0 + half):
             with_values(p, {name: side * value(p, name)})
     return spread

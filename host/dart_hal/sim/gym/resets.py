@@ -23,7 +23,8 @@ def config_of(config: GymConfig | None, changes: Mapping[str, Any]) -> GymConfig
         return replace(config or GymConfig(), **changes)
     except TypeError as err:
         raise UsageError(f"DartCar-v0 has no such option: {', '.join(changes)}",
-                         expected=", ".join(GymConfig.__slots__)) from err
+                         expected=", ".join(GymConfig.__slots__),
+                         remedy="docs/learning.md has every keyword") from err
 
 
 def box_of(task: Task) -> Any:
@@ -58,7 +59,8 @@ class Draws:
         """Take over the options of a reset. Raises UsageError for an unknown one."""
         unknown = [k for k in options or {} if k != "randomise"]
         if unknown:
-            raise UsageError(f"a reset has no option {unknown[0]!r}", expected="randomise")
+            raise UsageError(f"a reset has no option {unknown[0]!r}", expected="randomise",
+                             remedy="docs/learning.md, DartCar-v0: randomise")
         if options and "randomise" in options:
             self.spread = spread_of(options["randomise"], self._p)
 

@@ -100,7 +100,8 @@ def track_named(track: Track | str) -> Track:
     if isinstance(track, Track):
         return track
     if track not in TRACKS:
-        raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS))
+        raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS),
+                         remedy="docs/learning.md lists the tracks")
     return track_of(track, TRACKS[track])
 
 

@@ -124,7 +124,8 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
             else list(seed))
         if len(seeds) != self.num_envs:
             raise UsageError("as many seeds as environments are needed",
-                             found=f"{len(seeds)} seeds", expected=f"{self.num_envs}")
+                             found=f"{len(seeds)} seeds", expected=f"{self.num_envs}",
+                             remedy="give one seed, or one for each environment")
         return seeds
 
     def _reseed(self, seeds: list[int | None]) -> None:
