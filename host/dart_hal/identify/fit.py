@@ -10,7 +10,7 @@ from dart_hal.types import FloatArray
 
 TIME_TOLD = 0.02
 """s; a delay or lag counts as told below this standard error: a time may be 0, so no share
-of the value can be asked for, and 0.02 s is one period of the control loop."""
+of the value can be asked for, and 0.02 s is one frame of the PWM."""
 
 
 @dataclass(frozen=True, slots=True)
