@@ -38,6 +38,9 @@ def test_json_is_one_object_with_fit_recording_and_values_before(run, tmp_path):
     assert (tmp_path / "one.png").stat().st_size > 10_000
     assert "5 m x 5 m" in err
     assert "behind the rear axle" in err
+    assert "picture: one.png" in err
+    # one understeer gradient in one unit: that of the ramps
+    assert "understeer gradient" not in " ".join(told["fits"]["tyres"]["notes"])
 
 
 def test_too_small_a_floor_records_nothing(run, tmp_path):
@@ -88,6 +91,23 @@ def test_nothing_is_told_so_no_model_is_written(run, tmp_path):
     assert json.loads(out)["model"] is None
     assert not (tmp_path / "model.toml").exists()
     assert "not written: tyres" in err
+
+
+def test_a_floor_too_short_to_coast_is_status_1(run):
+    code, out, err = run("friction", "--url", "sim://?seed=7&nano=mock", "--space", "4x2.5",
+                         "--out", "one.mcap")
+    assert code == 1
+    assert "at least 3 s needed" in out + err
+    assert "next:" not in out + err
+
+
+def test_what_to_type_next_and_a_table_whose_columns_have_names(run):
+    code, out, err = run("friction", "--url", "sim://?seed=4&nano=mock&model=kinematic&tick=10",
+                         "--space", "9x3", "--out", "one.mcap")
+    assert code == 0
+    assert "next: dart-hal identify friction one.mcap --out model.toml" in out + err
+    head = next(line for line in (out + err).splitlines() if "before" in line)
+    assert head.split() == ["value", "before", "told"]
 
 
 class NotSim:

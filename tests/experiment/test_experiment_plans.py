@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -128,3 +129,13 @@ def test_signals():
     assert np.all(np.diff(np.sign(steps.levels)) != 0)
     assert steps == random_steps(-1.0, 1.0, 10, 0.5)
     assert steps(99.0) == steps.levels[-1]
+
+
+def test_the_floor_that_the_steering_test_asks_for_is_enough(files):
+    with pytest.raises(ExperimentFailed) as raised:
+        make_plan("steering", files, Floor(3.0, 3.0), None)
+    asked = re.search(r"--space ([0-9.]+)", raised.value.remedy)
+    side = float(asked.group(1))
+    assert make_plan("steering", files, Floor(side, side), None).sweep.radius <= 0.5 * side
+    with pytest.raises(ExperimentFailed):  # and not much more than that
+        make_plan("steering", files, Floor(side - 0.2, side - 0.2), None)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import click
+from rich import box
 from rich.table import Table
 
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.drive import WAIVE
+from dart_hal.cli.identify_table import with_error
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import CarFiles, load_car, parse_car
@@ -81,13 +84,14 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         source = car.url
     if plot is not None and drive.frames:
         plot_drive(drive, plot)
+        console.print(f"picture: {plot}", markup=False, highlight=False)
     outcome = None if no_fit else fit_run(out, submodel, files, weighed)
     model = _model(outcome, files, out, out_model, submodel) if out_model and outcome else None
     if as_json:
         print_json({**to_json(source, out, plan, drive, outcome), "model": model})
     else:
         show(out, drive, outcome, model)
-    if drive.stopped:
+    if drive.stopped or (outcome is not None and outcome.empty):
         sys.exit(1)
 
 
@@ -182,15 +186,20 @@ def show(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -
         console.print(f"ended early: {drive.stopped}", style="yellow", markup=False)
     rest = f"model written: {model}" if model else "nothing else was written"
     console.print(f"recorded in {out}; {rest}", markup=False, highlight=False)
+    if outcome is None or outcome.empty:
+        return
+    if any(e.identifiable for fit in outcome.fits.values() for e in fit.parameters.values()):
+        typed = shlex.join(["dart-hal", "identify", *outcome.fits, str(out)])
+        console.print(f"next: {typed} --out model.toml", markup=False, highlight=False)
 
 
 def _table(name: str, outcome: Outcome) -> Table:
     fit = outcome.fits[name]
-    table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}")
-    for column in ("parameter", "fitted", "one sigma", "before", "unit", ""):
-        table.add_column(column, justify="left" if column == "" else "right")
+    table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}; +- one "
+                        "standard error", box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
+    for column in ("", "value", "before", "told"):
+        table.add_column(column, justify="right" if column == "before" else "left")
     for key, e in fit.parameters.items():
-        said = "" if e.identifiable else "not told"
-        table.add_row(key, f"{e.value:.5g}", f"{e.std:.2g}",
-                      f"{outcome.before(name, key):.5g}", e.unit, said)
+        table.add_row(key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}",
+                      f"{outcome.before(name, key):.5g}", "yes" if e.identifiable else "no")
     return table

@@ -58,6 +58,11 @@ def _reveal(url: Url, as_json: bool) -> None:
     if as_json:
         print_json(truth)
         return
+    for group, entries in truth["vehicle"].items():
+        if isinstance(entries, dict):  # the rest is its name
+            for name, entry in entries.items():
+                unit = entry["unit"].strip("-")
+                console.print(f"{group + '.' + name:32} {entry['value']:.6g} {unit}".rstrip())
     for name, value in truth["sensors"].items():
         shown = value if isinstance(value, list) else [value]
         console.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,8 @@ MASS_STD = 0.02
 """Relative std of a mass in car.toml that nobody has weighed for this experiment."""
 
 
+ONBOARD = "on-board sensors tell"
+"""How identify's note on the tyres of runs begins; the ramps say it better."""
 SCALE_STD = 0.002
 """kg, one sigma of a kitchen scale."""
 
@@ -45,6 +47,11 @@ class Outcome:
     base: Vehicle
     mass: Estimate
     understeer: Understeer | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether the drive told nothing at all."""
+        return self.understeer is None and not any(fit.n for fit in self.fits.values())
 
     @property
     def sound(self) -> bool:
@@ -82,6 +89,9 @@ def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Out
     recording = read_run(path, FRAMES.get(name, EVERY))
     fits, reports = fit_submodels([recording], [name], base=base, mass=mass)
     told = understeer(recording, files, mass.value) if name == "tyres" else None
+    if told is not None:  # from the ramps, and finer than what any recording would tell
+        fits = {n: replace(fit, notes=tuple(s for s in fit.notes if not s.startswith(ONBOARD)))
+                for n, fit in fits.items()}
     return Outcome({n: with_scales(fit, files) for n, fit in fits.items()}, reports, base, mass,
                    told)
 

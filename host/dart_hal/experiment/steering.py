@@ -7,6 +7,7 @@ that one drive serves calibration.toml and the five-parameter map alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from dart_hal.calibration.runner import DrivableCar
@@ -48,13 +49,18 @@ def plan_steering(files: CarFiles, floor: Floor, speed: float | None) -> Plan:
         fits = slowest <= room
         raise ExperimentFailed(
             f"a floor of {floor} is too small for the steering test at {tried:.2f} m/s",
-            found=f"{room:.1f} m from the middle to the nearest edge",
-            expected=f"{route.radius:.1f} m all around the car"
-            + ("" if fits or tried <= SLOWEST else f", {slowest:.1f} m at {SLOWEST} m/s"),
+            found=f"{room:.2f} m from the middle to the nearest edge",
+            expected=f"{_up(route.radius)} m all around the car"
+            + ("" if fits or tried <= SLOWEST else f", {_up(slowest)} m at {SLOWEST} m/s"),
             remedy="without --speed it goes as slowly as the floor wants" if fits
-            else "a larger floor: nearly straight levels lead far away")
+            else f"a larger floor (--space {2.0 * float(_up(slowest)):g}): nearly straight levels "
+            "lead far away")
     return Plan("steering", (), floor, Place(0.5 * floor.length, 0.5 * floor.width), tried,
                 seconds=route.time, path=route.path, reached=tried, sweep=route)
+
+
+def _up(metres: float) -> str:
+    return f"{math.ceil(20.0 * metres - 1e-9) / 20.0:.2f}"
 
 
 def _sweep(files: CarFiles, fastest: float) -> Sweep:
