@@ -6,6 +6,7 @@ import pytest
 
 from dart_hal.config import load_car, parse_calibration, parse_config, parse_model
 from dart_hal.errors import ConfigError, NotMonotone, OtherCar
+from dart_hal.vehicle.load import find_model
 
 CAR = """
 name = "a"
@@ -137,3 +138,47 @@ def test_an_unknown_car_lists_those_that_exist(tmp_path, monkeypatch) -> None:
     with pytest.raises(ConfigError) as caught:
         load_car("b")
     assert "cars a" in caught.value.found
+
+
+MODEL = """
+name = "m"
+kind = "dynamic"
+[body]
+wheelbase = 0.175
+l_f = 0.0805
+l_r = 0.0945
+mass = 1.67
+yaw_inertia = 0.0065
+"""
+
+
+@pytest.mark.parametrize(("old", "new", "key", "found", "expected"), [
+    ('"dynamic"', '"dynmic"', "kind", "'dynmic'", "one of kinematic, dynamic"),
+    ("1.67", '"heavy"', "body.mass", "'heavy'", "a number, or {"),
+    ("1.67", "true", "body.mass", "True", "a number, or {"),
+    ("1.67", '{ value = "x", std = 1.0 }', "body.mass.value", "'x'", "a number"),
+    ("1.67", "{ value = 1.67 }", "body.mass", "{'value': 1.67}", "std"),
+    ('"m"', "3", "name", "3", "text")])
+def test_the_entry_of_a_model_that_is_wrong_is_named(old, new, key, found, expected) -> None:
+    parse_model(MODEL, "file.toml")
+    error = refused(lambda t: parse_model(t, "file.toml"), MODEL.replace(old, new))
+    assert f"{key} " in error.what
+    assert error.found == found
+    assert expected in error.expected
+    assert "[...]" not in str(error)
+
+
+def test_a_choice_that_was_misspelt_is_spelt_out() -> None:
+    error = refused(lambda t: parse_model(t, "file.toml"), MODEL.replace("dynamic", "dynmic"))
+    assert error.remedy == "write dynamic for dynmic"
+    assert refused(car, "[steering]\ndirection = 2").expected == "one of -1, 1"
+
+
+@pytest.mark.parametrize(("old", "new"), [("0.0945", "0.1945"), ("1.67", "-1.0")])
+def test_laws_of_the_vehicle_name_the_file(tmp_path, old, new) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        find_model(path)
+    assert caught.value.what.startswith(f"{path}: ")
+    assert caught.value.read == str(path)

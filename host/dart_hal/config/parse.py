@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from dart_hal.config.quantity import Quantities, Quantity
+from dart_hal.config.where import choices, locate, wanted
 from dart_hal.errors import ConfigError
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -40,7 +41,7 @@ def parse(text: str, cls: type[S], origin: str) -> S:
     try:
         return msgspec.convert(data, cls)
     except msgspec.ValidationError as error:
-        raise explain(str(error), data, origin) from error
+        raise explain(str(error), data, origin, cls) from error
 
 
 def check_schema(data: Mapping[str, Any], cls: type[msgspec.Struct], origin: str) -> None:
@@ -99,12 +100,13 @@ def refuse_not_finite(data: Any, origin: str, path: str = "") -> None:
             refuse_not_finite(value, origin, f"{path}[{index}]")
 
 
-def explain(message: str, data: Mapping[str, Any], origin: str) -> ConfigError:
+def explain(message: str, data: Mapping[str, Any], origin: str,
+            cls: type[msgspec.Struct]) -> ConfigError:
     """msgspec's sentence as a refusal that names the remedy."""
     match = _AT.match(message)
     what, path = (match["what"], match["path"] or "") if match else (message, "")
-    value = _look_up(data, path)
     missing = _MISSING.search(what)
+    path, value = locate(data, path, what, missing["name"] if missing else "")
     if missing and missing["name"].startswith("std"):
         return no_std(origin, path, value)
     if missing:
@@ -113,10 +115,13 @@ def explain(message: str, data: Mapping[str, Any], origin: str) -> ConfigError:
                            remedy=f"add {missing['name']} to {_section(path)}", read=origin)
     if _NOT_A_TABLE.search(what):
         return no_std(origin, path, value)
-    wanted = what.partition(",")[0].replace("`", "") if what.startswith("Expected") else ""
-    return ConfigError(f"{origin}: key {path} cannot be used: {what}", found=repr(value),
-                       expected=wanted.removeprefix("Expected "), remedy=f"correct {path}",
-                       read=origin)
+    fixed = choices(cls, path)
+    near = difflib.get_close_matches(str(value), fixed, n=1, cutoff=0.5)
+    expected = "one of " + ", ".join(fixed) if fixed else wanted(what)
+    why = "" if expected else f": {what}"
+    return ConfigError(f"{origin}: key {path} cannot be used{why}", found=repr(value),
+                       expected=expected, read=origin,
+                       remedy=f"write {near[0]} for {value}" if near else f"correct {path}")
 
 
 def no_std(origin: str, key: str, found: object) -> ConfigError:
@@ -162,12 +167,3 @@ def _structs_in(hint: Any) -> list[type[msgspec.Struct]]:
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
         return [hint]
     return [s for arg in get_args(hint) for s in _structs_in(arg)]
-
-
-def _look_up(data: Any, path: str) -> Any:
-    for part in re.findall(r"[^.\[\]]+", path):
-        if isinstance(data, Mapping):
-            data = data.get(part)
-        elif isinstance(data, list) and part.isdigit() and int(part) < len(data):
-            data = data[int(part)]
-    return data

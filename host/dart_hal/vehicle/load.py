@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dart_hal.config import ModelFile, load_model
-from dart_hal.errors import UsageError
+from dart_hal.errors import ConfigError, UsageError
 from dart_hal.vehicle.file import model_of, vehicle_from
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER, SETS
@@ -34,4 +34,10 @@ def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
                          expected=f"a model.toml, or one of {', '.join(SETS)}",
                          remedy="dart-hal identify all FILES --out model.toml writes one")
     model = load_model(path)
-    return model, vehicle_of(model)
+    try:
+        return model, vehicle_of(model)
+    except ConfigError as err:
+        if err.read:
+            raise
+        raise ConfigError(f"{path}: {err.what}", found=err.found, expected=err.expected,
+                          likely=err.likely, remedy=err.remedy, read=str(path)) from err
