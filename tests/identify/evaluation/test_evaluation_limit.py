@@ -103,7 +103,25 @@ def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps
     assert found["yaw_rate", "lateral_acceleration"].taken_from <= 2.5
     rolling = kinematic_limit(PAPER, ramps(kinematic(PAPER)))
     assert all(np.isnan(t.taken_from) for t in rolling.takeover)
-    assert "nothing better for certain" in rolling.sentences()[2]
+    assert "better in none of" in rolling.sentences()[2]
+
+
+def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
+    """A picture with shaded bins beside "nothing better" would contradict itself."""
+    limit = kinematic_limit(PAPER, ramps())
+    good, thin, even = (Gain(0.5, 0.3, 0.7, 9, "recordings"),
+                        Gain(0.8, np.nan, np.nan, 2, "recordings"),
+                        Gain(0.1, -0.1, 0.3, 9, "recordings"))
+
+    def said(*gains):
+        bins = tuple(Bin(k, k + 1.0, 99, 1.0, 0.5, g) for k, g in enumerate(gains))
+        return replace(limit, takeover=(Takeover("vy", "speed", bins),)).sentences()[2]
+
+    assert "better in 2 of 3 bins" in said(good, good, thin)
+    assert "above these too few recordings for an interval" in said(good, good, thin)
+    assert "above these the interval holds 0 as well" in said(good, even)
+    assert "better in none of 2 bins" in said(even, thin)
+    assert "from 1 m/s" in said(thin, good)
 
 
 def test_edges_need_certainty_all_the_way():
@@ -120,3 +138,20 @@ def test_edges_need_certainty_all_the_way():
                                            gain=Gain(0.5, np.nan, np.nan, 1, "x")),))
     assert np.isnan(few.holds_to)
     assert np.isnan(few.taken_from)
+
+
+def test_the_legend_explains_only_what_is_drawn(ramps):
+    pytest.importorskip("matplotlib")
+    from dart_hal.identify.evaluation.picture_limit import draw_limit
+
+    limit = kinematic_limit(PAPER, ramps())
+
+    def legend(gain):
+        bins = (Bin(0.0, 1.0, 99, 1.0, 1.0, gain),)
+        figure = draw_limit(replace(limit, takeover=(Takeover("vy", "speed", bins),)))
+        return {t.get_text() for axes in figure.axes[2:] for t in axes.get_legend().get_texts()}
+
+    both = {"kinematic", "dynamic"}
+    assert legend(Gain(0.5, 0.3, 0.7, 9, "x")) == both | {"dynamic better, 95 %"}
+    assert legend(Gain(-0.5, -0.7, -0.3, 9, "x")) == both | {"kinematic better, 95 %"}
+    assert legend(Gain(0.0, -0.2, 0.2, 9, "x")) == both

@@ -13,6 +13,8 @@ from .takeover import Takeover
 from .validity import TITLES, KinematicLimit
 
 KINEMATIC, DYNAMIC, ONE, ALL = "#d55e00", "#0072b2", "#9aa5b1", "#222222"
+DYNAMIC_SHADE, KINEMATIC_SHADE = ((DYNAMIC, "dynamic better, 95 %"),
+                                  (KINEMATIC, "kinematic better, 95 %"))
 LABELS = {"lateral_acceleration": "lateral acceleration |v omega| [m/s2]", "speed": "speed [m/s]"}
 UNITS = {"vy": "m/s", "yaw_rate": "rad/s", "position": "m"}
 
@@ -27,9 +29,13 @@ def draw_limit(limit: KinematicLimit) -> Any:
     _evidence(figure.add_subplot(grid[0, 3:]), limit.curvature, 100.0,
               "lost curvature [%]", "measured, no model: the path opens at held steering")
     rows = ("lateral_acceleration", "speed")
+    gains = [b.gain for t in limit.takeover for b in t.bins]
+    shaded = [s for s, shown in ((DYNAMIC_SHADE, any(g.low > 0.0 for g in gains)),
+                                 (KINEMATIC_SHADE, any(g.high < 0.0 for g in gains))) if shown]
     for i, t in enumerate(sorted(limit.takeover, key=lambda t: rows.index(t.by))):
         row, column = rows.index(t.by) + 1, 2 * (i % 3)
-        _pair(figure.add_subplot(grid[row, column:column + 2]), t, legend=i == 0)
+        _pair(figure.add_subplot(grid[row, column:column + 2]), t,
+              shaded if i == 0 else None)
     figure.suptitle(f"Where the kinematic model ends; below: {limit.model} at the measured speed, "
                     "1 s ahead (small figures: windows)", x=0.01, ha="left", fontsize=11)
     return figure
@@ -56,7 +62,8 @@ def _evidence(axes: Any, limit: Limit, scale: float, label: str, title: str) -> 
     style.finish(axes, LABELS[limit.by], label, title)
 
 
-def _pair(axes: Any, t: Takeover, legend: bool) -> None:
+def _pair(axes: Any, t: Takeover, shaded: list[tuple[str, str]] | None) -> None:
+    """One channel; shaded: the (colour, label) that the legend explains, None: no legend."""
     at = [0.5 * (b.low + b.high) for b in t.bins]
     for values, color, label in (([b.kinematic for b in t.bins], KINEMATIC, "kinematic"),
                                  ([b.dynamic for b in t.bins], DYNAMIC, "dynamic")):
@@ -68,12 +75,11 @@ def _pair(axes: Any, t: Takeover, legend: bool) -> None:
         axes.annotate(str(b.windows), (x, 1.0), fontsize=6, ha="center", va="top",
                       color="#555555", rotation=90, xytext=(0, -2), textcoords="offset points",
                       xycoords=axes.get_xaxis_transform())
-    if legend:
-        axes.fill_between([], [], [], color=DYNAMIC, alpha=0.2, label="dynamic better, 95 %")
-        axes.fill_between([], [], [], color=KINEMATIC, alpha=0.2, label="kinematic better, 95 %")
+    for color, label in shaded or ():
+        axes.fill_between([], [], [], color=color, alpha=0.2, label=label)
     axes.set_ylim(0.0, 1.15 * max(max(b.kinematic, b.dynamic) for b in t.bins) if t.bins else 1.0)
     axes.set_xlabel(LABELS[t.by])
     axes.set_title(f"{TITLES[t.channel]}, RMSE [{UNITS[t.channel]}]", loc="left", fontsize=9)
     axes.grid(alpha=0.3)
-    if legend:
+    if shaded is not None:
         axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, 0.92))

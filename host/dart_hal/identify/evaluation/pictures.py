@@ -90,7 +90,7 @@ def draw_windows(e: Evaluation) -> Any:
         index = int(order[min(int(q * len(order)), len(order) - 1)])
         case, start = _window(e, index)
         _path(axes, e.vehicle, case, start)
-        axes.set_title(f"{short(case.file)}, {start * SAMPLE:.1f} s\n"
+        axes.set_title(f"{short(case.file, 16)}, {start * SAMPLE:.1f} s\n"
                        f"{error[index]:.2f} m off after 2 s, better than {1.0 - q:.0%}",
                        loc="left", fontsize=8)
     handles, labels = rows.flat[0].get_legend_handles_labels()
@@ -101,7 +101,8 @@ def draw_windows(e: Evaluation) -> Any:
 
 
 def _over_horizon(axes: Any, e: Evaluation, channel: str, unit: str) -> None:
-    for score, color, label in ((e.model, MODEL, "model"), (e.ctrv, HELD, "held velocities")):
+    for score, color, label in ((e.model, MODEL, e.vehicle.name[:24]),
+                                (e.ctrv, HELD, "held velocities")):
         rmse = [score.rmse(h)[channel] for h in HORIZONS]
         median = [score.median(h)[channel] for h in HORIZONS]
         axes.plot(HORIZONS, rmse, "o-", color=color, lw=2, ms=4, label=f"{label}, RMSE")
@@ -116,7 +117,7 @@ def _over_horizon(axes: Any, e: Evaluation, channel: str, unit: str) -> None:
 
 def _by_file(axes: Any, e: Evaluation, channel: str, files: list[str], legend: bool) -> None:
     at = np.arange(len(files), dtype=np.float64)
-    for score, color, label, shift in ((e.model, MODEL, "model", -0.2),
+    for score, color, label, shift in ((e.model, MODEL, e.vehicle.name[:24], -0.2),
                                        (e.ctrv, HELD, "held velocities", 0.2)):
         values = [score.rmse(1.0, file)[channel] for file in files]
         axes.barh(at + shift, values, 0.38, color=color, label=label)
@@ -151,7 +152,7 @@ def _path(axes: Any, p: Vehicle, case: Case, start: int) -> None:
     held = np.stack([np.concatenate([[v], v + np.cumsum(d[:-1])])
                      for v, d in zip(truth[:2, 0], steps, strict=True)])
     for track, color, label, width in ((truth, TRUTH, "measured", 2.4), (held, HELD,
-                                       "held velocities", 1.4), (predicted, MODEL, "model", 1.8)):
+                                       "held velocities", 1.4), (predicted, MODEL, p.name[:24], 1.8)):
         along, left = _from_start(track, truth[:, 0])
         axes.plot(along, left, color=color, lw=width, label=label)
         axes.plot(along[::50], left[::50], ".", color=color, ms=5)

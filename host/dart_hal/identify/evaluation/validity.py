@@ -10,6 +10,7 @@ from typing import Any
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case
+from .compare import LEAST_BLOCKS
 from .limit import LEAST_RECORDINGS, Limit, find_limits
 from .noslip import SLOW
 from .takeover import HORIZON, Takeover, find_takeover
@@ -77,11 +78,26 @@ class KinematicLimit:
                     f"from {t.taken_from:g} {unit}"))
             else:
                 none.append(f"{TITLES[t.channel]} by {t.by.replace('_', ' ')}")
-        head = f"{self.model}, at the measured speed: its dynamic form predicts "
-        better = (f"better for certain, all the way up, in {', '.join(found)}" if found else
-                  "nothing better for certain all the way up")
-        rest = f"; not supported by these recordings: {', '.join(none)}" if none and found else ""
-        return head + better + rest
+        head = f"{self.model}, at the measured speed: "
+        if not found:
+            return head + self._no_threshold()
+        rest = f"; no threshold from these recordings: {', '.join(none)}" if none else ""
+        return (f"{head}its dynamic form predicts better with 95 % confidence, all the way up, "
+                f"in {', '.join(found)}{rest}")
+
+    def _no_threshold(self) -> str:
+        """Why no edge is stated: nothing shows it, or the top of the range does not."""
+        better = [b for t in self.takeover for b in t.bins if b.gain.low > 0.0]
+        total = sum(len(t.bins) for t in self.takeover)
+        if not better:
+            return f"its dynamic form is better in none of {total} bins with 95 % confidence"
+        top = [t.bins[-1].gain for t in self.takeover if any(b.gain.low > 0.0 for b in t.bins)]
+        thin = sum(g.blocks < LEAST_BLOCKS for g in top)
+        why = (f"too few {top[0].unit} for an interval" if thin == len(top) else
+               "the interval holds 0 as well" if not thin else
+               f"the interval holds 0 as well, or there are too few {top[0].unit} for one")
+        return (f"with 95 % confidence its dynamic form is better in {len(better)} of {total} bins "
+                f"(shaded in the picture); above these {why}, so no threshold is stated")
 
 
 def kinematic_limit(p: Vehicle, cases: Sequence[Case], seed: int = 0) -> KinematicLimit:
