@@ -19,6 +19,7 @@ from dart_hal.identify.mass import never_weighed, weighed
 from dart_hal.identify.outcome import per_recording
 from dart_hal.identify.runs import read_run
 from dart_hal.identify.submodels import fit_submodels
+from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 
@@ -100,6 +101,11 @@ def test_delay_of_a_hidden_car(experiment):
                           mass=done.outcome.mass)[0]["delay"]
     assert again.values() == pytest.approx(fit.values(), abs=1e-9)
     assert not any("age of a message" in note for note in again.notes)
+    # what the fit takes the data check calls good, by the same limits; a straight drive not
+    coarse = read_run(done.path)
+    assert check(coarse).uses["delay"].good
+    straight = replace(coarse.messages, steering=np.zeros(len(coarse.messages)))
+    assert not check(replace(coarse, messages=straight)).uses["delay"].good
     # the servo's limited rate shows as a lag: half the time of the mean step of the test
     assert 0.01 < fit.parameters["steering_lag_s"].value < 0.05
 

@@ -17,17 +17,18 @@ from dart_hal.identify.solve import blocks_of
 from dart_hal.identify.submodels.commands import DT, Command, steering_of, step_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
+from dart_hal.recording.check.uses import TIMED as LEAST
+from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
+from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
+from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.dart.model import BoolArray, IntArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import AxleTyres, Vehicle
 
-MIN_SPEED = 0.3  # m/s
 MAX_LATERAL = 4.0  # m/s2
 MAX_YAW_LAG = 0.03  # s; tyres that make it more oversteer, which slow inputs do not show
 EVERY = 5  # samples of the mocap grid
-LEAST = 30  # samples
-MIN_CHANGES, MIN_SPREAD = 3, 0.03  # steps of the command; their standard deviation
 BLOCK = 2.0  # s
 
 

@@ -20,7 +20,9 @@ PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
 ROLLS = 0.1  # m/s
 STRAIGHT = 0.2  # of full steering; more than that and cornering drag counts
 FAST, SLOW = 0.8, 0.3  # m/s; slower, noise of the gyro fills atan(l W/v): only where all is slow
-COASTING, DRIVEN, TURNED, CHANGES, CORNERED = 10, 30, 50, 30, 300
+COASTING, DRIVEN, TURNED, CORNERED = 10, 30, 50, 300
+TIMED, TIMED_SPEED, TIMED_CHANGES, TIMED_SPREAD = 30, 0.3, 3, 0.03
+"""Samples, m/s, steering changes and their spread, below which the fit of the delay declines."""
 LEVEL = 0.02  # of a command: two that differ by less are one level
 LATERAL = 1.0  # m/s2; where a tyre shows its slip
 
@@ -49,12 +51,11 @@ def uses(m: Motion, f: Facts) -> dict[str, Use]:
     turn = _turn_rate(m)
     fast = speed > (FAST if int((speed > FAST).sum()) >= TURNED else SLOW)
     steered = fast & np.isfinite(turn)
-    moved = np.abs(np.diff(a.steering, prepend=a.steering[:1])) > LEVEL
     return {
         "friction": _friction(coast, source, f.step),
         "motor": _motor(driven, a.throttle, source, f.step),
         "steering": _steering(steered, a.steering, source, f.step),
-        "delay": _delay(moved & (speed > FAST) & np.isfinite(turn)),
+        "delay": _delay((speed > TIMED_SPEED) & np.isfinite(turn), a.steering),
         "tyres": _tyres(m),
         "evaluation": _evaluation(m, f),
     }
@@ -112,11 +113,14 @@ def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -
     return Use(left or right, n, "messages", f"{levels} levels, {side}, speed from the {source}")
 
 
-def _delay(rows: BoolArray) -> Use:
-    n = int(rows.sum())
-    good = n >= CHANGES
-    return Use(good, n, "messages", f"steering changes above {FAST} m/s" if good else
-               f"{n} steering change(s) above {FAST} m/s: too few")
+def _delay(rows: BoolArray, steering: FloatArray) -> Use:
+    n, held = int(rows.sum()), steering[rows]
+    changes = int((np.diff(held) != 0.0).sum())
+    if n < TIMED:
+        return Use(False, n, "messages", f"fewer than {TIMED} messages above {TIMED_SPEED} m/s")
+    if changes < TIMED_CHANGES or float(np.std(held)) < TIMED_SPREAD:
+        return Use(False, n, "messages", "the steering hardly changes while the car drives")
+    return Use(True, n, "messages", f"{changes} steering changes above {TIMED_SPEED} m/s")
 
 
 def _tyres(m: Motion) -> Use:
