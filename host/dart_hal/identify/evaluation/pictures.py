@@ -151,8 +151,9 @@ def _path(axes: Any, p: Vehicle, case: Case, start: int) -> None:
              SAMPLE * (truth[3, 0] * np.sin(turn) + truth[4, 0] * np.cos(turn))]
     held = np.stack([np.concatenate([[v], v + np.cumsum(d[:-1])])
                      for v, d in zip(truth[:2, 0], steps, strict=True)])
-    for track, color, label, width in ((truth, TRUTH, "measured", 2.4), (held, HELD,
-                                       "held velocities", 1.4), (predicted, MODEL, p.name[:24], 1.8)):
+    for track, color, label, width in ((truth, TRUTH, "measured", 2.4),
+                                       (held, HELD, "held velocities", 1.4),
+                                       (predicted, MODEL, p.name[:24], 1.8)):
         along, left = _from_start(track, truth[:, 0])
         axes.plot(along, left, color=color, lw=width, label=label)
         axes.plot(along[::50], left[::50], ".", color=color, ms=5)
