@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dart_hal.cli.data_show import broken
 from dart_hal.cli.main import main
-from dart_hal.recording.check import check, summary
-from dart_hal.recording.check.facts import marks
+from dart_hal.recording.check import DONE, check, summary
+from dart_hal.recording.check.facts import marks, named_time
+from dart_hal.recording.check.findings import DROPPED
 from dart_hal.recording.dart import read, read_all
 
 
@@ -257,3 +260,37 @@ def test_finite_numbers_only_in_what_is_printed(excerpt):
             return all(map(walk, value))
         return not isinstance(value, float) or np.isfinite(value)
     assert all(walk(of(excerpt, p).to_json()) for p in ("racetrack", "2025-04-24", "12_06_55"))
+
+
+# ---- for people
+
+@pytest.mark.parametrize(("name", "width", "lines"), [
+    ("83_24_april_2025_slippery_floor_no_tape", 21,
+     ["83_24_april_2025_", "slippery_floor_no_", "tape"]),
+    ("09_09_2024_18_13_59drifting_clockwise", 19, ["09_09_2024_18_13_59", "drifting_clockwise"]),
+    ("60_racetrack_lap_v_060", 44, ["60_racetrack_lap_v_060"]),
+    ("2025-04-24-18-18-35", 19, ["2025-04-24-18-18-35"]),
+    ("nowheretobreakthisname", 10, ["nowheretob", "reakthisna", "me"])])
+def test_names_break_between_words(name, width, lines):
+    assert broken(name, width).split("\n") == lines
+
+
+def test_what_was_done_is_said_in_sentences(cli, excerpt):
+    said = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
+        "15_28_11", "racetrack", "2025-04-24", "17_28_09")))[2]
+    assert "throttle logged behind a closed safety gate is 0 (" in said
+    assert "10 marks" in said
+    for word in ("negative_zero", "held_copies", "changed:", "dropped:", "N = "):
+        assert word not in said
+
+
+def test_every_kind_with_which_something_is_done_has_its_sentence(excerpt):
+    found, _ = read_all([excerpt])
+    done = {x.kind for r in found for x in check(r).findings if x.effect != "said"}
+    assert len(done) > 8
+    assert done | set(DROPPED) <= set(DONE)
+
+
+def test_a_run_is_dated_by_its_name():
+    assert str(named_time(Path("runs/friction-20261121-130211.mcap"))) == "2026-11-21 13:02:11"
+    assert named_time(Path("runs/friction-20261199-130211.mcap")) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,12 +10,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from dart_hal.cli.output import console
-from dart_hal.recording.check import Check, Summary, folder_of, stem_of
+from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.web import BY_HAND
 
 DETAILED = 3  # files; above it a table, and only what is serious
 FIRST = 5
+WORD = re.compile(r"\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d|[^_-]*[_-]|[^_-]+$")
+"""Of a file name: a date and time stays in one piece."""
+NARROW, NAME, LONGEST = 80, 21, 44
+"""Columns of a narrow terminal, of a name there, and of the longest that is worth its room."""
 
 
 def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], whole: Summary,
@@ -73,7 +78,8 @@ def _reference(c: Check) -> str:
 
 def _table(checks: Sequence[Check]) -> Table:
     table = Table(box=None, pad_edge=False)
-    table.add_column("recording", overflow="fold", min_width=21)
+    width = NAME + min(max(console.width - NARROW, 0), LONGEST - NAME)
+    table.add_column("recording", no_wrap=True, min_width=NAME)
     for name in ("schema", "s", "rows", "encoder", "m/s", "bad"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("good for", overflow="fold")
@@ -82,15 +88,27 @@ def _table(checks: Sequence[Check]) -> Table:
         f, path = c.facts, c.recording.path
         if path.parent != folder:
             folder = path.parent
-            table.add_row(f"[bold]{escape(folder_of(path))}[/]")
+            table.add_row(f"[bold]{escape(broken(folder_of(path), width))}[/]")
         top = f.speed or (f.mocap.v_x if f.mocap else None)
-        table.add_row("  " + escape(stem_of(path)), c.recording.schema, f"{f.duration:.0f}",
+        stem = broken(stem_of(path), width - 2).replace("\n", "\n  ")
+        table.add_row("  " + escape(stem), c.recording.schema, f"{f.duration:.0f}",
                       str(f.rows or f.messages),
-                      f"N = {f.marks}" if f.marks else c.recording.encoder,
+                      f"{f.marks} marks" if f.marks else c.recording.encoder,
                       f"{top[1]:.2f}" if top else "-",
                       f"{f.mocap.bad:.0%}" if f.mocap else "-",
                       ", ".join(c.good_for) or "nothing", style="" if c.good_for else "dim")
     return table
+
+
+def broken(name: str, width: int) -> str:
+    """A name in lines of at most ``width``, broken behind _ or - where it has one."""
+    lines = [""]
+    for word in WORD.findall(name):
+        for piece in (word[i:i + width] for i in range(0, len(word), width)):
+            if len(lines[-1]) + len(piece) > width:
+                lines.append("")
+            lines[-1] += piece
+    return "\n".join(lines)
 
 
 def _serious(checks: Sequence[Check]) -> None:
@@ -106,10 +124,10 @@ def _counts(checks: Sequence[Check]) -> None:
     for c in checks:
         for x in c.findings:
             if x.effect != "said":
-                kinds.setdefault(f"{x.effect}: {x.kind}", []).append(x.rows)
-    for kind, rows in sorted(kinds.items()):
+                kinds.setdefault(DONE.get(x.kind, x.kind), []).append(x.rows)
+    for done, rows in sorted(kinds.items(), key=lambda item: -len(item[1])):
         total = f", {sum(rows)} row(s)" if sum(rows) else ""
-        _say(f"{kind} in {len(rows)} file(s){total}", "dim")
+        _say(f"{done} ({len(rows)} file(s){total})", "dim")
     _say("(--full lists every finding of every file, --json has them for machines)", "dim")
 
 

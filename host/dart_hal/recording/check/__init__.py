@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from .facts import Facts, MocapFacts, facts
 from .findings import Finding, findings
+from .kinds import DONE
 from .report import Check, Summary, check, folder_of, stem_of, summary
 from .uses import PURPOSES, Use, uses
 
-__all__ = ["PURPOSES", "Check", "Facts", "Finding", "MocapFacts", "Summary", "Use", "check",
-           "facts", "findings", "folder_of", "stem_of", "summary", "uses"]
+__all__ = ["DONE", "PURPOSES", "Check", "Facts", "Finding", "MocapFacts", "Summary", "Use",
+           "check", "facts", "findings", "folder_of", "stem_of", "summary", "uses"]

@@ -1,0 +1,26 @@
+"""What was done about each kind of finding, as one line over many files."""
+
+from __future__ import annotations
+
+DONE = {
+    "bad_samples": "parts of the motion are marked bad, 0.2 s to both sides included",
+    "cut_off_line": "the cut-off last line is dropped",
+    "derived": "derived columns are not used: the pose is differentiated",
+    "encoder_dead": "the encoder is dead: no speed instead of zeros",
+    "false_lock": "the mocap stood while the wheels turned: marked bad",
+    "gate": "throttle logged behind a closed safety gate is 0",
+    "held_copies": "rows that repeat the last sensor message are dropped",
+    "message_gap": "cut where sensor messages are more than 0.3 s apart",
+    "mocap_gap": "nothing inside gaps of the mocap is used",
+    "mocap_repeated": "mocap rows whose time does not advance are dropped",
+    "mocap_time_back": "cut where the mocap time steps back",
+    "negative_zero": "-0.0 is read as 0",
+    "not_finite": "rows with empty cells or no numbers are dropped",
+    "not_measured": "current and voltage are zero in every row: not used",
+    "not_started": "rows before the first sensor message are dropped",
+    "outliers": "outliers of the mocap, 1 to 3 rows, are marked",
+    "repeated_stamp": "rows that repeat the stamp of the row before are dropped",
+    "time_back": "cut where the sensor time steps back",
+    "yaw_wraps": "yaw passes +-pi: unwrapped",
+}
+"""By kind, of every kind with which rows are dropped or values changed."""
