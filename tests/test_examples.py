@@ -48,3 +48,12 @@ def test_an_example_on_the_firmware(tmp_path):
     said = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
     assert "turned" in said
     assert float(said.rpartition("turned ")[2].split()[0]) > 2.0
+
+
+def test_without_gymnasium_the_example_says_what_to_install(tmp_path):
+    (tmp_path / "gymnasium.py").write_text("raise ImportError('not installed')\n")
+    done = subprocess.run([sys.executable, str(EXAMPLES / "learn_to_follow.py")], cwd=tmp_path,
+                          capture_output=True, text=True, check=False,
+                          env={**os.environ, "PYTHONPATH": str(tmp_path)})
+    assert done.returncode == 1
+    assert done.stderr.strip() == "this example needs gymnasium: pip install 'dart-hal[gym]'"

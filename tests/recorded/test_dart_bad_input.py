@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import RecordingError
-from dart_hal.recording.dart import read, read_all
+from dart_hal.recording.dart import grid, read, read_all
+from dart_hal.recording.dart.reference import SEP_24
 
 
 def refused(path, *words: str) -> RecordingError:
@@ -213,3 +214,12 @@ def test_mangled_files_never_give_a_traceback(write, table_a):
         assert np.isfinite(m.t).all()
         assert np.isfinite(m.speed).all()
     assert outcomes == {"refused", "read"}
+
+
+def test_a_grid_without_motion_capture_is_refused_for_that(write, table_a):
+    """Not for the marker mounting, which no date could supply here."""
+    recording = read(write(table_a()))
+    for reference in (None, SEP_24):
+        with pytest.raises(RecordingError, match="no motion capture in this") as caught:
+            grid(recording, reference)
+        assert caught.value.found == "schema A"

@@ -51,12 +51,8 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
     l_r [m]: rear axle to centre of mass. Errors: RecordingError as for
     ``marker_grid``, and when no reference point is known for the date.
     """
+    m = marker_grid(recording)
     ref = reference if reference is not None else reference_for(recording)
-    if ref is None and recording.mocap is None:
-        raise RecordingError(
-            f"{recording.name}: no motion capture in this file, so no motion on a grid",
-            found=f"schema {recording.schema}", expected="schema B or C",
-            read=str(recording.path), remedy="Recording.messages has what the sensors measured")
     if ref is None:
         when = recording.when
         raise RecordingError(
@@ -64,7 +60,6 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
             found=f"date {when:%Y-%m-%d}" if when else "no date in the mocap clock",
             expected="a date of 2024, or schema C", read=str(recording.path),
             remedy="--reference LX,THETA,LY (m, rad, m), or fit it from driving to both sides")
-    m = marker_grid(recording)
     yaw = m.yaw + ref.theta
     c, s = np.cos(yaw), np.sin(yaw)
     forward = ref.lx - l_r
