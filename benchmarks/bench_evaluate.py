@@ -28,6 +28,7 @@ from dart_hal.identify.evaluation import (
     prepare,
 )
 from dart_hal.identify.runs import read_any
+from dart_hal.recording.check import folder_of
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
@@ -49,7 +50,7 @@ class Baselines:
     def __init__(self, root: Path) -> None:
         found, _ = read_any([root])
         self.recordings = [r for r in found if r.mocap is not None]
-        paths = {r.name: str(r.path) for r in self.recordings}
+        paths = {f"{folder_of(r.path)}/{r.path.name}": str(r.path) for r in self.recordings}
         self.cases: Sequence[Case] = prepare(self.recordings).cases
         self.paths = [paths[c.file] for c in self.cases for _ in range(len(c))]
         truth = measured(self.cases)
