@@ -98,14 +98,18 @@ def test_a_repeated_command_is_sent_again(bench):
     """Another hand, or a brown-out, changes the register: the same command heals it."""
     car = bench.ready()
     foreign = bytes((0x06, 0, 0, 200, 0, 0, 0, 200, 0))
+    after = []
     for n, _ in enumerate(car.states(duration=0.5, timeout=30.0)):
         car.drive(steering=0.1, throttle=0.2, valid_for=0.5)
         if n == 10:
             bench.bus.writeto(0x40, foreign)
             assert bench.counts() == (200, 200) or not bench.virtual
-    steering, throttle = bench.counts()
-    assert steering > 307
-    assert 315 < throttle < 340
+        elif n > 10:
+            after.append(bench.counts())
+    # in real time a busy machine may stall the loop, and then the throttle is neutral, as it must
+    healed = [s > 307 and 315 < t < 340 for s, t in after]
+    assert healed[-1] if bench.virtual else any(healed)
+    assert (200, 200) not in after[1:]
 
 
 @every_car
