@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,19 @@ IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
 
 if IN_CI:
     os.environ.setdefault("DART_HAL_REQUIRE_EMULATOR", "1")
+
+
+HOME = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """The full set of DART recordings; a test that needs it is skipped where it is absent."""
+    places = [os.environ.get("DART_DATA"), HOME.parent / "shared" / "data" / "dart"]
+    for place in places:
+        if place and Path(place).is_dir():
+            return Path(place)
+    pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -26,7 +26,6 @@ from dart_hal.vehicle.step import make_motion_step
 DT = 0.0025
 EPOCH = 1_725_800_000.0  # 8 September 2024, so that the marker is where it was then
 LX, THETA, LY = 0.115, 0.010, -0.010
-QUANTUM = 0.0041292 * 10.0
 COLUMNS = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)", "W (IMU)",
            "vel encoder", "safety_value", "throttle", "steering", "vicon time", "vicon x",
            "vicon y", "vicon yaw")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,11 +48,7 @@ VARIANTS = {
 def root(request):
     if request.param == "excerpt":
         return EXCERPT
-    places = [os.environ.get("DART_DATA"), HOME.parent / "shared" / "data" / "dart"]
-    for place in places:
-        if place and Path(place).is_dir():
-            return Path(place)
-    pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
+    return request.getfixturevalue("recordings")
 
 
 @pytest.fixture(scope="module")

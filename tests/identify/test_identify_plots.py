@@ -92,7 +92,7 @@ def test_what_a_joint_fit_held_comes_from_the_base(made):
 def test_a_curve_of_many_sessions_says_so(made):
     fit = made.fits["friction"]
     assert style.label(fit) == "fit"
-    pooled = replace(fit, notes=("one fit of the coasting of 10 sessions",))
+    pooled = replace(fit, details={"sessions": 10.0})
     assert style.label(pooled) == "fit, mean of 10 sessions"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,6 @@ NAMES_B = (*NAMES_A, "vicon time", "vicon x", "vicon y", "vicon yaw")
 @pytest.fixture(scope="session")
 def excerpt() -> Path:
     return Path(__file__).parent / "data"
-
-
-@pytest.fixture(scope="session")
-def recordings() -> Path:
-    places = [os.environ.get("DART_DATA"), ROOT.parent / "shared" / "data" / "dart"]
-    for place in places:
-        if place and Path(place).is_dir():
-            return Path(place)
-    pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
 
 
 def rows_a(n: int = 60, t0: float = 100.0) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.recording.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
@@ -31,22 +31,13 @@ def plot_steering(result: SteeringResult, path: str | Path) -> Path:
 
     Errors: UsageError when matplotlib is missing or the suffix is unknown.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as err:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
-    path = Path(path)
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise UsageError(f"no plot format {path.suffix!r}", expected=".png, .svg or .pdf")
-    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+    figure = new_figure((7.2, 6.4), path)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
     _draw_map(top, result)
     _draw_residuals(bottom, result)
     # below the panels: inside, data may lie under it wherever it stands
     figure.legend(fontsize=8, loc="outside lower center", ncols=3, markerscale=1.5)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path
+    return save_figure(figure, path)
 
 
 def _draw_map(axes: Any, result: SteeringResult) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,14 +17,13 @@ from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
-from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.signals import through
 
 from .drive import HALF, POINTS, READ, STEP, Drive
 
 MOTION = ("v_x", "v_y", "omega")
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
-GEAR = 2.0 * math.pi * (11 / 39) * 0.0233  # m of way per revolution of the gear with the marks
 WINDOW = 10  # samples over which the encoder counts
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 
@@ -109,7 +107,7 @@ def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, throttle: Float
     a_x, a_y = rates[0] - g.omega * g.v_y, rates[1] + g.omega * g.v_x
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
     now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, a_x, a_y, rates[2], force,
-              np.cumsum(g.v_x) * STEP / GEAR)
+              np.cumsum(g.v_x) * STEP / GEAR_REVOLUTION)
     wheel = through(p, "wheel", np.array(g.v_x), now, STEP)
     gyro = through(p, "gyro", np.array(g.omega), now, STEP)
     a_x, a_y = through(p, "accel", (a_x, a_y), now, STEP)

@@ -27,9 +27,12 @@ SETTLE = 4  # rounds for the age of the messages
 REFINE = 2  # parabola steps after the ladder
 
 
+Progress = Callable[[float, str], None]
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """gain: drop of the robust loss, in units of half a squared standard deviation times 2."""
+    """gain: drop of the robust loss; 1 is one squared standard deviation of one residual."""
 
     effect: str
     values: Mapping[str, float]
@@ -120,9 +123,6 @@ def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:
     top = b - 0.5 * ((b - a)**2 * (v - w) - (b - c)**2 * (v - u)) / under
     known = min(abs(top - k) for k in ks) < 1e-3 * (c - a)
     return None if known or not a < top < c else float(np.clip(top, p.low, p.high))
-
-
-Progress = Callable[[float, str], None]
 
 
 def scan(evidence: Evidence, base: Vehicle, noise: Noise, names: Sequence[str] | None = None,

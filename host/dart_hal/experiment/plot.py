@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.recording.figures import new_figure, save_figure
 
 from .runner import Drive
 
@@ -25,23 +25,14 @@ def plot_drive(drive: Drive, path: str | Path) -> Path:
 
     Errors: UsageError when matplotlib is missing or the suffix is unknown.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as err:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
-    path = Path(path)
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise UsageError(f"no plot format {path.suffix!r}", expected=".png, .svg or .pdf")
-    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
+    figure = new_figure((10.0, 5.0), path)
     grid = figure.add_gridspec(3, 2, width_ratios=[1.0, 1.25])
     _draw_path(figure.add_subplot(grid[:, 0]), drive)
     rows = [figure.add_subplot(grid[0, 1])]
     rows += [figure.add_subplot(grid[i, 1], sharex=rows[0]) for i in (1, 2)]
     _draw_commands(rows, drive)
     figure.legend(fontsize=8, loc="outside lower center", ncols=5)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path
+    return save_figure(figure, path)
 
 
 def _draw_path(axes: Any, drive: Drive) -> None:

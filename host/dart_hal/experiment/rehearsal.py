@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
 from dart_hal.types import NEUTRAL, Applied, Health, Pose, State
 from dart_hal.vehicle.bicycle import make_acceleration
@@ -35,8 +34,6 @@ class PaperCar:
         vehicle = vehicle_of(files.model)
         self._rates = make_acceleration(vehicle)
         self._l_r = vehicle.body.l_r
-        table = files.calibration.steering.map if files.calibration else None
-        self._highest = steering_map(files.config, table).highest
         self._per_edge = files.metres_per_edge.value
         self._applied: Applied = NEUTRAL
         self._t = self._rolled = 0.0

@@ -48,11 +48,6 @@ class Track:
         return max(self.straight - self.s % self.half, 0.0) if self.oval else max(
             self.straight - self.s, 0.0)
 
-    @property
-    def next_lane(self) -> float:
-        """Arc length [m] at which the next lane begins."""
-        return (math.floor(self.s / self.half + 1e-6) + 1) * self.half
-
     def along_path(self, pose: Pose, speed: float, wheelbase: float) -> float:
         """Road-wheel angle [rad] that follows lanes and turns (pure pursuit)."""
         reach = LOOK_AHEAD + LOOK_AHEAD_TIME * 0.5 * speed

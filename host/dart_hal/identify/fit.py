@@ -33,7 +33,8 @@ class Fit:
     parameters by their names in ``model.toml``; covariance (k, k) in the same
     order; n residuals of root mean square ``rmse`` and mean square ``loss``
     (plain, without robust weights) in ``unit``; ``at_bound``: parameters that
-    stopped at the edge of their interval; ``notes``: what the reader must know.
+    stopped at the edge of their interval; ``notes``: what the reader must know;
+    ``details``: numbers of the fit that a picture shows, by name.
     """
 
     submodel: str
@@ -46,6 +47,7 @@ class Fit:
     at_bound: tuple[str, ...] = ()
     cpu_s: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    details: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def loss(self) -> float:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GEAR_REVOLUTION = 0.0412918
-"""m of travel per revolution of the main gear: 2 pi (11/39) 0.0233 m."""
+from dart_hal.vehicle.parameters import GEAR_REVOLUTION as GEAR_REVOLUTION
 
 RING_A, RING_B = 20, 10
 """Edges per revolution: ten printed teeth (infrared), five magnets (Hall)."""

@@ -17,6 +17,9 @@ from dart_hal.vehicle.effect import Applied
 
 GRAVITY = 9.81
 """m/s2, in every figure of this project."""
+GEAR_REVOLUTION = 0.0412918
+"""m of way per revolution of the main gear that carries the marks, 2 pi (11/39) 0.0233 m: final
+drive and wheel radius of DART."""
 
 
 def quantity(unit: str, low: float, high: float, **options: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,15 +21,6 @@ ROOT = Path(__file__).resolve().parents[3]
 @pytest.fixture(scope="session")
 def excerpt() -> Path:
     return ROOT / "tests" / "recorded" / "data"
-
-
-@pytest.fixture(scope="session")
-def recordings() -> Path:
-    places = [os.environ.get("DART_DATA"), ROOT.parent / "shared" / "data" / "dart"]
-    for place in places:
-        if place and Path(place).is_dir():
-            return Path(place)
-    pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
 
 
 def empty_grid(n: int) -> Grid:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,12 +18,8 @@ pytestmark = pytest.mark.recordings
 
 
 @pytest.fixture(scope="module")
-def folder():
-    places = [os.environ.get("DART_DATA"), ROOT.parent / "shared" / "data" / "dart"]
-    for place in places:
-        if place and Path(place).is_dir():
-            return lambda name: read_any([Path(place) / name])[0]
-    pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
+def folder(recordings):
+    return lambda name: read_any([recordings / name])[0]
 
 
 def test_friction_and_motor_of_january(folder):

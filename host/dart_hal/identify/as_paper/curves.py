@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.motor import SHARPNESS
 from dart_hal.vehicle.steering import BLEND
 
 Curve = tuple[FloatArray, FloatArray]
-DEAD_BAND = 100.0
-"""Steepness of the smooth dead band of the motor."""
 
 
 def friction(x: FloatArray, v: FloatArray) -> Curve:
@@ -29,10 +28,10 @@ def motor(x: FloatArray, tau: FloatArray, v: FloatArray) -> Curve:
     """x: d [N], e [N s/m], g; throttle tau, v [m/s] -> force [N]."""
     d, e, g = x
     u = tau + g
-    bend = np.tanh(DEAD_BAND * u)
+    bend = np.tanh(SHARPNESS * u)
     open_ = 0.5 * u * (bend + 1.0)
     gain = d - e * v
-    by_u = 0.5 * (bend + 1.0) + 0.5 * DEAD_BAND * u * (1.0 - bend**2)
+    by_u = 0.5 * (bend + 1.0) + 0.5 * SHARPNESS * u * (1.0 - bend**2)
     return gain * open_, np.stack([open_, -v * open_, gain * by_u], axis=1)
 
 

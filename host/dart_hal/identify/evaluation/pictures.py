@@ -10,6 +10,7 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.identify.commands import actuated
 from dart_hal.identify.plots import style
+from dart_hal.recording.figures import FORMATS, save_figure
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
@@ -23,7 +24,6 @@ from .windows import HORIZONS, LENGTH, SAMPLE
 TITLES = dict(zip(CHANNELS, ("speed v_x", "lateral velocity v_y", "yaw rate", "position", "yaw"),
                   strict=True))
 MODEL, HELD, TRUTH = "#0072b2", "#e69f00", "#222222"
-FORMATS = (".png", ".svg", ".pdf")
 BARS = ("yaw_rate", "position")
 SHOWN = (0.05, 0.25, 0.5, 0.75, 0.9, 0.98)
 """Quantiles of the position error at 2 s of the windows that are drawn."""
@@ -52,9 +52,7 @@ def draw(e: Evaluation, target: str | Path) -> list[Path]:
     target = Path(target)
     if check_target(target):
         figure = draw_errors(e)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(target, dpi=110)
-        return [target]
+        return [save_figure(figure, target)]
     figures = {"errors": draw_errors(e), "windows": draw_windows(e)}
     if e.limit is not None:
         figures["kinematic_limit"] = draw_limit(e.limit)

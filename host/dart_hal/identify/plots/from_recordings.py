@@ -6,7 +6,6 @@ a second and differentiated. The fits do not use these derivatives.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -33,8 +32,6 @@ MOST = 6000  # points in one picture
 STRAIGHT, GRIP = 0.6, 4.0  # m/s2 of lateral acceleration
 OFFSETS = np.radians(np.arange(-6.0, 6.05, 0.1))
 LAGS = np.arange(0.0, 0.6, 0.01)
-COMMAND = re.compile(r"as one pure delay (\d+\.\d+) ")
-"""In the notes of a fit of the delay; its values are those for a replay of held rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +176,9 @@ def _lagging(motions: Sequence[Motion], fits: Mapping[str, Fit], base: Vehicle) 
     both = e["steering_s"].value + e["steering_lag_s"].value if "steering_lag_s" in e else None
     marks = [(e["steering_s"].value, "fitted delay")]
     marks += [] if both is None else [(both, "fitted delay + lag")]
-    total = COMMAND.search(" ".join(fits["delay"].notes))
-    marks += [] if total is None else [(float(total[1]), "from the command itself")]
+    # the values of the fit are those for a replay of held rows
+    total = fits["delay"].details.get("command_s")
+    marks += [] if total is None else [(total, "from the command itself")]
     return Lagging(LAGS, np.array(value) / max(value), tuple(marks))
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
 from dart_hal.identify.fit import Fit
+from dart_hal.recording import figures
 from dart_hal.types import FloatArray
 
 DATA, OURS, PAPER = "#0072b2", "#222222", "#d55e00"
@@ -21,21 +20,13 @@ MANY = 400
 
 def new_figure(rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
     """(figure, axes). Errors: UsageError when matplotlib is missing."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as err:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
-    size = options.pop("figsize", (7.2, 4.6))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = figures.new_figure(options.pop("figsize", (7.2, 4.6)))
     return figure, figure.subplots(rows, columns, **options)
 
 
 def save(figure: Any, folder: Path, name: str) -> Path:
     """Write ``folder``/``name``.png; the folder is made."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.png"
-    figure.savefig(path, dpi=110)
-    return path
+    return figures.save_figure(figure, folder / f"{name}.png")
 
 
 def scatter(axes: Any, x: FloatArray, y: FloatArray, label: str, color: str = DATA) -> None:
@@ -58,8 +49,8 @@ def line(axes: Any, x: FloatArray, y: FloatArray, fit: Fit, part: str = "") -> N
 
 def label(fit: Fit) -> str:
     """What the curve of a fit is: no single recording need lie on one of many sessions."""
-    found = re.search(r"one fit of (?:the coasting of )?(\d+) sessions", " ".join(fit.notes))
-    return f"fit, mean of {found[1]} sessions" if found else "fit"
+    sessions = fit.details.get("sessions", 1.0)
+    return f"fit, mean of {sessions:g} sessions" if sessions > 1.0 else "fit"
 
 
 def paper(axes: Any, x: FloatArray, y: FloatArray) -> None:

@@ -82,6 +82,7 @@ def fit_coasting(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicl
     names = dict.fromkeys(n for _, n in parts)
     if len(names) == 1:
         return fit, notes
+    fit = replace(fit, sessions=len(names))
     notes.append(f"one fit of the coasting of {len(names)} sessions")
     for name in names:
         some = [c for c, n in parts if n == name]

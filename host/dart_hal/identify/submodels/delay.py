@@ -53,7 +53,8 @@ def fit_delay(recordings: Sequence[Recording], reference: Reference | None, base
         notes += part.notes
     return Fit("delay", entries, covariance, known[0].n, known[0].rmse,
                "rad/s" if steering else "m/s", all(p.converged for p in known), (),
-               time.process_time() - begin, tuple(notes))
+               time.process_time() - begin, tuple(notes),
+               {} if steering is None else {"command_s": steering.command_s})
 
 
 def throttle_timing(driving: Driving) -> Timing | None:

@@ -122,7 +122,8 @@ def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mas
         if len(names) == 1 and TIMING[0] in free:
             fit = _timed(fit, used, base, mass)
     notes = [f"{n}: too little driven straight, left out" for n in small]
-    return fit, [*notes, *([] if bands is None else band_notes(names, bands))]
+    notes += [] if bands is None else band_notes(names, bands)
+    return replace(fit, sessions=len(names)), notes
 
 
 def _timed(fit: Straight, series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight:

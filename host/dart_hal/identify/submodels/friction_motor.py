@@ -47,7 +47,7 @@ def longitudinal_fit(submodel: str, d: Driving, base: Vehicle, mass: Estimate | 
     values = {n: estimate(fit, n, UNITS[submodel][n]) for n in names}
     return Fit(submodel, values, covariance, len(fit.residual), fit.rmse, "m/s",
                fit.converged, fit.at_bound(names), cpu_s,
-               tuple(_notes(submodel, d, fit, base, mass)))
+               tuple(_notes(submodel, d, fit, base, mass)), {"sessions": fit.sessions})
 
 
 def vars_of(base: Vehicle, submodel: str) -> dict[str, float]:

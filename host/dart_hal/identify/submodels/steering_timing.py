@@ -31,7 +31,10 @@ SYSTEMATIC = 0.005  # s; what the yaw motion taken off and the phase of messages
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """values (2,): delay, lag [s]; covariance (2, 2); apart: both are told."""
+    """values (2,): delay, lag [s]; covariance (2, 2); apart: both are told.
+
+    command_s: from the command itself, as one delay [s].
+    """
 
     values: FloatArray
     covariance: FloatArray
@@ -40,6 +43,7 @@ class Timing:
     n: int
     rmse: float
     converged: bool
+    command_s: float = 0.0
 
     def held(self, hold: float, what: str) -> Timing:
         """The same for a replay that holds each logged row, ``hold`` [s] late in the mean.
@@ -83,9 +87,9 @@ def steering_timing(series: Sequence[Turning]) -> Timing:
     rmse = float(np.sqrt(np.mean(np.concatenate(
         [_left(s, *map(float, solution.x)) for s in series]) ** 2)))
     values = solution.x if apart else np.array([float(total[0].x[0]), 0.0])
-    return Timing(values, covariance, apart, said, len(solution.residual), rmse,
-                  solution.converged if apart else total[0].converged
-                  ).held(float(np.mean([s.command.hold for s in series])), "steering")
+    timing = Timing(values, covariance, apart, said, len(solution.residual), rmse,
+                    solution.converged if apart else total[0].converged, float(total[0].x[0]))
+    return timing.held(float(np.mean([s.command.hold for s in series])), "steering")
 
 
 def _left(s: Turning, delay: float, lag: float) -> FloatArray:

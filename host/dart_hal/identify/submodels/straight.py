@@ -37,7 +37,8 @@ class Straight:
     """x (8,) in the order of NAMES; ``free`` were fitted, the others held.
 
     covariance (8, 8), zero where held; independent (8,) as ``collinearity``, 1
-    where held; residual (n,) m/s; ``stopped``: at the edge of their interval.
+    where held; residual (n,) m/s; ``stopped``: at the edge of their interval;
+    sessions: how many it is the fit of.
     """
 
     free: tuple[str, ...]
@@ -47,6 +48,7 @@ class Straight:
     residual: FloatArray
     converged: bool
     stopped: tuple[str, ...]
+    sessions: int = 1
 
     @property
     def rmse(self) -> float:

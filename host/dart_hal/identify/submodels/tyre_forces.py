@@ -21,6 +21,7 @@ from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_der
 from dart_hal.recording.dart.model import BoolArray, IntArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
+from dart_hal.vehicle.inverse import make_inverse_dynamics
 
 MIN_SPEED = 0.5  # m/s; below it slip angles are noise
 MIN_LATERAL = 1.5  # m/s2 that 5 % of the samples must exceed: else the slip is mocap noise,
@@ -105,19 +106,11 @@ def _angle(recording: Recording, g: Grid, car: Vehicle, kernel: FloatArray) -> F
 def _forces(g: Grid, delta: FloatArray, car: Vehicle, kernel: FloatArray, points: int
             ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(F^_yf, F_yr, a_y) (n,) from the 3 x 3 system of the 4WD bicycle."""
-    b = car.body
     a_x = savgol_derivative(g.v_x, points) - np.convolve(g.omega * g.v_y, kernel, mode="same")
     a_y = savgol_derivative(g.v_y, points) + np.convolve(g.omega * g.v_x, kernel, mode="same")
-    turn = savgol_derivative(g.omega, points)
-    c, s = np.cos(delta), np.sin(delta)
-    share_f, share_r = b.front_share, 1.0 - b.front_share
-    one, zero = np.ones_like(c), np.zeros_like(c)
-    matrix = np.stack([np.stack([share_f * c + share_r, -s, zero], axis=-1),
-                       np.stack([share_f * s, c, one], axis=-1),
-                       np.stack([b.l_f * share_f * s, b.l_f * c, -b.l_r * one], axis=-1)], axis=-2)
-    right = np.stack([b.mass * a_x, b.mass * a_y, b.yaw_inertia * turn], axis=-1)
-    solved = np.linalg.solve(matrix, right[..., None])[..., 0]
-    return solved[:, 1], solved[:, 2], a_y
+    forces = make_inverse_dynamics(car, np)
+    _, front, rear = forces(a_x, a_y, savgol_derivative(g.omega, points), delta)
+    return front, rear, a_y
 
 
 def usable(part: TyreForces, limit: float) -> BoolArray:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.recording.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
 
 from .report import Check, folder_of, stem_of
 
-FORMATS = (".png", ".svg", ".pdf")
 WHEEL, GROUND, BAD, GATED, RAW, STEER = ("#0072b2", "#222222", "#d55e00", "#56b4e9", "#888888",
                                          "#009e73")
 COLUMNS = 6
@@ -26,7 +25,7 @@ MOST = 120  # recordings in one overview
 
 def plot_check(c: Check, path: str | Path) -> Path:
     """One recording. Errors: UsageError without matplotlib or for an unknown suffix."""
-    figure = _figure(path, (11.0, 7.6))
+    figure = new_figure((11.0, 7.6), path)
     mocap = c.motion.grid is not None
     grid = figure.add_gridspec(4, 2 if mocap else 1, width_ratios=[1.0, 1.5] if mocap else None)
     if mocap:
@@ -45,14 +44,14 @@ def plot_check(c: Check, path: str | Path) -> Path:
     rows[-1].set_xlabel("time [s]")
     figure.suptitle(f"{c.name}  (schema {c.recording.schema})\n{_short(c.verdict, 110)}",
                     fontsize=10, x=0.01, ha="left")
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
     """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
     shown = checks[:MOST]
     rows = -(-len(shown) // COLUMNS)
-    figure = _figure(path, (2.5 * COLUMNS, 1.65 * rows + 0.6))
+    figure = new_figure((2.5 * COLUMNS, 1.65 * rows + 0.6), path)
     panels = np.atleast_2d(figure.subplots(rows, COLUMNS, squeeze=False))
     for axes in panels.flat[len(shown):]:
         axes.set_visible(False)
@@ -63,7 +62,7 @@ def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
     left = f" (the first {MOST})" if len(checks) > MOST else ""
     figure.suptitle(f"{len(checks)} recording(s){left}: speed over time [s]; blue wheels, black "
                     "mocap, shaded throttle (0 to 1 of the height), orange bad", fontsize=9)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _small(axes: Any, c: Check) -> None:
@@ -154,20 +153,3 @@ def _ground(c: Check) -> tuple[float, float] | None:
 
 def _short(text: str, most: int) -> str:
     return text if len(text) <= most else text[:most // 2 - 2] + "..." + text[-most // 2 + 1:]
-
-
-def _figure(path: str | Path, size: tuple[float, float]) -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as err:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
-    if Path(path).suffix.lower() not in FORMATS:
-        raise UsageError(f"no plot format {Path(path).suffix!r}", expected=".png, .svg or .pdf")
-    return Figure(figsize=size, layout="constrained")
-
-
-def _save(figure: Any, path: str | Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path

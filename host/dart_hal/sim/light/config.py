@@ -13,12 +13,11 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from dart_hal.errors import ConfigError
+from dart_hal.vehicle.parameters import GEAR_REVOLUTION, GRAVITY
 
-GEAR_REVOLUTION = 0.0412918
-"""m of travel per revolution of the main gear: 2 pi (11/39) 0.0233 m."""
 GYRO_QUANTUM, ACCEL_QUANTUM = math.radians(1.0 / 16.0), 0.01
 """One digit of a BNO055 [rad/s, m/s2]."""
-GYRO_DENSITY, ACCEL_DENSITY = math.radians(0.014), 150e-6 * 9.81
+GYRO_DENSITY, ACCEL_DENSITY = math.radians(0.014), 150e-6 * GRAVITY
 """White noise of a BNO055 by its data sheet [rad/s/sqrt(Hz), m/s2/sqrt(Hz)]."""
 MAY_BE_NEGATIVE = {"offset", "ahead"}
 
