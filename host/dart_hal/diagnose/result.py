@@ -1,0 +1,187 @@
+"""What a diagnosis says: verdict, causes with their evidence, what is left, and the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from dart_hal.vehicle.parameters import Vehicle
+
+from .residuals import Evidence, Residuals
+
+VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "parameters_only")
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One parameter of a cause, with its standard error and the value that changes nothing."""
+
+    value: float
+    std: float
+    unit: str
+    null: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """{"value", "std", "unit", "null"}."""
+        return {"value": self.value, "std": self.std, "unit": self.unit, "null": self.null}
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A parameter of the base model that the refit changed; doubt: why it is hard to believe."""
+
+    before: float
+    after: float
+    std: float
+    unit: str
+    doubt: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """{"before", "after", "std", "unit", "doubt"}."""
+        return {"before": self.before, "after": self.after, "std": self.std, "unit": self.unit,
+                "doubt": self.doubt}
+
+
+@dataclass(frozen=True, slots=True)
+class Gained:
+    """1 - RMSE after / RMSE before of one channel on recordings that the fit did not see.
+
+    low, high: its 95 % interval (block bootstrap; NaN with less than 4 blocks);
+    train: the same on the training recordings; measure: what was compared.
+    """
+
+    channel: str
+    train: float
+    test: float
+    low: float
+    high: float
+    measure: str
+
+    def to_json(self) -> dict[str, Any]:
+        """{"channel", "train", "test", "test_ci95", "measure"}."""
+        return {"channel": self.channel, "train": self.train, "test": self.test,
+                "test_ci95": [self.low, self.high], "measure": self.measure}
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A named effect: what it does, how sure that is, and what it cannot be told from.
+
+    enters: stage of the effect; loss: drop of the robust loss on the training
+    recordings; experiment: the drive that would tell it from its like.
+    """
+
+    effect: str
+    title: str
+    enters: str
+    parameters: Mapping[str, Number]
+    p_value: float
+    loss: float
+    evidence: tuple[str, ...]
+    gain: Gained
+    cannot_be_told_from: tuple[str, ...]
+    experiment: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the list ``causes``."""
+        return {"effect": self.effect, "title": self.title, "enters": self.enters,
+                "parameters": {k: n.to_json() for k, n in self.parameters.items()},
+                "p_value": self.p_value, "loss": self.loss, "evidence": list(self.evidence),
+                "gain": self.gain.to_json(),
+                "cannot_be_told_from": list(self.cannot_be_told_from),
+                "experiment": self.experiment}
+
+
+@dataclass(frozen=True, slots=True)
+class Considered:
+    """An effect that was not named, and why. loss, held_out: drops of the robust loss."""
+
+    effect: str
+    p_value: float
+    loss: float
+    held_out: float
+    why_not: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the list ``considered``."""
+        return {"effect": self.effect, "p_value": self.p_value, "loss": self.loss,
+                "held_out": self.held_out, "why_not": self.why_not}
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Structure of the last residual that no effect of the catalogue explains.
+
+    along: the variables it depends on; share: of the variance of that residual.
+    """
+
+    channel: str
+    structure: str
+    along: tuple[str, ...]
+    p_value: float
+    share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the list ``unexplained``."""
+        return {"channel": self.channel, "structure": self.structure, "with": list(self.along),
+                "p_value": self.p_value, "share": self.share}
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """The model after one more step: the base, the refitted base, and each cause in order.
+
+    horizons: errors on the test recordings as ``evaluate`` gives them, numbers
+    that cannot be known None; residuals: on the test drives, in SI units.
+    """
+
+    label: str
+    vehicle: Vehicle
+    horizons: Mapping[str, Any]
+    residuals: Residuals
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals."""
+
+    verdict: str
+    model: str
+    refitted: Mapping[str, Moved]
+    causes: tuple[Cause, ...]
+    considered: tuple[Considered, ...]
+    unexplained: tuple[Unexplained, ...]
+    stages: tuple[Stage, ...]
+    evidence: Evidence
+    ctrv: Mapping[str, Any]
+    gain: Mapping[str, Gained]
+    files: Mapping[str, Mapping[str, Any]]
+    notes: tuple[str, ...] = ()
+    seed: int = 0
+    runtime_s: float = 0.0
+    written: str | None = None
+    withdrawn: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def extended(self) -> Vehicle:
+        """The base, refitted where that was allowed, with the causes found."""
+        return self.stages[-1].vehicle
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``dart-hal diagnose --json`` prints it."""
+        return {
+            "verdict": self.verdict,
+            "base": {"model": self.model,
+                     "refitted": {k: m.to_json() for k, m in self.refitted.items()},
+                     "errors": self.stages[0].horizons},
+            "causes": [c.to_json() for c in self.causes],
+            "considered": [c.to_json() for c in self.considered],
+            "unexplained": [u.to_json() for u in self.unexplained],
+            "extended": {"model": self.written, "errors": self.stages[-1].horizons,
+                         "gain": {k: g.test for k, g in self.gain.items()},
+                         "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},
+            "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
+            "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
+            "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
+            "seed": self.seed}
