@@ -1,4 +1,4 @@
-"""``dart-hal experiment``: drive the test for a sub-model, record it, fit it."""
+"""``dart-hal experiment``: drive the test for a sub-model, record it, fit it; or a probe."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
 from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.experiment.plans import NAMES, Plan
+from dart_hal.experiment.plans import NAMES, PROBES, Plan
 from dart_hal.experiment.plot import plot_drive
 from dart_hal.experiment.runner import Drive
 from dart_hal.links.base import Backend, open_backend
@@ -33,7 +33,7 @@ SIM_FLOOR = "10"
 
 
 @click.command("experiment")
-@click.argument("submodel", type=click.Choice(NAMES))
+@click.argument("submodel", metavar="EXPERIMENT", type=click.Choice((*NAMES, *PROBES)))
 @car_options
 @click.option("--space", "space", default=None, metavar="METRES",
               help="free floor: 8 (8 m x 8 m) or 12x3 (12 m along the car, 3 m across); needed on "
@@ -43,7 +43,7 @@ SIM_FLOOR = "10"
 @click.option("--mass", type=Number(0.2, 20.0), default=None, metavar="KG",
               help="the car on a kitchen scale, ready to drive (default: car.toml's, +- 2 %)")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="recording to write  [default: runs/SUBMODEL-TIME.mcap]")
+              help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
 @click.option("--out-model", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write what was told into this model.toml, beside what it holds already")
 @click.option("--waive", multiple=True, type=click.Choice(WAIVE),
@@ -57,14 +57,25 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
             speed: float | None, mass: float | None, out: Path | None, out_model: Path | None,
             waive: tuple[str, ...], no_fit: bool, plot: Path | None, yes: bool,
             as_json: bool) -> None:
-    """Drive the test for SUBMODEL on a free floor, record it, and fit it.
+    """Drive an EXPERIMENT on a free floor and record it.
+
+    \b
+    fitted to a sub-model afterwards:
+      friction motor steering delay tyres
+    for dart-hal diagnose, nothing is fitted:
+      standstill crawl circles steps staircase weave rollouts launch laps
 
     Nothing is written but the recording (and --out-model); `dart-hal identify`
-    makes a model.toml of one or several of them.
+    makes a model.toml of it, `dart-hal diagnose` says what a model gets wrong.
     """
+    if out_model is not None and submodel in PROBES:
+        raise UsageError(f"{submodel} fits no sub-model", found="--out-model",
+                         expected=f"it with one of {', '.join(NAMES)}",
+                         remedy=f"dart-hal experiment {submodel}, then dart-hal diagnose")
     if out_model is not None and no_fit:
         raise UsageError("--no-fit leaves nothing to write", found="--no-fit --out-model",
                          expected="one of them")
+    no_fit = no_fit or submodel in PROBES
     out = out or Path("runs") / f"{submodel}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
     backend = open_backend(url or DEFAULT_URL)
     try:  # before anything is recorded or asked
@@ -108,7 +119,8 @@ def _floor(backend: Backend, space: str | None, submodel: str) -> Floor:
     if backend.bus is None:
         raise UsageError(f"{backend.url.text} has nothing to drive",
                          expected="a car with its I2C bus",
-                         remedy=f"dart-hal identify {submodel} FILES fits recordings")
+                         remedy="dart-hal diagnose reads recordings" if submodel in PROBES
+                         else f"dart-hal identify {submodel} FILES fits recordings")
     if space is None and backend.url.scheme != "sim":
         raise UsageError("say how much free floor there is", expected="--space 8 or 12x3",
                          remedy=f"dart-hal experiment {submodel} --space METRES")

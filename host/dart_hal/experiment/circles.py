@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from dart_hal.config import CarFiles
@@ -40,16 +41,31 @@ TYRES_ON_BOARD = (
     "and rear each, and the yaw inertia, need motion capture",)
 
 
+Make = Callable[[float, float], tuple[list[Segment], float]]
+"""(top speed [m/s], longest lane [m] on the floor) -> (segments, lane [m], 0: needs none)."""
+
+
 def plan_circles(name: str, files: CarFiles, floor: Floor, speed: float | None) -> Plan:
     """The plan of "delay" or "tyres" on this floor, rehearsed; speed [m/s] at most.
 
     Errors: ExperimentFailed when the floor is too small, with what is needed.
     """
-    top = speed if speed is not None else TOP[name]
-    rehearsed, place, needed = _tried(name, files, floor, top)
+    make, notes = (_delay, ()) if name == "delay" else (_tyres, TYRES_ON_BOARD)
+    return plan_in_field(name, files, floor, speed, TOP[name], make, notes)
+
+
+def plan_in_field(name: str, files: CarFiles, floor: Floor, speed: float | None, usual: float,
+                  make: Make, notes: tuple[str, ...] = ()) -> Plan:
+    """A plan that is rehearsed in an open field, and then put in the middle of the floor.
+
+    usual [m/s]: without ``speed`` it is that, or less on a small floor. Errors:
+    ExperimentFailed when the floor is too small, with what is needed.
+    """
+    top = speed if speed is not None else usual
+    rehearsed, place, needed = _tried(name, files, floor, top, make, notes)
     if not _fits(needed, floor):
         slower = (0.1 * tenth for tenth in range(round(10.0 * top) - 2, 5, -2))
-        tries = ((v, _tried(name, files, floor, v)) for v in slower)
+        tries = ((v, _tried(name, files, floor, v, make, notes)) for v in slower)
         found = next(((v, t) for v, t in tries if _fits(t[2], floor)), None)
         if found is None or speed is not None:
             raise ExperimentFailed(
@@ -64,14 +80,14 @@ def plan_circles(name: str, files: CarFiles, floor: Floor, speed: float | None) 
     return replace(rehearsed, floor=floor, place=spare)
 
 
-def _tried(name: str, files: CarFiles, floor: Floor, top: float) -> tuple[Plan, Place, Floor]:
+def _tried(name: str, files: CarFiles, floor: Floor, top: float, make: Make,
+           notes: tuple[str, ...]) -> tuple[Plan, Place, Floor]:
     """(the plan rehearsed in an open field, where the car stands, the floor it needs)."""
     longest = (floor.length - 2.0 * MARGIN) / OTHER_CARS - 2.0 * TURN
-    lane = min(LANE, max(longest - 0.1, 0.5 * LANE)) if name == "delay" else 0.0
-    segments = [*_throttle_steps(top, lane), *_delay(top)] if name == "delay" else _tyres(top)
+    segments, lane = make(top, longest)
     plan, drive = rehearse(Plan(
         name, tuple(segments), Floor(200.0, 200.0), Place(100.0, 100.0), top, lane=lane,
-        oval=True, notes=TYRES_ON_BOARD if name == "tyres" else ()), files)
+        oval=True, notes=notes), files)
     xs = [OTHER_CARS * f.pose.x for f in drive.frames]
     ys = [OTHER_CARS * f.pose.y for f in drive.frames]
     place = Place(MARGIN - min(xs), MARGIN - min(ys))
@@ -101,10 +117,11 @@ def _throttle_steps(top: float, lane: float) -> list[Segment]:
             Segment("rolling out", 8.0, steering="lane", until="standstill")]
 
 
-def _delay(top: float) -> list[Segment]:
-    """Slow sine, chirp and steps of the steering, to the left and to the right."""
+def _delay(top: float, longest: float) -> tuple[list[Segment], float]:
+    """Throttle steps; slow sine, chirp and steps of the steering, to the left and the right."""
     slow, n = DELAY_SPEED * top, 20
-    out: list[Segment] = []
+    lane = min(LANE, max(longest - 0.1, 0.5 * LANE))
+    out = _throttle_steps(top, lane)
     for side in (1.0, -1.0):
         mean = side * MEAN
         out += [
@@ -115,12 +132,12 @@ def _delay(top: float) -> list[Segment]:
                     measured=True),
             Segment("steering steps", HOLD * n, speed=slow, measured=True,
                     steering=random_steps(mean - SWING, mean + SWING, n, HOLD)),
-            *_home(mean, side),
+            *home(mean, side),
         ]
-    return out
+    return out, lane
 
 
-def _tyres(top: float) -> list[Segment]:
+def _tyres(top: float, _longest: float) -> tuple[list[Segment], float]:
     """A throttle ramp on a circle to each side."""
     out: list[Segment] = []
     for side in (1.0, -1.0):
@@ -131,12 +148,12 @@ def _tyres(top: float) -> list[Segment]:
                     throttle=Ramp(0.0, RAMP, RAMP_SECONDS), relative=True,
                     steering=Constant(lock), top_speed=top, top_lateral=MOST_LATERAL,
                     measured=True),
-            *_home(lock, side),
+            *home(lock, side),
         ]
-    return out
+    return out, 0.0
 
 
-def _home(steering: float, side: float) -> list[Segment]:
+def home(steering: float, side: float) -> list[Segment]:
     """Slowly round until the car looks as at the start, so that the other side lies beside it."""
     end = [Segment("rolling out", 8.0, steering=Constant(steering), until="standstill")]
     if side < 0.0:

@@ -10,7 +10,8 @@ from dart_hal.errors import UsageError
 
 from .circles import plan_circles
 from .floor import Floor
-from .plans import NAMES, Plan
+from .plans import NAMES, PROBES, Plan
+from .probes import plan_probe
 from .runner import Drive, Progress, run
 from .steering import plan_steering, run_steering
 from .straight import plan_straight
@@ -28,7 +29,9 @@ def make_plan(name: str, files: CarFiles, floor: Floor, speed: float | None) -> 
         return plan_steering(files, floor, speed)
     if name in ("delay", "tyres"):
         return plan_circles(name, files, floor, speed)
-    raise UsageError(f"no experiment {name!r}", expected=", ".join(NAMES))
+    if name in PROBES:
+        return plan_probe(name, files, floor, speed)
+    raise UsageError(f"no experiment {name!r}", expected=", ".join((*NAMES, *PROBES)))
 
 
 def conduct(car: Car, plan: Plan, progress: Progress = lambda share, text: None, *,

@@ -12,6 +12,10 @@ from .signals import Signal
 from .track import Track
 
 NAMES = ("friction", "motor", "steering", "delay", "tyres")
+"""Tests of a sub-model, fitted once they are driven."""
+PROBES = ("standstill", "crawl", "circles", "steps", "staircase", "weave", "rollouts", "launch",
+          "laps")
+"""Drives that tell causes apart which look alike in others; ``diagnose`` reads them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -214,4 +214,4 @@ def with_figures(plan: Plan, drive: Drive) -> Plan:
     steps = [math.hypot(b.pose.x - a.pose.x, b.pose.y - a.pose.y)
              for a, b in pairwise(frames)]
     return replace(plan, seconds=frames[-1].t, path=sum(steps),
-                   reached=max(f.speed for f in frames))
+                   reached=max(0.0, *(f.speed for f in frames)))

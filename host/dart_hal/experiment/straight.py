@@ -73,7 +73,7 @@ def _rehearsed(name: str, files: CarFiles, floor: Floor, top: float, needs: list
                oval: bool) -> Plan:
     segments: list[Segment] = []
     for (throttle, share), room in zip(_pulls(name), needs, strict=True):
-        segments += _one_pull(throttle, share * top, room)
+        segments += one_pull(throttle, share * top, room)
     plan = Plan(name, tuple(segments), floor, start_of(oval=oval), top,
                 lane=straight_of(floor, oval=oval), oval=oval)
     plan, drive = rehearse(plan, files)
@@ -83,7 +83,8 @@ def _rehearsed(name: str, files: CarFiles, floor: Floor, top: float, needs: list
     return plan
 
 
-def _one_pull(throttle: float, top: float, room: float) -> list[Segment]:
+def one_pull(throttle: float, top: float, room: float) -> list[Segment]:
+    """From standstill up to ``top`` [m/s] and rolling out, on a lane with ``room`` [m] ahead."""
     name = f"throttle {throttle:.2f}"
     return [
         Segment("to the next lane", 60.0, speed=BETWEEN, until="room", room=room),
