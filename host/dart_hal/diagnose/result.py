@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -144,7 +145,11 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals."""
+    """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals.
+
+    threshold: drop of the loss that noise alone stays below, but for a share
+    ``false_alarm`` of data sets (NaN: there is no single one).
+    """
 
     verdict: str
     model: str
@@ -162,6 +167,8 @@ class Diagnosis:
     runtime_s: float = 0.0
     written: str | None = None
     withdrawn: tuple[str, ...] = field(default_factory=tuple)
+    threshold: float = math.nan
+    false_alarm: float = 0.01
 
     @property
     def extended(self) -> Vehicle:
@@ -184,4 +191,4 @@ class Diagnosis:
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
             "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
-            "seed": self.seed}
+            "seed": self.seed, "threshold": self.threshold, "false_alarm": self.false_alarm}

@@ -1,0 +1,124 @@
+"""The pictures of the report: residuals before and after, staircase of errors, ranking."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dart_hal.diagnose.features import UNITS
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.identify.evaluation import CHANNELS as PREDICTED
+from dart_hal.types import FloatArray
+
+from . import svg
+from .along import SIDES, Along, Means
+from .html import Html, el
+from .words import CHANNELS, channel, percent, significant, variable
+
+TWO = 2.0
+"""Standard errors that a whisker reaches to each side."""
+ROW = 17.0
+MOST = 24
+"""Bars of the ranking; the table below it holds all."""
+
+
+def before_after(a: Along, what: str, only_before: bool = False) -> Html:
+    """Mean residual along a variable, with two standard errors."""
+    frame = svg.Frame(svg.around(a.before.x, a.after.x, zero=False),
+                      _span(a.before, a.after, zero=True))
+    unit = UNITS[a.variable]
+    parts = frame.axes(f"{variable(a.variable)}{f' [{unit}]' if unit != '-' else ''}",
+                       a.column.words)
+    parts += _drawn(frame, a.before, "before")
+    if not only_before:
+        parts += _drawn(frame, a.after, "after")
+    return svg.picture(f"{what}: {a.column.words} along {variable(a.variable)}", parts)
+
+
+def sides(before: Means, after: Means, words: str, what: str) -> Html:
+    """Mean residual in left turns, straight on and in right turns."""
+    frame = svg.Frame((-0.5, 2.5), _span(before, after, zero=True))
+    parts = frame.axes("direction of the turn", words, SIDES)
+    for shift, means, class_ in ((-0.08, before, "before"), (0.08, after, "after")):
+        moved = Means(means.x + shift, means.mean, means.error)
+        parts += _drawn(frame, moved, class_, joined=False)
+    return svg.picture(f"{what}: {words}, left against right", parts)
+
+
+def staircase(d: Diagnosis, horizon: str = "1.0") -> list[Html]:
+    """By channel, the error of the base, of the refitted base and with each cause."""
+    out = []
+    for name in PREDICTED:
+        errors = [pooled(s.horizons, horizon, name) for s in d.stages]
+        held = pooled(d.ctrv, horizon, name)
+        if any(math.isfinite(e) for e in errors):
+            out.append(_steps(name, np.array(errors), held, horizon))
+    return out
+
+
+def _steps(name: str, errors: FloatArray, held: float, horizon: str) -> Html:
+    high = svg.around(errors, np.array([held]))[1]
+    frame = svg.Frame((-0.5, len(errors) - 0.5), (0.0, high), height=220.0)
+    unit = CHANNELS[name][1]
+    parts = frame.axes("step", f"RMSE at {float(horizon):g} s [{unit}]",
+                       [str(i) for i in range(len(errors))])
+    if math.isfinite(held):
+        start, end = frame.at(-0.5, held), frame.at(len(errors) - 0.5, held)
+        parts += [svg.line(start, end, "ctrv"),
+                  svg.text(end[0] - 4, end[1] - 5, f"CTRV {significant(held)}", "end")]
+    x, nothing = np.arange(len(errors), dtype=float), np.full(len(errors), math.nan)
+    parts += svg.curve(frame, x, errors, nothing, nothing, "after")
+    for i, error in enumerate(errors.tolist()):
+        if math.isfinite(error):
+            px, py = frame.at(i, error)
+            parts.append(svg.text(px, py - 9, significant(error), "middle"))
+    return el("figure", el("figcaption", channel(name)),
+              svg.picture(f"RMSE of the {channel(name)} step by step", parts, height=220.0))
+
+
+def ranking(d: Diagnosis) -> Html:
+    """Drop of the loss by effect, the named ones first; the threshold as a line."""
+    named = [(c.effect, c.loss, "after") for c in d.causes]
+    others = sorted(((c.effect, c.loss, "other") for c in d.considered), key=lambda e: -e[1])
+    shown = [*named, *[o for o in others if math.isfinite(o[1])][:MOST - len(named)]]
+    top = max([loss for _, loss, _ in shown if math.isfinite(loss)] + [1.0])
+    limit = d.threshold if math.isfinite(d.threshold) else 0.0
+    height = svg.TOP + ROW * len(shown) + svg.BOTTOM
+    frame = svg.Frame((0.0, 1.05 * max(top, limit)), (0.0, 1.0), width=640.0, height=height,
+                      left=160.0)
+    parts = frame.x_axis("drop of the loss on the training recordings")
+    for i, (effect, loss, class_) in enumerate(shown):
+        y = svg.TOP + i * ROW
+        end = frame.at(max(loss, 0.0) if math.isfinite(loss) else 0.0, 0.0)[0]
+        parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW - 5, class_),
+                  svg.text(frame.left - 6, y + 12, effect, "end"),
+                  svg.text(end + 5, y + 12, significant(loss))]
+    if limit > 0.0:
+        x = frame.at(limit, 0.0)[0]
+        parts += [svg.line((x, svg.TOP), (x, height - svg.BOTTOM), "limit")]
+    return svg.picture("Drop of the loss by effect", parts, 640.0, height)
+
+
+def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:
+    """One figure of an error table of ``evaluate``; NaN where there is none."""
+    value = horizons.get(horizon, {}).get(kind, {}).get(name)
+    return float(value) if value is not None else math.nan
+
+
+def share_gone(a: Along) -> str:
+    """How much of the mean square of this residual went away along its variable."""
+    return percent(min(max(a.score, 0.0), 1.0))
+
+
+def _drawn(frame: svg.Frame, m: Means, class_: str, joined: bool = True) -> list[Html]:
+    reach = TWO * m.error
+    return svg.curve(frame, m.x, m.mean, m.mean - reach, m.mean + reach, class_, joined)
+
+
+def _span(*means: Means, zero: bool) -> tuple[float, float]:
+    reach: Sequence[FloatArray] = [m.mean + s * TWO * np.nan_to_num(m.error)
+                                   for m in means for s in (-1.0, 1.0)]
+    return svg.around(*reach, zero=zero)

@@ -1,0 +1,54 @@
+"""HTML and SVG out of function calls: whatever is plain text is escaped."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+VOID = frozenset({"br", "hr", "meta"})
+
+
+class Html(str):
+    """Text that is markup already, so it is not escaped again."""
+
+    __slots__ = ()
+
+
+def el(name: str, /, *content: str, **attributes: str | float | None) -> Html:
+    """One element. A trailing underscore of an attribute falls away, others become hyphens.
+
+    Errors: ValueError for an attribute that is no finite number: it would not be drawn.
+    """
+    opened = f"<{name}{''.join(map(_attribute, attributes, attributes.values()))}>"
+    if name in VOID:
+        return Html(opened)
+    return Html(f"{opened}{join(content)}</{name}>")
+
+
+def join(content: Iterable[str]) -> Html:
+    """Pieces one after the other, plain text among them escaped."""
+    return Html("".join(c if isinstance(c, Html) else html.escape(c) for c in content))
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
+          caption: str = "") -> Html:
+    """A table that scrolls sideways where it is too wide; columns from ``numbers`` on are right."""
+    def cells(kind: str, row: Sequence[str]) -> Html:
+        return el("tr", *(el(kind, cell, class_="n" if i >= numbers else None)
+                          for i, cell in enumerate(row)))
+
+    top = [el("caption", caption)] if caption else []
+    return el("div", el("table", *top, el("thead", cells("th", head)),
+                        el("tbody", *(cells("td", row) for row in rows))),
+              class_="wide", tabindex="0")
+
+
+def _attribute(name: str, value: str | float | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, (int, float)):
+        if not math.isfinite(value):
+            raise ValueError(f"attribute {name} is {value}")
+        value = f"{value:.6g}"
+    return f' {name.rstrip("_").replace("_", "-")}="{html.escape(value)}"'

@@ -1,0 +1,103 @@
+"""The parts of the page that are tables: errors, effects considered, parameters, files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.identify.evaluation import CHANNELS as PREDICTED
+from dart_hal.identify.evaluation import UNITS
+
+from .charts import pooled
+from .html import Html, el, join, table
+from .words import CHANNELS, HORIZONS, channel, p_value, percent, quantity, significant, title
+
+
+def errors(d: Diagnosis) -> Html:
+    """Every stage and CTRV, by horizon and channel: RMSE, below it the median."""
+    steps = [(f"{i}. {s.label}", s.horizons) for i, s in enumerate(d.stages)]
+    head = ("step", "", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
+    out = []
+    for horizon in HORIZONS:
+        rows = [(label if kind == "pooled" else "", "RMSE" if kind == "pooled" else "median",
+                 *(significant(pooled(of, horizon, c, kind)) for c in PREDICTED))
+                for label, of in [*steps, ("holding the velocities (CTRV)", d.ctrv)]
+                for kind in ("pooled", "median")]
+        if any(cell != "-" for row in rows for cell in row[2:]):
+            out.append(table(head, rows, 2, f"after {float(horizon):g} s, "
+                             f"{significant(pooled(d.stages[0].horizons, horizon, 'n'), 9)} "
+                             "windows of the test recordings"))
+    return join(out) if out else el("p", "No prediction could be judged: the test recordings have "
+                                         "no motion capture.")
+
+
+def gains(d: Diagnosis) -> Html:
+    """The extended model against the base, by channel."""
+    rows = [(channel(name), percent(g.test), f"{percent(g.low)} to {percent(g.high)}",
+             percent(g.train), g.measure) for name, g in d.gain.items()]
+    if not rows:
+        return Html()
+    return table(("channel", "gain on test data", "95 %", "on training data", "measure"), rows,
+                 caption="extended model against the model as it was given")
+
+
+def considered(d: Diagnosis) -> Html:
+    """Every effect that was not named, and why."""
+    rows = [(c.effect, title(c.effect), significant(c.loss), significant(c.held_out),
+             p_value(c.p_value), c.why_not)
+            for c in sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))]
+    return table(("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
+                  "why it was not named"), rows)
+
+
+def parameters(d: Diagnosis) -> Html:
+    """Base parameters that the refit moved."""
+    if not d.refitted:
+        return el("p", "The model's own parameters were left as they were.")
+    rows = []
+    for name, m in d.refitted.items():
+        change = (m.after - m.before) / m.before if m.before else float("nan")
+        rows.append((name, significant(m.before, 4), quantity_of(m.after, m.std, m.unit),
+                     f"{100 * change:+.0f} %" if change == change else "-",
+                     m.doubt or "believable"))
+    return table(("parameter", "before", "after", "change", "judged"), rows)
+
+
+def files(d: Diagnosis) -> Html:
+    """Every file with its role, hash, and what was dropped from it."""
+    keys = list(dict.fromkeys(key for use in d.files.values() for key in use))
+    rows = [(name, *(_cell(use.get(key)) for key in keys)) for name, use in d.files.items()]
+    return table(("file", *keys), rows)
+
+
+def quantity_of(value: float, std: float, unit: str) -> str:
+    """A value with its standard error and unit."""
+    from dart_hal.diagnose.result import Number
+
+    return quantity(Number(value, std, unit))
+
+
+def sources(d: Diagnosis, about: Mapping[str, str]) -> Html:
+    """How the page was made."""
+    rows = [(key, el("code", value) if key == "command" else value)
+            for key, value in {**about, "seed": str(d.seed),
+                               "time it took": f"{d.runtime_s:.1f} s"}.items()]
+    return table(("", ""), rows)
+
+
+def units() -> str:
+    """Channels and units in one line, for the JSON's reader."""
+    return ", ".join(f"{key} [{CHANNELS[key][1]}]" for key in PREDICTED)
+
+
+def _or_low(value: float) -> float:
+    return value if value == value else float("-inf")
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return "; ".join(map(str, value)) or "-"
+    if isinstance(value, float):
+        return significant(value)
+    return "-" if value is None else str(value)

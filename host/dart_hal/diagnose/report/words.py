@@ -1,0 +1,136 @@
+"""What a diagnosis says in sentences, the same in the terminal and on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Unexplained
+from dart_hal.vehicle.effects import catalogue
+
+CHANNELS = {
+    "vx": ("speed", "m/s"), "vy": ("lateral velocity", "m/s"), "yaw_rate": ("yaw rate", "rad/s"),
+    "position": ("position", "m"), "yaw_deg": ("yaw angle", "deg"),
+    "v_x": ("speed", "m/s"), "v_y": ("lateral velocity", "m/s"), "omega": ("yaw rate", "rad/s"),
+    "encoder": ("encoder", "m/s"), "gyro": ("gyro", "rad/s"),
+    "accel_x": ("longitudinal accelerometer", "m/s2"),
+    "accel_y": ("lateral accelerometer", "m/s2")}
+"""Name and unit of every channel that an error is stated in."""
+HORIZONS = ("0.5", "1.0", "2.0")
+SURE = 1e-4
+"""p-values below it are not written out: the tail of a null has no more digits."""
+
+
+def channel(name: str) -> str:
+    """The channel in words, its own name if it is none of CHANNELS."""
+    return CHANNELS.get(name, (name.replace("_", " "), ""))[0]
+
+
+def verdict(d: Diagnosis) -> str:
+    """The whole result in one or two sentences."""
+    n = len(d.causes)
+    named = "one cause" if n == 1 else f"{n} causes"
+    return {
+        "nothing_wrong": "Nothing is wrong as far as these recordings can show: no effect of the "
+                         "catalogue, and no other structure, stands out of the noise.",
+        "parameters_only": "Only the parameters were off: with the model's own parameters "
+                           "re-estimated, nothing is missing from it.",
+        "explained": f"The model is wrong, and {named} of the catalogue "
+                     f"{'explains' if n == 1 else 'explain'} how.",
+        "partly_explained": f"The model is wrong: {named} of the catalogue "
+                            f"{'explains' if n == 1 else 'explain'} part of it, and something is "
+                            "left that no effect of the catalogue explains.",
+        "unexplained": "The model is wrong, and no effect of the catalogue explains how. Nothing "
+                       "is named, because the nearest relative of an unknown cause is not it.",
+    }.get(d.verdict, d.verdict)
+
+
+def sentence(cause: Cause) -> str:
+    """What the car does, how much, what it is worth, and what it cannot be told from."""
+    parts = [f"The car {cause.title}: {amount(cause)}", removes(cause.gain)]
+    if cause.cannot_be_told_from:
+        like = listed(cause.cannot_be_told_from, "or")
+        parts.append(f"cannot be told from {like} with these data")
+        if cause.experiment:
+            parts.append(f"to decide, drive: {cause.experiment.rstrip('.')}")
+    return "; ".join(parts) + "."
+
+
+def amount(cause: Cause) -> str:
+    """"steering_lag, k 0.060 +- 0.004 s": the effect and its parameters."""
+    return f"{cause.effect}, " + ", ".join(f"{name} {quantity(number)}"
+                                           for name, number in cause.parameters.items())
+
+
+def removes(gain: Gained) -> str:
+    """What share of an error goes away on recordings that the fit has not seen."""
+    name = channel(gain.channel)
+    if not math.isfinite(gain.test):
+        return f"what it removes of the {name} error could not be measured"
+    between = (f"[{percent(gain.low)}, {percent(gain.high)}]"
+               if math.isfinite(gain.low) and math.isfinite(gain.high)
+               else "(too little data for an interval)")
+    return f"removes {percent(gain.test)} {between} of the {name} error on data it has not seen"
+
+
+def structure(u: Unexplained) -> str:
+    """One structure that is left, in words."""
+    along = listed([variable(name) for name in u.along], "and") or "no variable that is known here"
+    share = f"{percent(u.share)} of the variance" if math.isfinite(u.share) else "a part"
+    return (f"{channel(u.channel)}: {u.structure.rstrip('.')}; {share} of what is left follows "
+            f"{along} ({p_value(u.p_value)})")
+
+
+def moved(name: str, m: Moved) -> str:
+    """One base parameter that the refit changed."""
+    doubt = f"; hard to believe: {m.doubt}" if m.doubt else ""
+    return (f"{name}: {significant(m.before)} -> {quantity(Number(m.after, m.std, m.unit))}"
+            f"{doubt}")
+
+
+def quantity(number: Number) -> str:
+    """"0.060 +- 0.004 s"; the standard error has two digits, the value as many decimals."""
+    unit = "" if number.unit in ("", "-") else f" {number.unit}"
+    if not (math.isfinite(number.std) and number.std > 0.0):
+        return f"{significant(number.value)}{unit}"
+    decimals = max(0, 1 - math.floor(math.log10(number.std)))
+    if decimals > 9:
+        return f"{number.value:.3g} +- {number.std:.1g}{unit}"
+    return f"{number.value:.{decimals}f} +- {number.std:.{decimals}f}{unit}"
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """A number for a table; "-" where there is none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}"
+
+
+def percent(share: float) -> str:
+    """A share as whole per cent; "-" where there is none."""
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
+
+
+def p_value(p: float | None) -> str:
+    """"p = 0.012", "p < 0.0001"; "p unknown" where there is none."""
+    if p is None or not math.isfinite(p):
+        return "p unknown"
+    return f"p < {SURE:g}" if p < SURE else f"p = {p:.2g}"
+
+
+def variable(name: str) -> str:
+    """A feature in words."""
+    return {"x": "place (x)", "y": "place (y)", "time": "time in the recording",
+            "revolution_angle": "angle of the encoder's gear",
+            "direction": "direction of the turn"}.get(name, name.replace("_", " "))
+
+
+def listed(names: Sequence[str], word: str) -> str:
+    """"a", "a or b", "a, b or c"."""
+    return f" {word} ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def title(effect: str) -> str:
+    """The catalogue's title of an effect, "" for one that it does not have."""
+    found = catalogue().get(effect)
+    return found.title if found is not None else ""
