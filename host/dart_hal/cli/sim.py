@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from pathlib import Path
+from urllib.parse import urlencode
 
 import click
 
@@ -14,9 +15,8 @@ from dart_hal.config import cars_home
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.links.pty import Pty
-from dart_hal.sim.backend import OPTIONS
 from dart_hal.sim.serve import BusServer, PacedWorld
-from dart_hal.sim.truth import reveal
+from dart_hal.sim.truth import reveal_url
 
 LOOK_EVERY = 0.5
 """s between two looks at whether the pacing thread still lives."""
@@ -24,20 +24,22 @@ LOOK_EVERY = 0.5
 
 @click.command("sim")
 @url_option
+@click.option("--model", default=None, metavar="M",
+              help="a model.toml, with its effects, or a shipped set: what the car really is")
 @click.option("--reveal", "show", is_flag=True, help="print what is true about the hidden car")
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
 @cars_option
 @json_option
-def command(url: str | None, show: bool, pty: bool, bus: Path | None, cars: Path | None,
-            as_json: bool) -> None:
+def command(url: str | None, model: str | None, show: bool, pty: bool, bus: Path | None,
+            cars: Path | None, as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving leaves the car's file in the folder of the cars, so that other
     programs open the port with `--car sim-N`.
     """
-    parsed = Url.parse(url or "sim://")
+    parsed = Url.parse(_with_model(url or "sim://", model))
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
     if show == pty or (bus and not pty):
@@ -48,13 +50,15 @@ def command(url: str | None, show: bool, pty: bool, bus: Path | None, cars: Path
         _serve(parsed, bus, cars, as_json)
 
 
+def _with_model(url: str, model: str | None) -> str:
+    """The URL with the option ``vehicle``; given twice, it refuses itself."""
+    if model is None:
+        return url
+    return f"{url}{'&' if '?' in url else '?'}{urlencode({'vehicle': model})}"
+
+
 def _reveal(url: Url, as_json: bool) -> None:
-    url.known(*OPTIONS)
-    seed = url.options.get("seed", "0")
-    if not seed.isascii() or not seed.isdigit():
-        raise UsageError(f"seed={seed!r} is not a number", found=url.text,
-                         expected="a whole number >= 0")
-    truth = reveal(int(seed), url.options.get("ring"))
+    truth = reveal_url(url)
     if as_json:
         print_json(truth)
         return
@@ -66,6 +70,10 @@ def _reveal(url: Url, as_json: bool) -> None:
     for name, value in truth["sensors"].items():
         shown = value if isinstance(value, list) else [value]
         console.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))
+    for effect in truth["effects"]:
+        for name, entry in effect["parameters"].items():
+            console.print(f"effect {effect['name'] + '.' + name:25} {entry['value']:.6g} "
+                          f"{entry['unit'].strip('-')}".rstrip())
     steering = truth["steering"]
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         console.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")

@@ -6,12 +6,15 @@ kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
 ``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
 hardware cut-off that the car is wired with), ``fail`` a list of failures
 separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
-of the kinematic model, 10 ms.
+of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
+shipped set that the car really is, ``effect`` what it has beyond it, such as
+``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/effects.md).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
@@ -24,10 +27,17 @@ from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.link import SimClock, SimLink
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.nano import Nano
+from dart_hal.sim.true_car import with_effects, with_vehicle
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
+from dart_hal.vehicle import PAPER, Body
+from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effects import extended
+from dart_hal.vehicle.effects import parse as parse_effects
+from dart_hal.vehicle.load import find_model
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail", "tick")
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail", "tick",
+           "vehicle", "effect")
 
 
 def open_sim(url: Url) -> Backend:
@@ -36,11 +46,12 @@ def open_sim(url: Url) -> Backend:
     if url.target not in ("", "/"):
         raise UsageError("sim:// takes options only", found=url.text,
                          expected="sim://?seed=1&nano=mock")
-    car = hidden_car(_seed(url), _choice(url, "ring", "even", "hidden"))
+    drawn = car_of(url)
+    car = drawn.true
     cutoff = _choice(url, "cutoff", *CUTOFFS) or "none"
     params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
     nano, notices = _nano(url, car, preset(car.board_id, params))
-    world = World(car, nano, url.options.get("model", "dynamic"), _tick(url), cutoff)
+    world = World(car, nano, drawn.model, _tick(url, drawn.model), cutoff)
     failures = [parse(text) for text in url.options.get("fail", "").split(",") if text]
     schedule(world, failures)
     latency = jitter(url.options.get("jitter", "none"))
@@ -49,8 +60,46 @@ def open_sim(url: Url) -> Backend:
     link = SimLink(world, Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
-                   car=car.name, car_toml=car_toml(car), notices=notices,
+                   car=car.name, car_toml=car_toml(drawn.base, drawn.body), notices=notices,
                    workshop=SimWorkshop(world))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """The car of a URL: without effects, as it really is, its effects, and how it moves.
+
+    body: what its builder has measured.
+    """
+
+    base: HiddenCar
+    true: HiddenCar
+    effects: tuple[Applied, ...]
+    model: str
+    body: Body
+
+
+def car_of(url: Url) -> Drawn:
+    """Raises UsageError for bad options, ConfigError for a bad file or value."""
+    car = hidden_car(_seed(url), _choice(url, "ring", "even", "hidden"))
+    named, p = url.options.get("vehicle"), None
+    if named is not None:
+        p = find_model(named)[1]
+        car = with_vehicle(car, p)
+    model = url.options.get("model", p.kind if p else "dynamic")
+    effects = _effects(url, p.effects if p else ())
+    return Drawn(car, with_effects(car, effects, model), effects, model,
+                 p.body if p else PAPER.body)
+
+
+def _effects(url: Url, of_file: tuple[Applied, ...]) -> tuple[Applied, ...]:
+    """Those of the option ``effect`` with those of the file, in the order in which they act."""
+    given = parse_effects(url.options.get("effect", ""))
+    every = [a.name for a in (*given, *of_file)]
+    twice = sorted({name for name in every if every.count(name) > 1})
+    if twice:
+        raise UsageError(f"{', '.join(twice)} is given twice", found=url.text,
+                         expected="every effect once, in the URL or in the file of the vehicle")
+    return extended(replace(PAPER, effects=of_file), given).effects
 
 
 def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
@@ -78,9 +127,9 @@ def _emulated(clock_error: float, eeprom: bytes) -> Nano:
     return EmulatedNano(clock_error=clock_error, eeprom=eeprom)
 
 
-def _tick(url: Url) -> float:
+def _tick(url: Url, model: str) -> float:
     tick = _choice(url, "tick", "1", "10") or "1"
-    if tick == "10" and url.options.get("model") != "kinematic":
+    if tick == "10" and model != "kinematic":
         raise UsageError("tick=10 is too coarse for tyres at walking pace", found=url.text,
                          expected="model=kinematic with it")
     return int(tick) * 1e-3

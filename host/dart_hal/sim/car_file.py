@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.ring import GEAR_REVOLUTION, RING_A, RING_B
-from dart_hal.vehicle import PAPER
+from dart_hal.vehicle import PAPER, Body
 
 TYRE_STD = 0.003
 """Relative error of the travel per edge: callipers on a tyre, 0.14 of 46.6 mm."""
@@ -63,9 +63,9 @@ y = 0.0
 """
 
 
-def car_toml(car: HiddenCar) -> str:
+def car_toml(car: HiddenCar, body: Body = PAPER.body) -> str:
     """Text of the file; the clock's error is drawn from the seed, none for seed 0."""
-    body, hertz = PAPER.body, car.oscillator_hz
+    hertz = car.oscillator_hz
     if car.seed:
         rng = np.random.default_rng([car.seed, 50])
         hertz *= 1.0 + CLOCK_STD * float(np.clip(rng.normal(), -2.5, 2.5))

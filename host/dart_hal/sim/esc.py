@@ -7,6 +7,7 @@ of neutral after power-on, coasting when the pulses stop.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
@@ -15,7 +16,11 @@ from dart_hal.sim.pwm_output import Pulse
 
 @dataclass(frozen=True, slots=True)
 class EscParams:
-    """Pulse widths [us] from neutral, times [s]; ``arm_time`` of neutral at power-on."""
+    """Pulse widths [us] from neutral, times [s]; ``arm_time`` of neutral at power-on.
+
+    A pulse acts ``delay`` after its fall (``LateEsc``), the force of the motor
+    follows with a first-order ``lag`` (``injected``).
+    """
 
     neutral_us: float = 1500.0
     deadband_forward_us: float = 25.0
@@ -24,6 +29,8 @@ class EscParams:
     arm_time: float = 2.0
     reverse_gap: float = 0.1
     signal_loss: float = 0.5
+    delay: float = 0.0
+    lag: float = 0.0
 
 
 class Mode(Enum):
@@ -99,3 +106,20 @@ class Esc:
     def _set(self, mode: Mode, throttle: float, brake: float = 0.0) -> None:
         self.mode, self.throttle, self.brake = mode, throttle, brake
         self._neutral_since = None
+
+
+class LateEsc(Esc):
+    """One that takes ``delay`` s to believe a pulse."""
+
+    def __init__(self, params: EscParams) -> None:
+        super().__init__(params)
+        self._waiting: deque[Pulse] = deque()
+
+    def pulse(self, pulse: Pulse) -> None:
+        late = self.params.delay
+        self._waiting.append((pulse[0] + late, pulse[1] + late))
+
+    def check(self, t: float) -> None:
+        while self._waiting and self._waiting[0][1] <= t:
+            super().pulse(self._waiting.popleft())
+        super().check(t)

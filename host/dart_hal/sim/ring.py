@@ -7,6 +7,7 @@ and missing teeth are what real rings have.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -54,3 +55,34 @@ def uneven_ring(n: int, rng: np.random.Generator, spacing: float = 0.03, duty: f
     edges -= edges[0]
     gone = {k for tooth in missing for k in (2 * tooth, 2 * tooth + 1)}
     return Ring(tuple(float(e) for k, e in enumerate(edges) if k not in gone))
+
+
+def worn_ring(ring: Ring, missing: float, uneven: float, phase: float) -> Ring:
+    """The ring with bad marks, as the effect ``encoder_ring`` has them.
+
+    Marks stand with the density 1 + uneven cos(2 pi u) along a turn u; the
+    first ``missing`` of a turn has none, in whole marks and at least one (below
+    0: has each twice); ``phase`` [turn]: where on the ring the gear stands at
+    the start.
+    """
+    at = [_warped(edge, uneven) for edge in ring.edges]
+    bad = max(1, round(abs(missing) * ring.n)) if missing else 0
+    ends = [*at[1:], at[0] + 1.0]
+    twice = [0.5 * (a + b) for a, b in zip(at[:bad], ends, strict=False)]
+    at = at[bad:] if missing > 0.0 else at + twice
+    return Ring(tuple(sorted((edge - phase) % 1.0 for edge in at)))
+
+
+def twice_round(ring: Ring) -> Ring:
+    """Two turns of a ring as one of twice the way."""
+    return Ring(tuple(0.5 * (edge + turn) for turn in (0, 1) for edge in ring.edges))
+
+
+def _warped(edge: float, uneven: float) -> float:
+    """The u with u + uneven sin(2 pi u) / (2 pi) = edge; Newton, |uneven| < 1."""
+    u = edge
+    for _ in range(20):
+        turned = 2.0 * math.pi * u
+        off = u + uneven * math.sin(turned) / (2.0 * math.pi) - edge
+        u -= off / (1.0 + uneven * math.cos(turned))
+    return u

@@ -19,7 +19,8 @@ HORN_RAD_PER_US = math.pi / 2 / 1000.0
 class ServoParams:
     """Linkage: ``curve`` at command = (pulse - center_us) / span_us, then backlash.
 
-    ``rate`` of the horn [rad/s]; ``delay`` [s] from pulse to motion;
+    ``rate`` of the horn [rad/s]; ``delay`` [s] from pulse to motion, then a
+    first-order ``lag`` [s] (``injected.InjectedServo`` has one);
     ``backlash`` [rad] is the full width of the loop at the road wheels;
     ``repeatability`` [us] is one sigma of where the servo comes to rest: its
     potentiometer and friction decide anew after every move.
@@ -32,7 +33,11 @@ class ServoParams:
     delay: float = 0.0
     backlash: float = 0.0
     repeatability: float = 0.0
+    lag: float = 0.0
 
+
+LIMIT = 1.3
+"""Command at which the horn is at its stop."""
 
 MOVE = 0.02
 """Commands this far apart (7.5 us) are another move: friction lets go."""
@@ -72,15 +77,22 @@ class Servo:
 
     def move(self, t: float, dt: float) -> float:
         """Advance by dt up to world time t; returns the road-wheel angle [rad]."""
+        target = self._arrived(t)
+        if target is not None and target != self.command:
+            self.angle = self._turned(target, dt, self.angle)
+        return self.angle
+
+    def _arrived(self, t: float) -> float | None:
+        """The command that the servo knows at time t, None = no pulse yet."""
         pending = self._pending
         while pending and pending[0][0] <= t:
             self._target = pending.popleft()[1]
-        target = self._target
-        if target is None or target == self.command:
-            return self.angle
+        return self._target
+
+    def _turned(self, target: float, dt: float, angle: float) -> float:
+        """The angle [rad] at the end of the linkage after dt on the way to a command."""
         most = self._rate * dt
         self.command += max(-most, min(most, target - self.command))
-        self.linkage = middle = self._curve(max(-1.3, min(1.3, self.command)))
+        self.linkage = middle = self._curve(max(-LIMIT, min(LIMIT, self.command)))
         half = 0.5 * self.params.backlash
-        self.angle = max(middle - half, min(middle + half, self.angle))
-        return self.angle
+        return max(middle - half, min(middle + half, angle))

@@ -11,13 +11,15 @@ from __future__ import annotations
 from typing import Any
 
 from dart_hal.errors import UsageError
-from dart_hal.links.base import Backend
+from dart_hal.links.base import Backend, Url
+from dart_hal.sim.backend import OPTIONS, car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.link import SimLink
 from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.world import Truth, World
-from dart_hal.vehicle import PaperTyres, make_steering
+from dart_hal.vehicle import make_steering
+from dart_hal.vehicle.effect import Applied
 
 POINTS = 401
 
@@ -35,20 +37,35 @@ def truth(backend: Backend, t: float | None = None) -> Truth:
 
 
 def reveal(seed: int | None, ring: str | None = None) -> dict[str, Any]:
-    """The object that ``sim --reveal`` prints (JSON types only); ``ring`` as in the URL.
+    """The object that ``sim --reveal`` prints (JSON types only); ``ring`` as in the URL."""
+    return _revealed(hidden_car(seed, ring), ())
+
+
+def reveal_url(url: Url) -> dict[str, Any]:
+    """The same for any ``sim://`` URL. Raises what opening it would raise.
 
     The steering angle is the middle of the backlash loop at pulse =
     center_us + span_us * command. Throttle figures are distances from
     neutral [us]; the dead band ends where drive force begins (the ESC's or
     the motor's, whichever is wider). ``steering.backlash`` is the full width
-    of the loop.
+    of the loop. All this is the car without its ``effects``, which come on top.
     """
-    car = hidden_car(seed, ring)
+    url.known(*OPTIONS)
+    drawn = car_of(url)
+    return _revealed(drawn.base, drawn.effects)
+
+
+def _revealed(car: HiddenCar, effects: tuple[Applied, ...]) -> dict[str, Any]:
     curve = make_steering(car.servo.curve)
     commands = [-1.0 + 2.0 * k / (POINTS - 1) for k in range(POINTS)]
     return {"seed": car.seed, "vehicle": _vehicle(car),
             "steering": {"command": commands, "angle_rad": [curve(s) for s in commands]},
-            "sensors": _sensors(car), "effects": []}
+            "sensors": _sensors(car), "effects": [_effect(a) for a in effects]}
+
+
+def _effect(a: Applied) -> dict[str, Any]:
+    pairs = zip(a.effect.parameters, a.values, strict=True)
+    return {"name": a.name, "parameters": {q.name: _value(v, q.unit) for q, v in pairs}}
 
 
 def _value(value: float, unit: str) -> dict[str, Any]:
@@ -57,7 +74,6 @@ def _value(value: float, unit: str) -> dict[str, Any]:
 
 def _vehicle(car: HiddenCar) -> dict[str, Any]:
     v = car.vehicle
-    assert isinstance(v.tyres, PaperTyres)
     groups = {"body": v.body, "friction": v.friction, "motor": v.motor, "steering": v.steering,
               "tyres": v.tyres}
     table: dict[str, Any] = {
@@ -66,7 +82,9 @@ def _vehicle(car: HiddenCar) -> dict[str, Any]:
         for name, group in groups.items()}
     table["name"] = v.name
     table["delay"] = {"steering_s": _value(car.servo.delay, "s"),
-                      "throttle_s": _value(0.0, "s")}
+                      "throttle_s": _value(car.esc.delay, "s"),
+                      "steering_lag_s": _value(car.servo.lag, "s"),
+                      "throttle_lag_s": _value(car.esc.lag, "s")}
     table["servo"] = {"rate": _value(car.servo.rate, "rad/s")}
     table["esc"] = {"deadband_forward_us": _value(car.esc.deadband_forward_us, "us"),
                     "deadband_reverse_us": _value(car.esc.deadband_reverse_us, "us"),

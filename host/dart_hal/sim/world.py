@@ -19,9 +19,10 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.cutoff import make_wiring
-from dart_hal.sim.esc import Esc
+from dart_hal.sim.esc import Esc, LateEsc
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.imu import Imu
+from dart_hal.sim.injected import InjectedServo, injected
 from dart_hal.sim.motion import DynamicMotion, KinematicMotion, Motion
 from dart_hal.sim.nano import Nano
 from dart_hal.sim.pca9685 import Pca9685
@@ -60,7 +61,10 @@ class Truth:
 
 
 class World:
-    """One simulated car with its Nano; ``t`` is the world time reached [s]."""
+    """One simulated car with its Nano; ``t`` is the world time reached [s].
+
+    Effects act through ``car``, see ``dart_hal.sim.true_car``.
+    """
 
     def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",
                  tick: float = TICK, cutoff: str = "none") -> None:
@@ -70,8 +74,11 @@ class World:
         self.car, self.nano = car, nano
         self.pca = Pca9685(oscillator=car.oscillator_hz)
         self.bus = VirtualBus(lambda: self.t, [self.pca])
-        self.servo = Servo(car.servo, np.random.default_rng([car.seed, 101]))
-        self.esc = Esc(car.esc)
+        rest = np.random.default_rng([car.seed, 101])
+        self._injected = effects = injected(car, tick)
+        self.servo = Servo(car.servo, rest) if effects is None else InjectedServo(
+            car.servo, rest, car.vehicle, tick, lambda: effects.now)
+        self.esc = LateEsc(car.esc) if car.esc.delay else Esc(car.esc)
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
         self.distance = 0.0
@@ -133,14 +140,20 @@ class World:
         esc, nano = self.esc, self.nano
         esc.check(now)
         angle = self.servo.move(now, self._dt)
-        felt = self.motion.step(esc.throttle, esc.brake * self.car.brake_force, angle)
-        self.distance += felt.v_x * self._dt
-        wheel = felt.v_x * self._per_revolution
+        effects, throttle, brake = self._injected, esc.throttle, esc.brake * self.car.brake_force
+        if effects is not None:
+            throttle = effects.throttle(now, throttle)
+        felt = self.motion.step(throttle, brake, angle)
+        speed, a_x, a_y, omega, omega_dot = felt
+        self.distance += speed * self._dt
+        rate = omega
+        if effects is not None:
+            speed, rate, a_x, a_y = effects.sensed(felt, self.motion, throttle, brake)
+        wheel = speed * self._per_revolution
         if wheel != self._wheel:
             self._wheel = wheel
             nano.set_wheel(wheel)
-        gyro, accel = self._imu.sense(felt.a_x, felt.a_y, felt.omega, felt.omega_dot)
-        nano.set_imu(gyro, accel)
+        nano.set_imu(*self._imu.sense(a_x, a_y, omega, omega_dot, rate))
         self._pin_edges = self.pca.output.upcoming(CLOCK, self._next)
 
     def _pulses(self, now: float) -> None:

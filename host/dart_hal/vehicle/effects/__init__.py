@@ -100,8 +100,9 @@ def _parse_one(text: str) -> Applied:
     values: dict[str, Value] = {}
     for i, entry in enumerate(given):
         key, equals, number = entry.rpartition("=")
-        if not equals and i < len(of.parameters):
-            key = of.parameters[i].name
+        if not equals and i >= len(of.parameters):
+            raise _not_understood(of, text)
+        key = key if equals else of.parameters[i].name
         try:
             values[key.strip()] = float(number)
         except ValueError as error:
