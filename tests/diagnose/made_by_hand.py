@@ -28,7 +28,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hidden"))
-import hidden_drive  # noqa: E402
+import hidden_drive
 
 HIDDEN = apply(apply(PAPER, "steering_lag", k=0.12), "gyro_scale", k=0.06)
 

@@ -22,8 +22,9 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .words import CHANNELS
 
-BINS, FEWEST = 9, 40
-"""Means along a variable, and rows below which there is nothing to draw."""
+BINS, FEWEST, THIN = 10, 40, 0.02
+"""Parts of a variable, rows below which there is nothing to draw, least share of them in a part."""
+EDGE = 0.01  # quantile at which the first and the last part end
 STRETCH = 2.0  # s
 STRETCHES = 3  # below that many a mean has no standard error
 EARLY, LATE = READ.index(25), READ.index(100)
@@ -48,11 +49,14 @@ class Column:
 
     @property
     def words(self) -> str:
-        """For the axis of a picture."""
-        name, unit = CHANNELS[self.channel]
+        """Which error it is."""
         after = f" after {READ[self.read] * STEP:g} s" if self.read >= 0 else ""
         sense = ", in the sense of the turn" if self.folded else ""
-        return f"{name} error{after}{sense} [{unit}]"
+        return f"{CHANNELS[self.channel][0]} error{after}{sense}"
+
+    @property
+    def unit(self) -> str:
+        return CHANNELS[self.channel][1]
 
     def of(self, r: Residuals) -> FloatArray:
         """Its residuals (rows,), not folded."""
@@ -63,11 +67,15 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """Mean residual over each part of a variable (k,), and its standard error (NaN: unknown)."""
+    """Mean residual over each part of a variable (k,), and its standard error (NaN: unknown).
+
+    n (k,): rows of each part.
+    """
 
     x: FloatArray
     mean: FloatArray
     error: FloatArray
+    n: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +119,16 @@ class Rows:
         if good.sum() < FEWEST:
             return None
         x, y, stretch = x[good], y[good], self.stretch(column)[good]
-        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
-        if len(edges) < 4 or edges[-1] - edges[0] < 1e-6:
+        low, high = np.quantile(x, [EDGE, 1.0 - EDGE])
+        if high - low < 1e-6:
             return None
-        which = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-        parts = [which == i for i in range(len(edges) - 1)]
-        return _means([(x[p], y[p], stretch[p]) for p in parts if p.any()])
+        # halfway between equal numbers and equal widths: a steering angle is mostly at rest
+        share = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
+        edges = 0.5 * (np.quantile(x, share) + low + share * (high - low))
+        which = np.searchsorted(edges, x)
+        parts = [which == i for i in range(BINS)]
+        enough = [p for p in parts if p.sum() >= THIN * len(x)]
+        return _means([(x[p], y[p], stretch[p]) for p in enough]) if len(enough) > 2 else None
 
     def sides(self, column: Column, r: Residuals) -> Means | None:
         """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
@@ -126,7 +138,7 @@ class Rows:
             return None
         parts = [good & (direction == side) for side in (1.0, 0.0, -1.0)]
         m = _means([(direction[p], y[p], self.stretch(column)[p]) for p in parts])
-        return Means(np.arange(3.0), m.mean, m.error)
+        return Means(np.arange(3.0), m.mean, m.error, m.n)
 
 
 def columns(evidence: Evidence, channel: str = "") -> list[Column]:
@@ -182,14 +194,17 @@ def _tried(rows: Rows, column: Column, before: Stage, after: Stage | None) -> It
 
 
 def _structure(m: Means) -> float:
-    """Mean square of the means: parts hold about as many rows each."""
-    return float(np.nanmean(np.square(m.mean)))
+    """Mean square of the means beyond what their standard errors would give."""
+    known = np.isfinite(m.mean) & np.isfinite(m.error)
+    beyond = np.square(m.mean[known]) - np.square(m.error[known])
+    return float(m.n[known] @ beyond / m.n.sum())
 
 
 def _means(parts: Sequence[tuple[FloatArray, FloatArray, NDArray[np.int64]]]) -> Means:
     x = [float(np.mean(p[0])) if len(p[0]) else math.nan for p in parts]
     mean = [float(np.mean(p[1])) if len(p[1]) else math.nan for p in parts]
-    return Means(np.array(x), np.array(mean), np.array([_error(y, s) for _, y, s in parts]))
+    return Means(np.array(x), np.array(mean), np.array([_error(y, s) for _, y, s in parts]),
+                 np.array([float(len(y)) for _, y, _ in parts]))
 
 
 def _error(y: FloatArray, stretch: NDArray[np.int64]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from dart_hal.diagnose.result import Cause, Diagnosis
 from dart_hal.vehicle.effects import catalogue
 
@@ -11,6 +13,7 @@ from .charts import before_after, share_gone, sides
 from .html import Html, el, join, table
 from .words import (
     channel,
+    interval,
     listed,
     p_value,
     percent,
@@ -51,7 +54,9 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
         parts.append(el("div", el("p", structure(u)), class_="cause bad"))
         picture = _left(d, u.channel, u.along, rows)
         if picture is not None:
-            parts.append(el("figure", before_after(picture, u.channel, only_before=True)))
+            words = f"{picture.column.words}, along {variable(picture.variable)}, last model"
+            parts.append(el("figure", el("figcaption", words),
+                            before_after(picture, u.channel, only_before=True)))
     head = ("channel", "structure", "with", "p", "share of the rest")
     return join([*parts, table(head, [
         (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
@@ -61,12 +66,11 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
 def _figures(cause: Cause) -> Html:
     gain = cause.gain
     rows = [(f"{name}", quantity(n), significant(n.null)) for name, n in cause.parameters.items()]
-    between = f"{percent(gain.low)} to {percent(gain.high)}"
     return join([
         table(("parameter", "value", "null value"), rows, 1),
         table(("channel", "gain on test data", "95 %", "on training data", "measure",
                "drop of the loss", "p"),
-              [(channel(gain.channel), percent(gain.test), between, percent(gain.train),
+              [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
                 gain.measure, significant(cause.loss, 4), p_value(cause.p_value))])])
 
 
@@ -79,12 +83,11 @@ def _pictures(d: Diagnosis, i: int, rows: Rows) -> Html:
     second = most(rows, others, before, after)
     drawn = [_captioned(a, cause.effect) for a in (first, second) if a is not None]
     if first is not None:
-        plain = [c for c in columns(d.evidence)
-                 if (c.channel, c.read) == (first.column.channel, first.column.read)][0]
+        plain = replace(first.column, folded=False)
         was, now = (rows.sides(plain, s.residuals) for s in (before, after))
         if was is not None and now is not None:
-            drawn.append(el("figure", el("figcaption", "left against right"),
-                            sides(was, now, plain.words, cause.effect)))
+            drawn.append(el("figure", el("figcaption", f"{plain.words}: left against right"),
+                            sides(was, now, plain, cause.effect)))
     if not drawn:
         return el("p", "The test recordings are too short for a picture of the residuals, or none "
                        "of them became smaller.", class_="soft")
@@ -92,14 +95,17 @@ def _pictures(d: Diagnosis, i: int, rows: Rows) -> Html:
 
 
 def _captioned(a: Along, what: str) -> Html:
-    words = (f"along {variable(a.variable)}: {share_gone(a)} of the mean square of this error "
-             "went away with the structure")
+    words = (f"{a.column.words}, along {variable(a.variable)}: {share_gone(a)} of its mean square "
+             "went with this structure")
     return el("figure", el("figcaption", words), before_after(a, what))
 
 
 def _left(d: Diagnosis, name: str, variables: tuple[str, ...], rows: Rows) -> Along | None:
     """The last residual of a channel along the first variable that can be drawn."""
-    last, wanted = d.stages[-1], columns(d.evidence, name)
-    tried = [along(rows, column, v, last) for v in variables for column in wanted]
-    found = [a for a in tried if a is not None]
-    return max(found, key=lambda a: a.score, default=None)
+    wanted = columns(d.evidence, name)
+    for v in variables:
+        tried = [along(rows, column, v, d.stages[-1]) for column in wanted]
+        found = [a for a in tried if a is not None]
+        if found:
+            return max(found, key=lambda a: a.score)
+    return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from dart_hal.identify.evaluation import CHANNELS as PREDICTED
 from dart_hal.types import FloatArray
 
 from . import svg
-from .along import SIDES, Along, Means
+from .along import SIDES, Along, Column, Means
 from .html import Html, el
 from .words import CHANNELS, channel, percent, significant, variable
 
@@ -31,21 +32,21 @@ def before_after(a: Along, what: str, only_before: bool = False) -> Html:
                       _span(a.before, a.after, zero=True))
     unit = UNITS[a.variable]
     parts = frame.axes(f"{variable(a.variable)}{f' [{unit}]' if unit != '-' else ''}",
-                       a.column.words)
+                       f"error [{a.column.unit}]")
     parts += _drawn(frame, a.before, "before")
     if not only_before:
         parts += _drawn(frame, a.after, "after")
     return svg.picture(f"{what}: {a.column.words} along {variable(a.variable)}", parts)
 
 
-def sides(before: Means, after: Means, words: str, what: str) -> Html:
+def sides(before: Means, after: Means, column: Column, what: str) -> Html:
     """Mean residual in left turns, straight on and in right turns."""
     frame = svg.Frame((-0.5, 2.5), _span(before, after, zero=True))
-    parts = frame.axes("direction of the turn", words, SIDES)
+    parts = frame.axes("direction of the turn", f"error [{column.unit}]", SIDES)
     for shift, means, class_ in ((-0.08, before, "before"), (0.08, after, "after")):
-        moved = Means(means.x + shift, means.mean, means.error)
+        moved = replace(means, x=means.x + shift)
         parts += _drawn(frame, moved, class_, joined=False)
-    return svg.picture(f"{what}: {words}, left against right", parts)
+    return svg.picture(f"{what}: {column.words}, left against right", parts)
 
 
 def staircase(d: Diagnosis, horizon: str = "1.0") -> list[Html]:
@@ -87,8 +88,7 @@ def ranking(d: Diagnosis) -> Html:
     top = max([loss for _, loss, _ in shown if math.isfinite(loss)] + [1.0])
     limit = d.threshold if math.isfinite(d.threshold) else 0.0
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
-    frame = svg.Frame((0.0, 1.05 * max(top, limit)), (0.0, 1.0), width=640.0, height=height,
-                      left=160.0)
+    frame = svg.Frame((0.0, 1.15 * max(top, limit)), (0.0, 1.0), height=height, left=145.0)
     parts = frame.x_axis("drop of the loss on the training recordings")
     for i, (effect, loss, class_) in enumerate(shown):
         y = svg.TOP + i * ROW
@@ -99,7 +99,7 @@ def ranking(d: Diagnosis) -> Html:
     if limit > 0.0:
         x = frame.at(limit, 0.0)[0]
         parts += [svg.line((x, svg.TOP), (x, height - svg.BOTTOM), "limit")]
-    return svg.picture("Drop of the loss by effect", parts, 640.0, height)
+    return svg.picture("Drop of the loss by effect", parts, height=height)
 
 
 def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:

@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 VOID = frozenset({"br", "hr", "meta"})
+SHORT = 24
+"""Characters up to which a cell is not broken."""
 
 
 class Html(str):
@@ -27,16 +29,17 @@ def el(name: str, /, *content: str, **attributes: str | float | None) -> Html:
 
 
 def join(content: Iterable[str]) -> Html:
-    """Pieces one after the other, plain text among them escaped."""
-    return Html("".join(c if isinstance(c, Html) else html.escape(c) for c in content))
+    """Pieces one after the other; plain text among them is escaped, and its +- typeset."""
+    return Html("".join(c if isinstance(c, Html) else html.escape(c).replace(" +- ", " \u00b1 ")
+                        for c in content))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
           caption: str = "") -> Html:
     """A table that scrolls sideways where it is too wide; columns from ``numbers`` on are right."""
     def cells(kind: str, row: Sequence[str]) -> Html:
-        return el("tr", *(el(kind, cell, class_="n" if i >= numbers else None)
-                          for i, cell in enumerate(row)))
+        return el("tr", *(el(kind, cell, class_="n" if i >= numbers else
+                             "s" if len(cell) <= SHORT else None) for i, cell in enumerate(row)))
 
     top = [el("caption", caption)] if caption else []
     return el("div", el("table", *top, el("thead", cells("th", head)),

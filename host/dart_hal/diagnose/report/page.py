@@ -57,7 +57,8 @@ def _result(d: Diagnosis) -> Html:
     """What somebody reads who reads nothing else."""
     lines = [el("p", verdict(d), class_="big")]
     if d.causes:
-        lines.append(el("ol", *(el("li", el("a", sentence(c), href=f"#cause-{i + 1}"))
+        lines.append(el("ol", *(el("li", sentence(c), " ", el("a", "evidence",
+                                                             href=f"#cause-{i + 1}"))
                                 for i, c in enumerate(d.causes))))
     overall = [removes(g) for g in d.gain.values()]
     if overall and d.causes:

@@ -15,13 +15,15 @@ h3 { font-size: 1.02rem; margin: 1.6rem 0 .4rem }
 a { color: var(--after) } p, li { max-width: 46rem } .soft { color: var(--soft); font-size: .9rem }
 .verdict, .cause { background: var(--box); border-left: 5px solid var(--other);
   padding: .8rem 1rem; margin: 1rem 0; border-radius: 4px }
-.verdict p, .cause p { margin: .35rem 0 } .big { font-size: 1.08rem; font-weight: 600 }
+.verdict p, .cause p { margin: .35rem 0 } .big { font-size: 1.08rem }
+.verdict .big { font-weight: 600 } .verdict li { margin: .4rem 0 }
 .good { border-color: var(--good) } .bad { border-color: var(--before) }
 .notice { border-left: 3px solid var(--warn); padding-left: .7rem }
 nav { font-size: .92rem } nav a { margin-right: 1rem; white-space: nowrap }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(19rem, 100%), 1fr));
   gap: 1rem 1.4rem }
-figure { margin: .4rem 0; break-inside: avoid } figcaption { font-size: .9rem; margin-bottom: .2rem }
+figure { margin: .4rem 0; break-inside: avoid }
+figcaption { font-size: .9rem; margin-bottom: .2rem }
 svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height: 14px;
   display: inline-block; vertical-align: -2px; margin-right: .35rem }
 .t { font: 12px system-ui, sans-serif; fill: var(--ink) } .grid { stroke: var(--rule) }
@@ -31,14 +33,15 @@ svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height:
 .before { stroke: var(--before) } .before.mark, .before.bar { fill: var(--before) }
 .after { stroke: var(--after) } .after.mark, .after.bar { fill: var(--after) }
 .line.before, .line.after { fill: none } .bar { stroke: none } .other.bar { fill: var(--other) }
-.legend { font-size: .88rem; margin: .2rem 0 .6rem } .legend span { margin-right: 1.2rem;
-  white-space: nowrap }
+.legend { font-size: .88rem; margin: .2rem 0 .6rem } .key .other { fill: var(--other) }
+.legend span { margin-right: 1.2rem; white-space: nowrap }
 .wide { overflow-x: auto; margin: .8rem 0 } table { border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums }
 caption { text-align: left; color: var(--soft); padding-bottom: .3rem }
 th, td { text-align: left; padding: .25rem .9rem .25rem 0; vertical-align: top }
 th { border-bottom: 1px solid var(--soft) } td { border-bottom: 1px solid var(--rule) }
-.n { text-align: right; white-space: nowrap } code { background: var(--box); padding: .1em .3em;
+.n { text-align: right } .n, .s { white-space: nowrap }
+code { background: var(--box); padding: .1em .3em;
   border-radius: 3px; font-size: .9em; overflow-wrap: anywhere }
 dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }
 .button { display: inline-block; border: 1px solid var(--after); border-radius: 4px;

@@ -119,19 +119,23 @@ def legend(entries: Sequence[tuple[str, str]]) -> Html:
 
 def ticks(low: float, high: float, most: int = 5) -> list[float]:
     """Round numbers within an interval, at most about ``most``."""
-    raw = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(s * power for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * power >= raw * 0.999)
+    step = _step(low, high, most)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [i * step for i in range(first, last + 1)]
 
 
 def label(value: float, interval: tuple[float, float]) -> str:
     """A tick in as many decimals as the interval needs."""
-    decimals = max(0, 1 - math.floor(math.log10(interval[1] - interval[0])))
+    decimals = max(0, 2 - math.floor(math.log10(interval[1] - interval[0])))
     out = f"{value:.{decimals}f}"
     out = out.rstrip("0").rstrip(".") if "." in out else out
     return "0" if out == "-0" else out
+
+
+def _step(low: float, high: float, most: int) -> float:
+    raw = (high - low) / most
+    power = float(10.0 ** math.floor(math.log10(raw)))
+    return next(s * power for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * power >= raw * 0.999)
 
 
 def around(*parts: FloatArray, zero: bool = True) -> tuple[float, float]:

@@ -5,36 +5,39 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.result import Diagnosis
+from dart_hal.diagnose.result import Diagnosis, Number
 from dart_hal.identify.evaluation import CHANNELS as PREDICTED
 from dart_hal.identify.evaluation import UNITS
 
 from .charts import pooled
 from .html import Html, el, join, table
-from .words import CHANNELS, HORIZONS, channel, p_value, percent, quantity, significant, title
+from .words import HORIZONS, channel, interval, p_value, percent, quantity, significant, title
 
 
 def errors(d: Diagnosis) -> Html:
-    """Every stage and CTRV, by horizon and channel: RMSE, below it the median."""
+    """Every stage and CTRV, by horizon and channel: RMSE, in brackets the median."""
     steps = [(f"{i}. {s.label}", s.horizons) for i, s in enumerate(d.stages)]
-    head = ("step", "", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
+    head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
     out = []
     for horizon in HORIZONS:
-        rows = [(label if kind == "pooled" else "", "RMSE" if kind == "pooled" else "median",
-                 *(significant(pooled(of, horizon, c, kind)) for c in PREDICTED))
-                for label, of in [*steps, ("holding the velocities (CTRV)", d.ctrv)]
-                for kind in ("pooled", "median")]
-        if any(cell != "-" for row in rows for cell in row[2:]):
-            out.append(table(head, rows, 2, f"after {float(horizon):g} s, "
-                             f"{significant(pooled(d.stages[0].horizons, horizon, 'n'), 9)} "
-                             "windows of the test recordings"))
+        rows = [(label, *(_pair(of, horizon, c) for c in PREDICTED))
+                for label, of in [*steps, ("CTRV", d.ctrv)]]
+        if any(cell != "-" for row in rows for cell in row[1:]):
+            n = pooled(d.stages[0].horizons, horizon, "n")
+            out.append(table(head, rows, 1, f"after {float(horizon):g} s: RMSE (median) of "
+                             f"{significant(n, 9)} windows of the test recordings"))
     return join(out) if out else el("p", "No prediction could be judged: the test recordings have "
                                          "no motion capture.")
 
 
+def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
+    rmse, median = (pooled(horizons, horizon, name, kind) for kind in ("pooled", "median"))
+    return f"{significant(rmse)} ({significant(median)})" if rmse == rmse else "-"
+
+
 def gains(d: Diagnosis) -> Html:
     """The extended model against the base, by channel."""
-    rows = [(channel(name), percent(g.test), f"{percent(g.low)} to {percent(g.high)}",
+    rows = [(channel(name), percent(g.test), interval(g),
              percent(g.train), g.measure) for name, g in d.gain.items()]
     if not rows:
         return Html()
@@ -58,7 +61,7 @@ def parameters(d: Diagnosis) -> Html:
     rows = []
     for name, m in d.refitted.items():
         change = (m.after - m.before) / m.before if m.before else float("nan")
-        rows.append((name, significant(m.before, 4), quantity_of(m.after, m.std, m.unit),
+        rows.append((name, significant(m.before, 4), quantity(Number(m.after, m.std, m.unit)),
                      f"{100 * change:+.0f} %" if change == change else "-",
                      m.doubt or "believable"))
     return table(("parameter", "before", "after", "change", "judged"), rows)
@@ -71,24 +74,12 @@ def files(d: Diagnosis) -> Html:
     return table(("file", *keys), rows)
 
 
-def quantity_of(value: float, std: float, unit: str) -> str:
-    """A value with its standard error and unit."""
-    from dart_hal.diagnose.result import Number
-
-    return quantity(Number(value, std, unit))
-
-
 def sources(d: Diagnosis, about: Mapping[str, str]) -> Html:
     """How the page was made."""
     rows = [(key, el("code", value) if key == "command" else value)
             for key, value in {**about, "seed": str(d.seed),
                                "time it took": f"{d.runtime_s:.1f} s"}.items()]
     return table(("", ""), rows)
-
-
-def units() -> str:
-    """Channels and units in one line, for the JSON's reader."""
-    return ", ".join(f"{key} [{CHANNELS[key][1]}]" for key in PREDICTED)
 
 
 def _or_low(value: float) -> float:

@@ -17,6 +17,8 @@ CHANNELS = {
     "accel_y": ("lateral accelerometer", "m/s2")}
 """Name and unit of every channel that an error is stated in."""
 HORIZONS = ("0.5", "1.0", "2.0")
+UNIT_WORDS = {"": "", "-": "", "relative": " (relative)"}
+NO_INTERVAL = "too little data for an interval"
 SURE = 1e-4
 """p-values below it are not written out: the tail of a null has no more digits."""
 
@@ -52,7 +54,7 @@ def sentence(cause: Cause) -> str:
         like = listed(cause.cannot_be_told_from, "or")
         parts.append(f"cannot be told from {like} with these data")
         if cause.experiment:
-            parts.append(f"to decide, drive: {cause.experiment.rstrip('.')}")
+            parts.append(f"to decide, drive: {_inside(cause.experiment.rstrip('.'))}")
     return "; ".join(parts) + "."
 
 
@@ -67,10 +69,14 @@ def removes(gain: Gained) -> str:
     name = channel(gain.channel)
     if not math.isfinite(gain.test):
         return f"what it removes of the {name} error could not be measured"
-    between = (f"[{percent(gain.low)}, {percent(gain.high)}]"
-               if math.isfinite(gain.low) and math.isfinite(gain.high)
-               else "(too little data for an interval)")
+    between = (f"[{percent(gain.low)}, {percent(gain.high)}]" if _known(gain)
+               else f"({NO_INTERVAL})")
     return f"removes {percent(gain.test)} {between} of the {name} error on data it has not seen"
+
+
+def interval(gain: Gained) -> str:
+    """Its 95 % interval for a table."""
+    return f"{percent(gain.low)} to {percent(gain.high)}" if _known(gain) else NO_INTERVAL
 
 
 def structure(u: Unexplained) -> str:
@@ -90,7 +96,7 @@ def moved(name: str, m: Moved) -> str:
 
 def quantity(number: Number) -> str:
     """"0.060 +- 0.004 s"; the standard error has two digits, the value as many decimals."""
-    unit = "" if number.unit in ("", "-") else f" {number.unit}"
+    unit = UNIT_WORDS.get(number.unit, f" {number.unit}")
     if not (math.isfinite(number.std) and number.std > 0.0):
         return f"{significant(number.value)}{unit}"
     decimals = max(0, 1 - math.floor(math.log10(number.std)))
@@ -134,3 +140,12 @@ def title(effect: str) -> str:
     """The catalogue's title of an effect, "" for one that it does not have."""
     found = catalogue().get(effect)
     return found.title if found is not None else ""
+
+
+def _known(gain: Gained) -> bool:
+    return math.isfinite(gain.low) and math.isfinite(gain.high)
+
+
+def _inside(text: str) -> str:
+    """A sentence inside of another: its first letter small, unless it begins a short form."""
+    return text[:1].lower() + text[1:] if text[1:2].islower() else text
