@@ -1,0 +1,81 @@
+"""What share of a residual a function predicts where it was not fitted, and how much is chance.
+
+Held-out predictions of a ridge regression are linear in the residual, so sums
+over blocks are all that is needed, and to turn the sign of whole blocks, which no
+function of the features can follow, takes a few small matrix products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+
+RIDGE = 10.0
+"""Of residuals of size 1: a tenth of the variance is what a structure is expected to have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Residuals of one kind. y (n, c): without their means; block (n,): 0 to B - 1, each at least
+    once; fold (n,): what is left out together, made of whole blocks."""
+
+    y: FloatArray
+    block: NDArray[np.int64]
+    fold: NDArray[np.int64]
+
+
+def predicted_share(columns: FloatArray, rows: Rows, signs: FloatArray) -> FloatArray:
+    """1 - squared error / square of held-out residuals, (s, c), for each set of signs (s, B).
+
+    columns (n, d). Below 0 where the function predicts worse than nothing.
+    """
+    order = np.argsort(rows.block, kind="stable")
+    phi, y, fold = columns[order], rows.y[order], rows.fold[order]
+    first = np.concatenate([[0], np.flatnonzero(np.diff(rows.block[order])) + 1])
+    sums = np.stack([np.add.reduceat(phi * one[:, None], first) for one in y.T])
+    parts = [(phi[fold == k].T @ phi[fold == k], fold[first] == k) for k in np.unique(fold)]
+    gram = sum(a for a, _ in parts) + RIDGE * np.eye(phi.shape[1])
+    turned = [signs[:, here] @ sums[:, here] for _, here in parts]
+    whole = sum(turned)
+    explained = np.zeros((len(sums), len(signs)))
+    for (a, _), part in zip(parts, turned, strict=True):
+        beta = (whole - part) @ np.linalg.inv(gram - a)
+        explained += np.einsum("csd,csd->cs", beta, 2.0 * part - beta @ a)
+    return np.asarray(explained.T / np.maximum((y**2).sum(axis=0), 1e-12))
+
+
+def held_out(columns: FloatArray, y: FloatArray, fold: NDArray[np.int64]) -> FloatArray:
+    """The predictions themselves (n,), each fold of y (n,) from the others."""
+    out = np.empty(len(y))
+    for k in np.unique(fold):
+        there = fold == k
+        out[there] = columns[there] @ _ridge(columns[~there], y[~there])
+    return out
+
+
+def fitted(columns: FloatArray, y: FloatArray) -> FloatArray:
+    """The function (n,), fitted to all of y (n,)."""
+    return np.asarray(columns @ _ridge(columns, y))
+
+
+def _ridge(columns: FloatArray, y: FloatArray) -> FloatArray:
+    gram = columns.T @ columns + RIDGE * np.eye(columns.shape[1])
+    return np.asarray(np.linalg.solve(gram, columns.T @ y))
+
+
+def normal_scores(share: FloatArray) -> FloatArray:
+    """Shares (s, k) as standard normal numbers, column by column, by the rows after the first.
+
+    A share is a sum of few squares and has a long tail, the longer the fewer;
+    the Wilson-Hilferty root of a shifted gamma distribution with the same mean,
+    variance and skewness makes columns comparable.
+    """
+    null = share[1:]
+    mean, std = null.mean(axis=0), null.std(axis=0) + 1e-12
+    skew = np.clip((((null - mean) / std)**3).mean(axis=0), 0.05, 2.8)
+    z = (share - mean) / std
+    return np.asarray(6.0 / skew * (np.cbrt(1.0 + 0.5 * skew * z) - 1.0) + skew / 6.0)

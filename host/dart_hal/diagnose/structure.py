@@ -1,0 +1,238 @@
+"""Whether anything is left in the residuals that depends on what the car was doing.
+
+A flexible function of speed, steering, place, time and the like is fitted to
+one part of the drive and predicts the residual of the other. Where it does
+better than by chance, the model lacks something, whatever the catalogue of
+effects has to say. Chance is what the same procedure finds in the same
+residuals with the signs of whole stretches turned.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from .bases import basis, sets
+from .crossfit import Rows, fitted, held_out, normal_scores, predicted_share
+from .drive import READ
+from .features import UNITS, message_features, window_features
+from .noise import CLIPPED, Noise
+from .residuals import MOTION, SENSORS, Evidence, Residuals
+from .result import Unexplained
+
+READ_OUT = 2  # the one at 0.5 s: as far as from window to window
+UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
+        "accel_x": "m/s2", "accel_y": "m/s2"}
+MATERIAL = 0.05  # share of the variance below which structure is not worth a word
+MORE, MORE_THAN = 0.01, 1.25  # what another variable must add, and by how much it must multiply
+BLOCK = 2.0  # s
+MOST_BLOCKS, FEWEST_BLOCKS = 200, 10  # 2**10 ways to turn signs: enough for a level of 1 %
+FOLDS, RECORDINGS = 8, 3  # recordings from which on they are left out whole
+WITHIN = ("time", "recording")  # variables whose effect need not carry over to another recording
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Residuals with the same rows. y (n, c) in ``size`` (c,) of SI units; block (n,): labels,
+    the same for the same stretch of time in every group; recording (n,)."""
+
+    channels: tuple[str, ...]
+    y: FloatArray
+    size: FloatArray
+    features: Mapping[str, FloatArray]
+    block: NDArray[np.int64]
+    recording: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """share (k,): of the variance, predicted where it was not fitted, for each of the k functions
+    of ``of`` = (channel, variables); null (s, k): the same by chance."""
+
+    of: list[tuple[str, tuple[str, ...]]]
+    share: FloatArray
+    null: FloatArray
+
+
+def unexplained(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise, seed: int = 0,
+                level: float = 0.01) -> tuple[Unexplained, ...]:
+    """Structure in the residuals of p, at most one entry for each channel, the surest first.
+
+    level: probability of any entry when there is nothing but noise that forgets
+    within a block. Empty, too, where there is too little to judge by.
+    """
+    return structure(groups(evidence, p, residuals, noise), seed, level)
+
+
+def explainable(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
+                seed: int = 0) -> dict[str, float]:
+    """Share of the variance of each channel that functions of the features predict, 0 to 1.
+
+    What the best of them predicts, less what the best of them does by chance.
+    """
+    return shares(groups(evidence, p, residuals, noise), seed)
+
+
+def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -> list[Group]:
+    """Motion after 0.5 s, and the sensors."""
+    seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
+    length = max(BLOCK, seconds / MOST_BLOCKS)
+    windows, messages = evidence.blocks(length)
+    motion = slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
+    whitener = np.linalg.inv(noise.motion)
+    size = np.sqrt((whitener**2).sum(axis=1))[motion]
+    x = np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3) / size
+    while_driven = _exogenous(p, window_features(evidence, p, READ[READ_OUT]))
+    while_counted = _exogenous(p, message_features(evidence, p))
+    del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
+    return [Group(MOTION, x, size, while_driven, windows, evidence.motion_drive),
+            Group(SENSORS, noise.whiten(residuals)[1], noise.sensors, while_counted, messages,
+                  evidence.sensor_drive)]
+
+
+def _exogenous(p: Vehicle, features: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Features without what the disturbance itself moves.
+
+    A gust makes the car faster than the model says and accelerates it: residual
+    and measured acceleration go together although the model lacks nothing.
+    """
+    keep = {k: v for k, v in features.items() if k not in ("acceleration", "yaw_rate")}
+    keep["lateral_acceleration"] = (keep["speed"]**2 * np.tan(keep["steering_angle"])
+                                    / p.body.wheelbase)
+    keep["direction"] = np.sign(np.round(keep["steering_angle"] / 0.03))
+    return keep
+
+
+def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unexplained, ...]:
+    """``unexplained`` for residuals that are at hand."""
+    found = _search(of, seed, math.ceil(10.0 / level) - 1)
+    if found is None:
+        return ()
+    scores = normal_scores(np.vstack([found.share, found.null]))
+    chance = np.sort(scores[1:].max(axis=1))
+    beaten_by = len(chance) - np.searchsorted(chance, scores[0])
+    p_value = (1.0 + beaten_by) / (1.0 + len(chance))
+    out = []
+    for group in of:
+        for i, channel in enumerate(group.channels):
+            mine = {found.of[k][1]: (float(found.share[k]), float(p_value[k]))
+                    for k in range(len(found.of)) if found.of[k][0] == channel
+                    and p_value[k] <= level and found.share[k] >= MATERIAL}
+            if mine:
+                along = _simplest({k: share for k, (share, _) in mine.items()})
+                share, p = mine[along]
+                out.append(Unexplained(channel, _words(group, i, along), along, p, share))
+    return tuple(sorted(out, key=lambda u: (u.p_value, -u.share)))
+
+
+def shares(of: list[Group], seed: int = 0) -> dict[str, float]:
+    """``explainable`` for residuals that are at hand."""
+    out = {channel: 0.0 for group in of for channel in group.channels}
+    found = _search(of, seed, 49)
+    if found is None:
+        return out
+    for channel in out:
+        mine = [k for k in range(len(found.of)) if found.of[k][0] == channel]
+        if mine:
+            chance = float(np.median(found.null[:, mine].max(axis=1)))
+            out[channel] = float(np.clip(found.share[mine].max() - max(chance, 0.0), 0.0, 1.0))
+    return out
+
+
+def _search(of: list[Group], seed: int, turns: int) -> Found | None:
+    """Every function of every group, and the same by chance, ``turns`` times."""
+    labels = np.unique(np.concatenate([group.block for group in of]))
+    rng = np.random.default_rng(seed)
+    signs = rng.choice([-1.0, 1.0], (turns, len(labels)))
+    names: list[tuple[str, tuple[str, ...]]] = []
+    tables = []
+    for group in of:
+        present, block = np.unique(group.block, return_inverse=True)
+        if len(present) >= FEWEST_BLOCKS:
+            table, tried = _tried(group, block, signs[:, np.searchsorted(labels, present)], rng)
+            tables.append(table)
+            names += [(channel, along) for along in tried for channel in group.channels]
+    table = np.concatenate(tables, axis=1) if tables else np.empty((1, 0))
+    return Found(names, table[0], table[1:]) if tables else None
+
+
+def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.random.Generator
+           ) -> tuple[FloatArray, list[tuple[str, ...]]]:
+    """Shares (1 + s, sets x channels), the first as it is, the others by chance; and the sets.
+
+    Chance turns the signs of what the best function leaves, else a structure
+    would hide among its own mirror images.
+    """
+    features, y = _features(group), _centred(group)
+    within, across = _folds(group, block, rng)
+    tried = sets(features)
+    folds = [within if set(along) & set(WITHIN) else across for along in tried]
+
+    def table(y: FloatArray, signs: FloatArray) -> FloatArray:
+        return np.stack([predicted_share(basis(features, along), Rows(y, block, fold), signs)
+                         for along, fold in zip(tried, folds, strict=True)], axis=1)
+
+    share = table(y, np.ones((1, signs.shape[1])))
+    left = y.copy()
+    for i, best in enumerate(share[0].argmax(axis=0)):
+        if share[0, best, i] > 0.0:
+            left[:, i] -= held_out(basis(features, tried[best]), y[:, i], folds[best])
+    both = np.concatenate([share, table(left, signs)])
+    return both.reshape(len(both), -1), tried
+
+
+def _features(group: Group) -> dict[str, FloatArray]:
+    recording = group.recording.astype(np.float64)
+    several = len(np.unique(recording)) > 1
+    return {**group.features, **({"recording": recording} if several else {})}
+
+
+def _centred(group: Group) -> FloatArray:
+    """An offset is no structure: it depends on nothing."""
+    y = np.clip(group.y, -CLIPPED, CLIPPED)
+    return np.asarray(y - y.mean(axis=0))
+
+
+def _folds(group: Group, block: NDArray[np.int64], rng: np.random.Generator
+           ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Folds of blocks, and of whole recordings where there are enough, (n,) both."""
+    within = rng.permutation(np.arange(block.max() + 1) % FOLDS)[block]
+    _, recording = np.unique(group.recording, return_inverse=True)
+    if recording.max() + 1 < RECORDINGS:
+        return within, within
+    return within, np.asarray(recording % FOLDS)
+
+
+def _simplest(share: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
+    """The best variable, or the best set of more where one is not nearly enough."""
+    best: tuple[str, ...] = ()
+    for size in sorted({len(along) for along in share}):
+        here = max((along for along in share if len(along) == size), key=lambda a: share[a])
+        if not best or share[here] > MORE_THAN * share[best] + MORE:
+            best = here
+    return best
+
+
+def _words(group: Group, channel: int, along: tuple[str, ...]) -> str:
+    """Where the model is furthest off to either side."""
+    features = _features(group)
+    curve = fitted(basis(features, along), _centred(group)[:, channel]) * group.size[channel]
+    name = group.channels[channel]
+    after = " after 0.5 s" if name in MOTION else ""
+    ends = []
+    for row in (int(np.argmax(curve)), int(np.argmin(curve))):
+        where = ", ".join(f"{n} {features[n][row]:.3g}{_unit(n)}" for n in along)
+        ends.append(f"{curve[row]:+.2g} {UNIT[name]} at {where}")
+    return f"model minus measured {name}{after}: {ends[0]}; {ends[1]}"
+
+
+def _unit(name: str) -> str:
+    unit = UNITS.get(name, "-")
+    return "" if unit == "-" else f" {unit}"

@@ -1,0 +1,107 @@
+"""Cars with something that no effect of the catalogue describes, driven like the hidden ones."""
+
+from __future__ import annotations
+
+import hidden_drive
+import numpy as np
+
+from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.residuals import Evidence
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+
+MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia
+
+
+def carpet(newton):
+    """More drag on the half of the room where x > 0."""
+    def force(x, y, eta, vx, vy, om, tau, delta):
+        return (-newton * np.tanh(vx / 0.1) if x > 0 else 0.0), 0.0, 0.0
+    return pushed(force)
+
+
+def cogging(newton):
+    """Motor force that rises and falls with the speed: a resonance of the drive train."""
+    def force(x, y, eta, vx, vy, om, tau, delta):
+        return newton * np.exp(-((vx - 1.6) / 0.25)**2), 0.0, 0.0
+    return pushed(force)
+
+
+def rubs_to_the_left(newton):
+    """A wheel that touches the body when it is turned to the left."""
+    def force(x, y, eta, vx, vy, om, tau, delta):
+        return (-newton * np.tanh(vx / 0.1) if delta > 0.05 else 0.0), 0.0, 0.0
+    return pushed(force)
+
+
+def wind(newton):
+    """A wind across the room that blows only where y > 0."""
+    def force(x, y, eta, vx, vy, om, tau, delta):
+        f = newton if y > 0 else 0.0
+        return f * np.cos(eta), -f * np.sin(eta), 0.0
+    return pushed(force)
+
+
+def torque_steer(rad):
+    """The motor turns the wheels: by ``rad`` at a tenth of full throttle."""
+    return steered(lambda vx, tau, delta: delta + rad * (tau - 0.2) / 0.1)
+
+
+def soft_at_speed(share):
+    """Wheels that turn less the faster the car goes."""
+    return steered(lambda vx, tau, delta: delta * (1.0 - share * (vx - 1.5)))
+
+
+def pushed(force):
+    def wrap(step, dt):
+        def stranger(*now):
+            fx, fy, mz = force(*now)
+            x, y, eta, vx, vy, om = step(*now)
+            return x, y, eta, vx + fx / MASS * dt, vy + fy / MASS * dt, om + mz / INERTIA * dt
+        return stranger
+    return wrap
+
+
+def steered(angle):
+    def wrap(step, dt):
+        def stranger(x, y, eta, vx, vy, om, tau, delta):
+            return step(x, y, eta, vx, vy, om, tau, float(angle(vx, tau, delta)))
+        return stranger
+    return wrap
+
+
+CARS = {
+    # name: (car of a medium size, channels in which it must show, a variable that must be named)
+    "carpet": (carpet(0.3), {"v_x"}, {"x"}),
+    "cogging": (cogging(0.4), {"v_x"}, {"speed", "throttle"}),
+    "rubs_to_the_left": (rubs_to_the_left(0.3), {"v_x"},
+                         {"steering_angle", "direction", "lateral_acceleration"}),
+    "wind": (wind(0.3), {"v_x", "v_y"}, {"heading", "x", "y"}),
+    "torque_steer": (torque_steer(0.02), {"omega", "v_y"}, {"throttle", "speed"}),
+    "soft_at_speed": (soft_at_speed(0.15), {"omega", "v_y"},
+                      {"steering_angle", "direction", "lateral_acceleration"}),
+}
+
+
+def write(path, wrap, seed, plan, monkeypatch):
+    """A recording of such a car; wrap None: of the model itself."""
+    make = hidden_drive.make_native_step
+    if wrap is not None:
+        monkeypatch.setattr(hidden_drive, "make_native_step",
+                            lambda p, kind, dt: wrap(make(p, kind, dt), dt))
+    hidden_drive.write(path, PAPER, seed, plan)
+    monkeypatch.setattr(hidden_drive, "make_native_step", make)
+    return path
+
+
+def looked_at(paths, p=PAPER):
+    """(evidence, p, residuals, noise) for ``unexplained``; the age of the messages is fitted."""
+    evidence = Evidence([prepare(read(path), p.body.l_r) for path in paths], p.body.l_r)
+    late = 0.0
+    for _ in range(3):
+        here, there = (evidence.residuals(p, late + by).sensors[:, 1] for by in (0.0, 0.002))
+        slope = (there - here) / 0.002
+        late -= np.nansum(slope * here) / np.nansum(slope**2)
+    residuals = evidence.residuals(p, late)
+    return evidence, p, residuals, measure(residuals, evidence.blocks(2.0))
