@@ -30,6 +30,9 @@ SLOWEST = 0.3  # m/s at the start of a window
 CALM, CALM_BEND = 5, 0.1
 """Samples to each side, and rad/s: where the yaw rate bends more, a smoothed derivative is off
 it, and a wrong start looks like a car with less yaw inertia."""
+CALM_SPEED, CALM_SPEED_BEND = 7, 0.04
+"""The same for the speed [m/s], where an accelerometer is held against its derivative."""
+BEFORE = (-6, -3, 0, 3)  # samples around a message; it may be older than it says
 TURNING_WHEEL = 0.2  # m/s; below it an encoder counts too little to be judged
 PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
 
@@ -76,7 +79,11 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
                 steering=held(sent, messages.steering, len(g)))
     at = sent / STEP
     good = _clean(g, at) & ~(messages.speed < TURNING_WHEEL)
-    read = np.stack([messages.speed, messages.yaw_rate, messages.accel_x, messages.accel_y], axis=1)
+    turning = _calm_before(g.omega, at, CALM, CALM_BEND)
+    both = turning & _calm_before(g.v_x, at, CALM_SPEED, CALM_SPEED_BEND)
+    read = np.stack([messages.speed, np.where(turning, messages.yaw_rate, np.nan),
+                     *(np.where(both, a, np.nan) for a in (messages.accel_x, messages.accel_y))],
+                    axis=1)
     return Drive(recording, g, _starts(g), at[good], read[good])
 
 
@@ -117,8 +124,19 @@ def _starts(g: Grid) -> NDArray[np.int64]:
     starts = np.arange(WARM_UP, max(len(g) - READ[-1] - MARGIN, WARM_UP), EVERY)
     bad = np.concatenate([[0], np.cumsum(g.bad)])
     clean = bad[starts + READ[-1] + MARGIN] == bad[starts - MARGIN]
-    bend = np.abs(g.omega[starts + CALM] - 2.0 * g.omega[starts] + g.omega[starts - CALM])
-    return np.asarray(starts[clean & (g.v_x[starts] > SLOWEST) & (bend < CALM_BEND)])
+    calm = _bend(g.omega, starts, CALM) < CALM_BEND
+    return np.asarray(starts[clean & (g.v_x[starts] > SLOWEST) & calm])
+
+
+def _calm_before(x: FloatArray, at: FloatArray, reach: int, bend: float) -> NDArray[np.bool_]:
+    """Messages (m,) around which a series is straight, wherever in BEFORE they belong."""
+    here = np.rint(at).astype(np.int64)[:, None] + np.array(BEFORE)
+    here = np.clip(here, reach, len(x) - 1 - reach)
+    return np.asarray((_bend(x, here, reach) < bend).all(axis=1))
+
+
+def _bend(x: FloatArray, at: NDArray[np.int64], reach: int) -> FloatArray:
+    return np.asarray(np.abs(x[at + reach] - 2.0 * x[at] + x[at - reach]))
 
 
 def _clean(g: Grid, at: FloatArray) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +15,21 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_hal.vehicle.signals import through
+from dart_hal.vehicle.signals import late_last, through
 
 from .drive import HALF, POINTS, READ, STEP, Drive
 
 MOTION = ("v_x", "v_y", "omega")
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
 WINDOW = 10  # samples over which the encoder counts
+SMOOTH = 11
+"""Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
+shifts a signal by part of a sample would gain by smoothing it."""
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 
 
@@ -62,8 +67,15 @@ class Evidence:
         return (label(self.motion_drive, np.concatenate([d.starts for d in self.drives])),
                 label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
 
-    def residuals(self, p: Vehicle, late: float = 0.0) -> Residuals:
-        """Of the model p with its effects; late [s]: sensors are that much older than stamped."""
+    def residuals(self, p: Vehicle, late: float = 0.0, ahead: float = 0.0) -> Residuals:
+        """Of the model p with its effects.
+
+        late [s]: sensors are that much older than stamped; ahead [s]: commands
+        acted that long before the message that tells of them.
+        """
+        d = p.delay
+        p = unchecked(p, {"delay": {"steering_s": d.steering_s - ahead,
+                                    "throttle_s": d.throttle_s - ahead}}) if ahead else p
         parts = [self._of(drive, p, settled(p), late) for drive in self.drives]
         return Residuals(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -103,16 +115,25 @@ def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, throttle: Float
     """What each sensor should read for the measured motion, minus what it read; (m, 4)."""
     if not len(drive.at):
         return np.empty((0, len(SENSORS)))
+    omega = savgol_derivative(g.yaw, SMOOTH, STEP)
     rates = [savgol_derivative(v, 2 * POINTS + 1, STEP) for v in (g.v_x, g.v_y, g.omega)]
     a_x, a_y = rates[0] - g.omega * g.v_y, rates[1] + g.omega * g.v_x
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
     now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, a_x, a_y, rates[2], force,
               np.cumsum(g.v_x) * STEP / GEAR_REVOLUTION)
-    wheel = through(p, "wheel", np.array(g.v_x), now, STEP)
-    gyro = through(p, "gyro", np.array(g.omega), now, STEP)
-    a_x, a_y = through(p, "accel", (a_x, a_y), now, STEP)
-    at, sample = drive.at - late / STEP, np.arange(len(g))
+    sample = np.arange(len(g))
+
+    def behind(channel: str, signal: Any) -> tuple[Any, FloatArray]:
+        """(the signal behind its effects, where the messages read it in samples)."""
+        q, more = late_last(p, channel)
+        return through(q, channel, signal, now, STEP), drive.at - (late + more) / STEP
+
+    wheel, at = behind("wheel", np.array(g.v_x))
     way = np.concatenate([[0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]))])
     encoder = (np.interp(at, sample, way) - np.interp(at - WINDOW, sample, way)) / WINDOW
-    said = [encoder, *(np.interp(at, sample, v) for v in (gyro, a_x, a_y))]
+    gyro, at = behind("gyro", omega)
+    accel, at_accel = behind("accel", (a_x, a_y))
+    said = [encoder, np.interp(at, sample, gyro),
+            *(np.interp(at_accel, sample, v) for v in accel)]
     return np.stack(said, axis=1) - drive.read
+

@@ -1,13 +1,13 @@
 """One effect at a time: how much of the residual would it take away, and at what size.
 
-Timing of the sensors, and where asked for the base parameters, move along:
-their linear answer to every trial is part of it.
+All that is free moves along: the linear answer of base parameters, effects
+found before and timing to every trial is part of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,85 +17,70 @@ from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from .noise import Noise, loss, weight
+from .fit import Point
+from .noise import Noise
 from .residuals import Evidence
 
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
-LATE_PRIOR = 0.008  # s; how well the age of the sensor messages is known
-LATE_STEP = 0.002  # s
-SETTLE = 4  # rounds for the age of the messages
 REFINE = 2  # parabola steps after the ladder
-
 
 Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """gain: drop of the robust loss; 1 is one squared standard deviation of one residual."""
+    """gain: drop of the robust loss; 1 is one squared standard deviation of one residual.
+
+    residual (N,): whitened, at these values, before anything has moved along.
+    """
 
     effect: str
     values: Mapping[str, float]
     gain: float
+    residual: FloatArray
 
 
 class Scan:
-    """The residuals of a base model, what may move along, and the gain of any effect."""
+    """The gain of any effect over a fitted point."""
 
-    def __init__(self, evidence: Evidence, base: Vehicle, noise: Noise) -> None:
-        self.evidence, self.base, self.noise = evidence, base, noise
-        self.late, self._moves = 0.0, np.empty((0, 1))
-        for _ in range(SETTLE):  # the age of the messages is no cause, so it is found first
-            self.residual, self.worth = noise.stacked(evidence.residuals(base, self.late))
-            other, _ = noise.stacked(evidence.residuals(base, self.late + LATE_STEP))
-            self._moves = ((other - self.residual) / LATE_STEP * LATE_PRIOR)[:, None]
-            self.late += LATE_PRIOR * float(self._moved(self.residual)[0])
-        self.residual, self.worth = noise.stacked(evidence.residuals(base, self.late))
-        self.null = self._loss(self.residual)
+    def __init__(self, evidence: Evidence, noise: Noise, point: Point) -> None:
+        self._evidence, self._noise, self.point = evidence, noise, point
+        self._vehicle, self._timing = point.vehicle, point.timing
+        # what has moved to the point may move on a little: judged by the same linear answer
+        self.null, _ = point.after(point.residual)
 
-    def _moved(self, x: FloatArray) -> FloatArray:
-        """Where what may move along goes, (k,), in prior standard deviations from here."""
-        weights = self.worth * weight(x)
-        already = np.array([self.late / LATE_PRIOR])
-        normal = (self._moves * weights[:, None]).T @ self._moves + np.eye(len(already))
-        return np.asarray(-np.linalg.solve(normal, self._moves.T @ (weights * x) + already))
-
-    def _loss(self, x: FloatArray) -> float:
-        """Robust loss after what may move along has moved."""
-        moved = self._moved(x)
-        total = moved + self.late / LATE_PRIOR
-        return float(self.worth @ loss(x + self._moves @ moved) + total @ total)
-
-    def gain(self, p: Vehicle) -> float:
-        """Of a vehicle against the base."""
-        x, _ = self.noise.stacked(self.evidence.residuals(p, self.late))
-        return self.null - self._loss(x)
+    def residual(self, p: Vehicle) -> FloatArray:
+        """Whitened residuals (N,) of a vehicle at the timing of the point."""
+        return self._noise.stacked(
+            self._evidence.residuals(p, self._timing.late, self._timing.ahead))[0]
 
     def best(self, name: str) -> Trial:
         """The size of an effect that takes away most."""
         effect = catalogue()[name]
-        found = Trial(name, {}, 0.0)
+        found = Trial(name, {}, 0.0, self.point.residual)
         for parameter in scanned(effect):
             trial = self._along(effect, parameter)
             found = trial if trial.gain > found.gain else found
         return found
 
     def _along(self, effect: Effect, parameter: Parameter) -> Trial:
+        kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
+
         def gain(k: float) -> float:
             try:
-                return self.gain(apply(self.base, effect.name, **{parameter.name: k}))
+                kept[k] = self.residual(apply(self._vehicle, effect.name, **{parameter.name: k}))
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
+            return self.null - self.point.after(kept[k])[0]
 
-        steps = ladder(parameter)
-        gains = {k: gain(k) for k in steps} | {parameter.null: 0.0}
+        gains = {k: gain(k) for k in ladder(parameter)} | {parameter.null: 0.0}
         for _ in range(REFINE):
             k = _peak(gains, parameter)
             if k is None:
                 break
             gains[k] = gain(k)
         best = max(gains, key=lambda k: gains[k])
-        return Trial(effect.name, {parameter.name: best}, gains[best])
+        return Trial(effect.name, {parameter.name: best}, gains[best], kept[best])
 
 
 def scanned(effect: Effect) -> Sequence[Parameter]:
@@ -125,14 +110,30 @@ def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:
     return None if known or not a < top < c else float(np.clip(top, p.low, p.high))
 
 
-def scan(evidence: Evidence, base: Vehicle, noise: Noise, names: Sequence[str] | None = None,
-         progress: Progress | None = None) -> list[Trial]:
-    """Every effect alone, the one that takes away most first."""
-    work = Scan(evidence, base, noise)
-    wanted = list(catalogue() if names is None else names)
+
+def scan(evidence: Evidence, noise: Noise, point: Point, names: Sequence[str] | None = None,
+         progress: Progress | None = None, jobs: int = 1) -> list[Trial]:
+    """Every effect alone, the one that takes away most first; effects of the point left out.
+
+    jobs: processes; None of what comes out depends on it.
+    """
+    work = Scan(evidence, noise, point)
+    has = {a.name for a in point.vehicle.effects}
+    wanted = [n for n in (catalogue() if names is None else names) if n not in has]
     trials = []
-    for i, name in enumerate(wanted):
+    for i, trial in enumerate(_each(work, wanted, jobs)):
         if progress is not None:
-            progress(i / len(wanted), name)
-        trials.append(work.best(name))
+            progress((i + 1) / len(wanted), trial.effect)
+        # in single precision: there are many of them, and they are long
+        trials.append(replace(trial, residual=trial.residual.astype(np.float32)))
     return sorted(trials, key=lambda t: (-t.gain, t.effect))
+
+
+def _each(work: Scan, names: Sequence[str], jobs: int) -> Iterable[Trial]:
+    if jobs == 1 or len(names) < 2:
+        return map(work.best, names)
+    from joblib import Parallel, delayed
+
+    trials: Iterable[Trial] = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(work.best)(name) for name in names)
+    return trials

@@ -26,6 +26,12 @@ def settled(p: Vehicle) -> Vehicle:
     return replace(p, effects=left)
 
 
+def moving(p: Vehicle) -> Vehicle:
+    """The vehicle as its step knows it: settled, and without effects on signals alone."""
+    q = settled(p)
+    return replace(q, effects=tuple(a for a in q.effects if a.effect.force)) if q.effects else q
+
+
 def force_hooks(p: Vehicle, xp: Any) -> tuple[Hook, ...]:
     """What the effects of a settled vehicle do to its forces, in their order."""
     f = adapt(xp)

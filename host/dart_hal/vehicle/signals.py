@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,21 @@ def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
     for a, hook in chain:
         signal = _series(p, a, hook, signal, now, dt)
     return signal
+
+
+def late_last(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
+    """The vehicle without what delays a channel at the end of its chain, and these delays [s].
+
+    A reader at times of its own reads that much earlier instead: to shift a
+    series twice, by parts of a sample, would smooth it.
+    """
+    seconds, kept = 0.0, list(p.effects)
+    for a, hook in reversed(signals(p, channel)):
+        if not isinstance(hook, Late):
+            break
+        seconds += float(hook.seconds(*a.values))
+        kept.remove(a)
+    return (replace(p, effects=tuple(kept)), seconds) if len(kept) < len(p.effects) else (p, 0.0)
 
 
 class Stepper:

@@ -27,15 +27,17 @@ FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has
 class Coordinates:
     """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x.
 
-    known: standard errors by name, in SI units, where the base was measured.
-    Raises UsageError where the base has a 0 that would have to move by factors.
+    known: standard errors by name, in SI units, where the base was measured;
+    amounts: widths by name of what moves by amounts besides AMOUNT. Raises UsageError where the base has a 0 that would have to move by factors.
     """
 
     def __init__(self, base: Vehicle, names: tuple[str, ...],
-                 known: Mapping[str, float] = MappingProxyType({})) -> None:
+                 known: Mapping[str, float] = MappingProxyType({}),
+                 amounts: Mapping[str, float] = MappingProxyType({})) -> None:
         self._base, self.names = base, names
         self._start = np.array([value(base, name) for name in names])
-        amount = [AMOUNT.get(n, AMOUNT.get(n.partition(".")[0])) for n in names]
+        usual_amounts = {**AMOUNT, **amounts}
+        amount = [usual_amounts.get(n, usual_amounts.get(n.partition(".")[0])) for n in names]
         self._log = np.array([a is None for a in amount])
         zero = [n for n, log, number in zip(names, self._log, self._start, strict=True)
                 if log and number == 0.0]
@@ -48,7 +50,7 @@ class Coordinates:
         scale = np.where(self._log, np.abs(self._start), 1.0)
         self._width = np.array([min(w, known[n] / s) if known.get(n, 0.0) > 0.0 and s else w
                                 for n, w, s in zip(names, usual, scale.tolist(), strict=True)])
-        self._limits = np.array([bounds(base, name) for name in names]).T
+        self._limits = np.reshape([bounds(base, name) for name in names], (-1, 2)).T
         with np.errstate(divide="ignore"):  # the logarithm of a bound at 0
             ends = [np.where(self._log, np.log(np.where(self._log, limit / self._whole, 1.0)),
                              limit - self._start) / self._width for limit in self._limits]
@@ -67,6 +69,12 @@ class Coordinates:
                          self._start + self._width * x)
         # the way there and back may miss a bound, or nought, by one digit
         return np.asarray(np.clip(np.where(np.abs(moved) < NOUGHT, 0.0, moved), *self._limits))
+
+    def find(self, numbers: FloatArray) -> FloatArray:
+        """The x (k,) of parameters (k,) in SI units."""
+        ratio = np.where(self._log, numbers / np.where(self._log, self._start, 1.0), 1.0)
+        return np.where(self._log, np.log(np.maximum(ratio, NOUGHT)),
+                        numbers - self._start) / self._width
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Size of d number / d x, (k,)."""

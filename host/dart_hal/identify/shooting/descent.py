@@ -34,9 +34,9 @@ class Descent:
 
 def descend(residual: Callable[[FloatArray], FloatArray],
             jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
-            low: FloatArray, high: FloatArray, *, robust: float, prior: float,
+            low: FloatArray, high: FloatArray, *, robust: float | FloatArray, prior: float,
             rounds: int = ROUNDS) -> Descent:
-    """Minimise the soft L1 of residual(x) beyond ``robust``, plus prior * |x|^2.
+    """Minimise the soft L1 of residual(x) beyond ``robust`` (a number or (n,)), plus prior * |x|^2.
 
     jacobian(x, r) (n, k) at x, where the residual is r.
     """
@@ -68,7 +68,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
     return Descent(x, r, jac, weight, False)
 
 
-def _cost(r: FloatArray, x: FloatArray, robust: float, prior: float) -> float:
+def _cost(r: FloatArray, x: FloatArray, robust: float | FloatArray, prior: float) -> float:
     total: float = np.sum(2.0 * robust**2 * (np.sqrt(1.0 + (r / robust)**2) - 1.0))
     return float(total + prior * (x @ x))
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
+from dart_hal.vehicle.compose import moving
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.native.build import CannotCompile, Variant
 from dart_hal.vehicle.native.call import Array, aligned, call
@@ -32,6 +33,7 @@ class Kernel:
         number = np.dtype(dtype)
         if number not in (np.float32, np.float64):
             raise CannotCompile(f"no kernel for numbers of type {number}")
+        p = moving(p)
         form, lanes = form_of(p), lanes_of(p)
         self._lanes = lanes
         if switched_off():

@@ -1,0 +1,35 @@
+"""Which other effects explain the data as well, within what the data can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .noise import loss
+from .rows import Rows
+from .scan import Scan, Trial
+
+CLEAR = 2.0  # standard deviations of the difference of losses
+SAME = 4.0  # loss: a difference of two standard deviations of one number
+
+
+def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
+    """Effects whose loss differs from the best one's by less than its noise over blocks."""
+    point = scan.point
+
+    def by_block(trial: Trial) -> np.ndarray:
+        _, r = point.after(trial.residual.astype(np.float64))
+        return np.bincount(rows.block, weights=point.worth * loss(r))
+
+    mine = by_block(best)
+    out = []
+    for trial in trials:
+        if trial.effect == best.effect or trial.gain <= 0.5 * best.gain:
+            continue
+        worse = by_block(trial) - mine
+        total = float(worse.sum())
+        noise = float(np.sqrt(np.sum((worse - worse.mean())**2)))
+        if total < max(SAME, CLEAR * noise):
+            out.append((total, trial.effect))
+    return tuple(name for _, name in sorted(out))

@@ -1,0 +1,148 @@
+"""The best point of a space on some evidence, and what moves how around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.identify.shooting.descent import descend
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from .noise import ROBUST, Noise, loss, weight
+from .residuals import Evidence
+from .space import Space, Timing
+
+ROUNDS = 15
+SWEEPS = 3  # of the box: a time that leaves it is held at its edge
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """Where a space is: whitened residuals (N,), their worth (N,), and the Jacobian (N, k)."""
+
+    space: Space
+    x: FloatArray
+    residual: FloatArray
+    worth: FloatArray
+    jacobian: FloatArray
+
+    @property
+    def vehicle(self) -> Vehicle:
+        return self.space.split(self.x)[0]
+
+    @property
+    def timing(self) -> Timing:
+        return self.space.split(self.x)[1]
+
+    def loss(self) -> float:
+        """Robust loss of the data with the prior."""
+        return float(self.worth @ loss(self.residual)
+                     + (self.space.boxed * self.x) @ self.x)
+
+    def follow(self, residual: FloatArray, rows: NDArray[np.bool_] | None = None) -> FloatArray:
+        """Move (k,) of all that is free which suits other residuals (N,) best, to first order.
+
+        rows (N,): what to look at; None = all.
+        """
+        jac, worth = self.jacobian, self.worth
+        if rows is not None:
+            jac, worth, residual = jac[rows], worth[rows], residual[rows]
+        weighted = jac * (worth * weight(residual))[:, None]
+        pull = self.space.boxed
+        normal = weighted.T @ jac + np.diag(pull + 1e-9)
+        slope = weighted.T @ residual + pull * self.x
+        move = np.zeros(len(self.x))
+        free = np.ones(len(self.x), dtype=bool)
+        for _ in range(SWEEPS):
+            rest = slope[free] + normal[np.ix_(free, ~free)] @ move[~free]
+            move[free] = -np.linalg.solve(normal[np.ix_(free, free)], rest)
+            out = np.clip(self.x + move, self.space.low, self.space.high) - self.x
+            out[:-2] = move[:-2]  # bounds of parameters are the business of a full fit
+            over = free & (out != move)
+            if not over.any():
+                break
+            move[over] = out[over]
+            free &= ~over
+        return move
+
+    def after(self, residual: FloatArray) -> tuple[float, FloatArray]:
+        """(loss, residuals) of other residuals once all that is free has followed."""
+        move = self.follow(residual)
+        x, r = self.x + move, residual + self.jacobian @ move
+        return float(self.worth @ loss(r) + (self.space.boxed * x) @ x), r
+
+    def projected(self, direction: FloatArray) -> FloatArray:
+        """What is left of a direction (N,) when all that is free may follow it."""
+        weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
+        normal = weighted.T @ self.jacobian + np.diag(self.space.boxed + 1e-6)
+        return np.asarray(direction - self.jacobian
+                          @ np.linalg.solve(normal, weighted.T @ direction))
+
+
+def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+    """The space at a point, with its Jacobian."""
+    r, worth = _residual(evidence, noise, space, x)
+    return Point(space, x, r, worth, _jacobian(evidence, noise, space, x, r))
+
+
+def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+          tell: Callable[[], None] | None = None) -> Point:
+    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
+    r, worth = _residual(evidence, noise, space, x)
+    root = np.sqrt(worth)
+    pull = np.sqrt(space.boxed)
+
+    def residual(z: FloatArray) -> FloatArray:
+        return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
+
+    def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
+        if tell is not None:
+            tell()
+        data = r[:len(root)] / root
+        return np.concatenate([root[:, None] * _jacobian(evidence, noise, space, z, data),
+                               np.diag(pull)])
+
+    far = np.full(len(x), 1e6)  # the prior is quadratic however far
+    found = descend(residual, jacobian, x, space.low, space.high,
+                    robust=np.concatenate([ROBUST * root, far]), prior=1e-9, rounds=ROUNDS)
+    n = len(root)
+    return Point(space, found.x, found.residual[:n] / root, worth,
+                 found.jacobian[:n] / root[:, None])
+
+
+def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
+    """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
+    w = point.worth * weight(point.residual)
+    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(point.space.boxed + 1e-6)
+    bread = np.linalg.inv(normal)
+    scores = np.zeros((int(block.max()) + 1, len(point.x)))
+    np.add.at(scores, block, point.jacobian * (w * point.residual)[:, None])
+    sandwich = bread @ (scores.T @ scores + np.diag(point.space.boxed)) @ bread
+    # with few blocks the sandwich may miss a direction: never less than half of the model's own
+    return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
+                      + sandwich * (1.0 - np.eye(len(bread))))
+
+
+def _residual(evidence: Evidence, noise: Noise, space: Space,
+              x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    vehicle, timing = space.split(np.clip(x, space.low, space.high))
+    return noise.stacked(evidence.residuals(vehicle, timing.late, timing.ahead))
+
+
+def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+              r: FloatArray) -> FloatArray:
+    columns = []
+    for i, (up, down) in enumerate(space.steps(x)):
+        if up + down == 0.0:
+            columns.append(np.zeros(len(r)))
+            continue
+        step = np.zeros(len(x))
+        step[i] = 1.0
+        above = _residual(evidence, noise, space, x + up * step)[0] if up else r
+        below = _residual(evidence, noise, space, x - down * step)[0] if down else r
+        columns.append((above - below) / (up + down))
+    return np.stack(columns, axis=1)

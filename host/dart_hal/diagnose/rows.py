@@ -1,0 +1,64 @@
+"""Which rows of the stacked residuals belong to what: recording, block, channel, fold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .residuals import Evidence, Residuals
+
+BLOCK = 2.0  # s; disturbances of a drive are forgotten after that
+FOLDS = 5  # stretches of one recording, where there are few recordings
+ENOUGH = 4  # recordings from which on one of them at a time is left out
+
+Labels = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """For each of N stacked residuals: block, recording, fold; and whether it is of motion.
+
+    channel (N,): column of the motion residuals, or -1 - column of the sensors.
+    """
+
+    block: Labels
+    recording: Labels
+    fold: Labels
+    channel: Labels
+
+    @property
+    def motion(self) -> NDArray[np.bool_]:
+        return np.asarray(self.channel >= 0)
+
+
+def rows_of(evidence: Evidence, r: Residuals) -> Rows:
+    """Labels in the order of ``Noise.stacked``."""
+    columns, sensors = r.motion.shape[1], r.sensors.shape[1]
+
+    def spread(of: tuple[Labels, Labels]) -> Labels:
+        return np.concatenate([np.repeat(of[0], columns), np.repeat(of[1], sensors)])
+
+    recording = (evidence.motion_drive, evidence.sensor_drive)
+    channel = np.concatenate([np.tile(np.arange(columns), len(r.motion)),
+                              np.tile(-1 - np.arange(sensors), len(r.sensors))])
+    block = spread(evidence.blocks(BLOCK))
+    owner = spread(recording)
+    many = len(np.unique(owner)) >= ENOUGH
+    fold = owner if many else _stretches(owner, block)
+    return Rows(_numbered(block), _numbered(owner), _numbered(fold), channel)
+
+
+def _stretches(owner: Labels, block: Labels) -> Labels:
+    """Every recording in FOLDS stretches."""
+    out = np.zeros(len(block), dtype=np.int64)
+    for which in np.unique(owner):
+        mine = owner == which
+        inside = block[mine] - block[mine].min()
+        out[mine] = which * FOLDS + np.minimum(inside * FOLDS // (inside.max() + 1), FOLDS - 1)
+    return out
+
+
+def _numbered(labels: Labels) -> Labels:
+    return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)

@@ -1,0 +1,58 @@
+"""How often nothing at all would have looked as good as an effect does.
+
+Nothing at all has residuals without a side: turning the sign of whole blocks
+of them gives as many data sets without a cause as one wants, with the same
+disturbance and its memory. What counts is the best of all effects in each, so
+a threshold holds for the family and not for one name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+
+from .fit import Point
+from .noise import weight
+from .scan import Trial
+
+FLIPS = 1999
+FEW = 6  # recordings from which on they are blocks as well
+
+
+def best_of_nothing(point: Point, rest: FloatArray, trials: Sequence[Trial],
+                    blocks: Sequence[NDArray[np.int64]], seed: int) -> FloatArray:
+    """Largest gain of any trial in each of FLIPS data sets without a cause, ascending.
+
+    rest (N,): residuals with the best explanation taken away, so that no cause
+    is in them; blocks: labels (N,) of rows, one array for each kind of block;
+    the kind that gives the larger gains counts.
+    """
+    w = point.worth * weight(rest)
+    rng = np.random.default_rng(seed)
+    kinds = []
+    for labels in blocks:
+        _, index = np.unique(labels, return_inverse=True)
+        signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
+        scores, sizes = [], []
+        for trial in trials:
+            d = point.projected(trial.residual.astype(np.float64) - point.residual)
+            sizes.append(max(float((w * d) @ d), 1e-12))
+            scores.append(np.bincount(index, weights=w * d * rest))
+        sums = signs @ np.stack(scores, axis=1)
+        kinds.append(np.sort(np.max(sums**2 / np.array(sizes), axis=1)))
+    return np.asarray(np.max(kinds, axis=0))
+
+
+def p_value(gain: float, nothing: FloatArray) -> float:
+    """Share of the data sets without a cause in which something gains as much."""
+    above = len(nothing) - int(np.searchsorted(nothing, gain, side="left"))
+    return (1.0 + above) / (1.0 + len(nothing))
+
+
+def threshold(nothing: FloatArray, false_alarm: float) -> float:
+    """Gain that only this share of the data sets without a cause reaches."""
+    return float(np.quantile(nothing, 1.0 - false_alarm))

@@ -1,0 +1,107 @@
+"""What may move while a cause is tested: base parameters, effects found so far, and timing.
+
+Timing is of the recording and not of the car: how old a sensor message is when
+it is stamped, and how long before its message a command was already acting.
+Neither is known better than some milliseconds, so within that nothing is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from dart_hal.identify.shooting.coordinates import Coordinates
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.parameters import Vehicle
+
+LATE = 0.010  # s; to both sides
+AHEAD = 0.100  # s; commands are logged with the next message, up to this late
+WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
+STEP = 1e-3  # of the prior, one-sided
+TIMES = ("delay.", "steering_delay.", "throttle_delay.", "mocap_latency.", "clock_offset.",
+         "encoder_latency.", "gyro_latency.")
+TIMING_STEP = 4e-3  # s, both sides: what is held has no slope below its grid
+NONE: Mapping[str, float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message."""
+
+    late: float = 0.0
+    ahead: float = 0.0
+
+
+class Space:
+    """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
+
+    def __init__(self, p: Vehicle, free: Sequence[str], known: Mapping[str, float] = NONE,
+                 timing: bool = True) -> None:
+        """free: names of base parameters; those of the effects of p are free as well."""
+        effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
+        self.names = (*free, *effects)
+        amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
+        self._inner = Coordinates(p, self.names, known, amounts)
+        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD]) / LATE)
+        if not timing:
+            ends = (np.zeros(2), np.zeros(2))
+        self.low = np.concatenate([self._inner.low, ends[0]])
+        self.high = np.concatenate([self._inner.high, ends[1]])
+
+    def __len__(self) -> int:
+        return len(self.names) + 2
+
+    @property
+    def boxed(self) -> FloatArray:
+        """(k,) 1 where a prior pulls, 0 for timing, which has bounds instead."""
+        return np.concatenate([np.ones(len(self.names)), np.zeros(2)])
+
+    def split(self, x: FloatArray) -> tuple[Vehicle, Timing]:
+        """The vehicle and the timing at a point."""
+        return self._inner.vehicle(x[:-2]), Timing(float(x[-2] * LATE), float(x[-1] * LATE))
+
+    def point(self, timing: Timing) -> FloatArray:
+        """The base with that timing."""
+        return np.concatenate([np.zeros(len(self.names)),
+                               np.array([timing.late, timing.ahead]) / LATE])
+
+    def start(self, vehicle: Vehicle, timing: Timing) -> FloatArray:
+        """The point of a vehicle that differs from the base in what is free."""
+        inner = self._inner.find(np.array([value(vehicle, n) for n in self.names]))
+        ends = np.array([timing.late, timing.ahead]) / LATE
+        return np.clip(np.concatenate([inner, ends]), self.low, self.high)
+
+    def steps(self, x: FloatArray) -> list[tuple[float, float]]:
+        """(up, down) by which each coordinate is varied for its derivative, within bounds."""
+        out = []
+        for i in range(len(x)):
+            timed = i >= len(self.names) or self.names[i].startswith(TIMES)
+            width = LATE if i >= len(self.names) else self._inner.width(i)
+            size = TIMING_STEP / width if timed else STEP
+            up = min(size, self.high[i] - x[i])
+            down = min(size, x[i] - self.low[i]) if timed or up < size else 0.0
+            out.append((float(up), float(down)))
+        return out
+
+    def standard_errors(self, x: FloatArray, covariance: FloatArray) -> dict[str, float]:
+        """By name in SI units, from a covariance (k, k) of x."""
+        slope = self._inner.slope(x[:-2])
+        sizes = np.sqrt(np.maximum(np.diag(covariance)[:-2], 0.0)) * slope
+        return dict(zip(self.names, sizes.tolist(), strict=True))
+
+
+def effect_of(p: Vehicle, name: str) -> Applied:
+    """The effect of that name that a vehicle carries."""
+    return next(a for a in p.effects if a.name == name)
+
+
+def moved(before: Vehicle, after: Vehicle) -> dict[str, tuple[float, float]]:
+    """(before, after) of the parameters that differ, by name."""
+    both = set(names(before)) & set(names(after))
+    return {n: (value(before, n), value(after, n)) for n in names(after)
+            if n in both and value(before, n) != value(after, n)}
