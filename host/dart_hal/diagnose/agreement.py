@@ -1,0 +1,156 @@
+"""Columns against each other, and the model against the recordings: units, signs, the wrong car.
+
+A physical cause changes a reading by some per cent. A factor of 1000 is a
+unit, -1 is a sign, and neither is diagnosed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dart_hal.errors import OtherCar, RecordingError
+from dart_hal.recording.dart import Recording
+from dart_hal.recording.dart.model import BoolArray, freeze
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.steering import make_steering
+
+from .motion import AtMessages, at_messages
+
+FACTORS = {1000.0: "thousandths: mm, mrad or mm/s2", 100.0: "cm", 57.2958: "degrees",
+           3.6: "km/h", 1.0 / 9.81: "g", 0.001: "thousands: km or krad",
+           1.0 / 57.2958: "degrees in what it is compared with", 0.01: "hundreds"}
+NEAR = 0.2  # of the logarithm
+AGREE = 2.5  # a factor that no effect of a sound car reaches
+ROWS = 20  # messages that must tell
+STEADY = 1.5  # quartiles of a ratio that is one factor
+ALIKE = 0.8  # correlation from where on a slope says something
+SLOW_TURN, DRIVES = 0.2, 0.5  # rad/s, m/s
+GENTLE, TURNED = 2.0, 0.05  # m/s2, rad: where a car rolls without slip, and really steers
+ANOTHER = 2.0  # factor of the turning from where on it looks like another car
+STUCK = 1e-6  # rad/s
+
+
+def check_units(r: Recording) -> None:
+    """Errors: RecordingError that names the column and the factor by which it is off."""
+    m, at = r.messages, at_messages(r)
+    if r.mocap is not None:
+        _check(r, "vicon yaw", at.omega, at.course, at.speed > DRIVES, "the direction of travel")
+        _check(r, "vel encoder", m.speed, at.speed, at.speed > DRIVES, "the motion capture")
+        _check(r, "W (IMU)", m.yaw_rate, at.omega, np.abs(at.omega) > SLOW_TURN,
+               "the motion capture")
+    _check(r, "acc y (IMU)", m.accel_y, at.omega * at.speed,
+           np.abs(at.omega * at.speed) > SLOW_TURN, "yaw rate times speed")
+
+
+def without_dead_gyro(r: Recording, notes: list[str]) -> Recording:
+    """A gyro that never changes while the car turns reads nothing; that is said."""
+    rate, at = r.messages.yaw_rate, at_messages(r)
+    turns = np.nan_to_num(np.abs(at.omega)) > SLOW_TURN
+    if r.mocap is None or turns.sum() < ROWS or not np.nanmax(np.abs(rate), initial=0.0) < STUCK:
+        return r
+    if r.schema != "C":
+        notes.append(f"{r.name}: the gyro is dead, so the gyro is not judged there")
+    nothing = freeze(np.full(len(rate), np.nan))
+    return replace(r, messages=replace(r.messages, yaw_rate=nothing))
+
+
+def check_model(train: Sequence[Recording], p: Vehicle) -> list[str]:
+    """What must be said of a model that looks like another car's.
+
+    Only what rolling without slip tells is compared: how tightly the car turns for
+    its commands. Weight and tyres of another car show as errors and nothing
+    else. Errors: OtherCar where the model steers to the other side.
+    """
+    said, does = (np.concatenate(v) for v in zip(*[_turning(r, p) for r in train], strict=True))
+    factor = slope(does, said, offset=False)
+    if not math.isfinite(factor):
+        return []
+    if factor < 0.0:
+        raise OtherCar(
+            f"the model {p.name} steers to the other side than the car of these recordings",
+            found=f"{factor:.2f} times the curvature that the model gives",
+            expected="about 1 at low lateral acceleration",
+            likely="a model of another car, or the sign of the steering command is turned over",
+            remedy="dart-hal identify all FILES --out model.toml fits a model to this car")
+    if not 1.0 / ANOTHER < factor < ANOTHER:
+        return [f"the car turns {factor:.2f} times as tightly as the model says, at speeds where "
+                f"it rolls without slip: is {p.name} a model of this car? Its causes would be "
+                "those of a comparison between two cars"]
+    return []
+
+
+def slope(y: FloatArray, x: FloatArray, offset: bool = True) -> float:
+    """Of y on x; NaN where they have too little to do with each other."""
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    if offset and len(x):
+        x, y = x - x.mean(), y - y.mean()
+    size = math.sqrt(float(x @ x) * float(y @ y))
+    if len(x) < ROWS or size == 0.0 or abs(float(x @ y)) < ALIKE * size:
+        return math.nan
+    return float(x @ y) / float(x @ x)
+
+
+def ratio(y: FloatArray, x: FloatArray) -> float:
+    """Median of y / x; NaN where it is not the same throughout, as for wheels that spin."""
+    of = np.abs(y / x)
+    low, middle, high = np.quantile(of, [0.25, 0.5, 0.75])
+    return float(middle) if low > 0.0 and high < STEADY * low else math.nan
+
+
+def _check(r: Recording, column: str, read: FloatArray, true: FloatArray,
+           rows: BoolArray, witness: str) -> None:
+    """A ratio for what has one sign, else the slope."""
+    use = rows & np.isfinite(read) & np.isfinite(true)
+    if use.sum() < ROWS:
+        return
+    x, y = true[use], read[use]
+    factor = ratio(y, x) if (x > 0.0).all() else slope(y, x)
+    if not math.isfinite(factor) or 1.0 / AGREE < factor < AGREE or factor == 0.0:
+        return
+    if column == "acc y (IMU)" and factor < 0.0:
+        return  # an IMU that is mounted turned round; imu_yaw is an effect
+    raise RecordingError(
+        f"{r.name}: column {column!r} is {factor:.4g} times what {witness} says",
+        found=f"a factor of {factor:.4g} over {int(use.sum())} messages", expected="about 1",
+        likely=_meaning(factor), read=str(r.path),
+        remedy=f"divide the column by {_round(factor):g}, if that is the cause")
+
+
+def _meaning(factor: float) -> str:
+    if factor < 0.0:
+        return "the sign is turned over: positive is to the left (ISO 8855)"
+    near = min(FACTORS, key=lambda f: abs(math.log(f / factor)))
+    return (f"{FACTORS[near]} instead of the SI unit" if abs(math.log(near / factor)) < NEAR
+            else "a wrong unit, or the columns of two recordings")
+
+
+def _round(factor: float) -> float:
+    """The factor as somebody would convert it."""
+    if factor < 0.0:
+        return -1.0
+    near = min(FACTORS, key=lambda f: abs(math.log(f / factor)))
+    return float(f"{near if abs(math.log(near / factor)) < NEAR else factor:.4g}")
+
+
+def _turning(r: Recording, p: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """(what the model says, what the car did), (k,) rad/s of gentle turns."""
+    m, at = r.messages, at_messages(r)
+    q = settled(p)
+    late = m.t - q.delay.steering_s - q.delay.steering_lag_s
+    angle = np.asarray(make_steering(q.steering, ARRAY)(np.interp(late, m.t, m.steering)))
+    says = at.speed * np.tan(angle) / q.body.wheelbase
+    use = _gentle(at) & (np.abs(angle) > TURNED)
+    return says[use], at.omega[use]
+
+
+def _gentle(at: AtMessages) -> BoolArray:
+    with np.errstate(invalid="ignore"):
+        return np.asarray((at.speed > DRIVES) & (np.abs(at.speed * at.omega) < GENTLE))
