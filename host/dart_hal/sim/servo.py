@@ -95,4 +95,5 @@ class Servo:
         self.command += max(-most, min(most, target - self.command))
         self.linkage = middle = self._curve(max(-LIMIT, min(LIMIT, self.command)))
         half = 0.5 * self.params.backlash
-        return max(middle - half, min(middle + half, angle))
+        held: float = max(middle - half, min(middle + half, angle))
+        return held

@@ -16,7 +16,7 @@ from dart_hal.sim.light.history import ArrayHistory
 from dart_hal.sim.light.noise import Seed
 from dart_hal.sim.light.ops import ARRAY_OPS
 from dart_hal.sim.light.plant import MakeStepper, Plant
-from dart_hal.sim.light.sense import SIGNALS, Reading, depth_of
+from dart_hal.sim.light.sense import Reading
 from dart_hal.sim.light.stepper import Fineness, State8, Stepper, make_array_stepper
 from dart_hal.vehicle import Vehicle, stack
 
@@ -48,15 +48,16 @@ class LightBatch(Plant):
             p, first = stack(each, c.dtype), each[0]
         super().__init__(p, c, ARRAY_OPS, self._make_stepper_of(c), seeds, False, first)
         if c.sensors is not None:
-            self._past = ArrayHistory(depth_of(c.sensors, c.step), SIGNALS, n, c.dtype)
+            self._past = ArrayHistory(self._depth, self._signals, n, c.dtype)
         self._lanes_restarted = np.zeros(n, dtype=bool)
         self.state = tuple(np.zeros((8, n), dtype=c.dtype))
         self.reset()
 
     @staticmethod
     def _make_stepper_of(c: LightConfig) -> MakeStepper:
-        def make(p: Vehicle, step: float, method: str, fine: Fineness) -> Stepper:
-            return make_array_stepper(p, step, method, fine, c.dtype, c.engine)
+        def make(p: Vehicle, step: float, method: str, fine: Fineness,
+                 kind: str = "car") -> Stepper:
+            return make_array_stepper(p, step, method, fine, c.dtype, c.engine, kind)
 
         return make
 
@@ -114,6 +115,9 @@ class LightBatch(Plant):
         for i, pair in enumerate(self._queue):
             throttle, steering = _put(pair, (full[6], full[7]), where)
             self._queue[i] = throttle, steering
+        chosen = np.zeros(self.n, dtype=bool)
+        chosen[where] = True
+        self._begin(chosen)
         if self._past is not None:
             self._past.fill(self._before(tuple(full)), where)
         self._lanes_restarted[where] = True

@@ -11,7 +11,7 @@ from dart_hal.sim.light.history import ScalarHistory
 from dart_hal.sim.light.noise import Seed
 from dart_hal.sim.light.ops import SCALAR_OPS
 from dart_hal.sim.light.plant import Plant
-from dart_hal.sim.light.sense import Reading, depth_of
+from dart_hal.sim.light.sense import Reading
 from dart_hal.sim.light.stepper import State8, make_scalar_stepper
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.load import find_model
@@ -43,7 +43,7 @@ class LightCar(Plant):
         super().__init__(p, config or LightConfig(), SCALAR_OPS, make_scalar_stepper, [seed],
                          True, p)
         if self.config.sensors is not None:
-            self._past = ScalarHistory(depth_of(self.config.sensors, self.config.step))
+            self._past = ScalarHistory(self._depth)
         self.reset()
 
     @property
@@ -69,6 +69,7 @@ class LightCar(Plant):
         if self._kick is not None:
             self._kick.force = self._kick.start(row[3:])
         self._travel = self._path = 0.0
+        self._begin(True)
         if self._past is not None:
             self._past.fill(self._before(self.state))
         self._restarted = True

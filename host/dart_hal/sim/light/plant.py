@@ -10,20 +10,37 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from dart_hal.errors import UsageError
 from dart_hal.sim.light import noise
 from dart_hal.sim.light.chain import make_shaping, make_slew, pieces
 from dart_hal.sim.light.config import PERFECT, LightConfig
+from dart_hal.sim.light.effects import (
+    SENSORS,
+    Acting,
+    Measured,
+    Memory,
+    acts,
+    check,
+    lateness,
+    measures,
+    motion_of,
+    without_null,
+)
 from dart_hal.sim.light.force import Kicker
 from dart_hal.sim.light.history import History
 from dart_hal.sim.light.ops import Ops
-from dart_hal.sim.light.sense import Reading, Readings
+from dart_hal.sim.light.sense import SIGNALS, Reading, Readings, depth_of
 from dart_hal.sim.light.stepper import Fineness, State8, Stepper, fineness
-from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle import Vehicle, make_friction, make_motor
 from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.namespace import Value
 
-MakeStepper = Callable[[Vehicle, float, str, Fineness], Stepper]
+MakeStepper = Callable[..., Stepper]
+"""``make(vehicle, duration, method, fineness, kind="car")``, see ``stepper``."""
+Move = Callable[[State8, Value, Value], State8]
 
 
 class Plant:
@@ -47,10 +64,13 @@ class Plant:
         self._kick = (Kicker(config.disturbance, vehicle.body.mass, config.step)
                       if config.disturbance.acts else None)
         self._past: History | None = None
+        self._memory: Memory = {}
+        self._depth, self._signals = self._room(vehicle)
         self._travel: Value = 0.0
         self._path: Value = 0.0
         self._bias: Any = (0.0, 0.0, 0.0)
         self._passed = 0
+        self._ticks: Value = 0
         self.set_vehicle(vehicle)
         self.seed(seeds)
 
@@ -58,22 +78,59 @@ class Plant:
         """Go on with other parameters; pure delays stay those of the first vehicle.
 
         Here, and nowhere else, a parameter set becomes equations. Raises
-        UsageError for an effect that this path would leave out.
+        UsageError for an effect that would need the future, or a longer memory
+        than that of the first vehicle.
         """
-        left_out = [a.name for a in vehicle.effects if a.effect.signals]
-        if left_out:
-            raise UsageError("the light simulation has no effects on signals",
-                             found=", ".join(left_out),
-                             expected="effects on parameters and forces",
-                             remedy="use the sensors and actuators of LightConfig")
+        c, p = self.config, without_null(settled(vehicle))
+        check(p, c.sensors)
+        depth, seen = self._room(vehicle)
+        if depth > self._depth or seen > self._signals:
+            raise UsageError("the sensors do not look back so far",
+                             found="an effect on readings that the first vehicle had not, or "
+                                   "more than twice as late", expected="the effects of the first",
+                             remedy="make another car for this vehicle")
         self.vehicle = vehicle
-        c = self.config
+        self._acting: list[Acting] = []
         self._steppers = tuple(
-            (piece, self._make_stepper(vehicle, piece.duration, c.method,
-                                       fineness(vehicle, piece.duration, c.method)))
+            (piece, self._mover(p, piece.duration,
+                                fineness(vehicle, piece.duration, c.method)))
             for piece in self._pieces)
+        self._measured = Measured(p, c.step, self.ops) if measures(p) else None
+        self._drive = make_motor(p.motor, self.ops.f), make_friction(p.friction, self.ops.f)
         if self._kick is not None:
-            self._kick.set_mass(settled(vehicle).body.mass)
+            self._kick.set_mass(p.body.mass)
+
+    def _mover(self, p: Vehicle, duration: float, fine: Fineness) -> Move:
+        method = self.config.method
+        moving = motion_of(p)
+        if not acts(p):
+            return self._make_stepper(moving, duration, method, fine)
+        motion = self._make_stepper(moving, duration, method, fine, "motion")
+        acting = Acting(p, duration, self.ops, self._memory, motion)
+        self._acting.append(acting)
+
+        def move(state: State8, throttle: Value, steering: Value) -> State8:
+            return acting.step(state, throttle, steering, self._now(state))
+
+        return move
+
+    def _now(self, state: Sequence[Value]) -> Now:
+        """What an effect on a command may know."""
+        return Now(self._ticks * self.config.step, state[3], state[4], state[5], state[2])
+
+    def _room(self, vehicle: Vehicle) -> tuple[int, int]:
+        """(steps, signals) of the history; latencies may grow to the double."""
+        c, p = self.config, without_null(settled(vehicle))
+        if c.sensors is None or not measures(p):
+            return (0 if c.sensors is None else depth_of(c.sensors, c.step)), SIGNALS[0]
+        late = [2.0 * np.maximum(lateness(p, channel), 0.0) for channel in SENSORS]
+        return depth_of(c.sensors, c.step, late), SIGNALS[1]
+
+    def _begin(self, which: Any) -> None:
+        """Effects with a memory begin anew for some cars: True, or an array of bool."""
+        self._ticks = self.k
+        for acting in self._acting[:1]:             # the pieces of a step share one memory
+            acting.start(self.state, self._now(self.state), which)
 
     def seed(self, seeds: Sequence[noise.Seed]) -> None:
         """Begin all noise anew, one seed for each car."""
@@ -91,7 +148,8 @@ class Plant:
     def advance(self, throttle: Value, steering: Value, steps: int = 1) -> State8:
         """State after ``steps`` steps with commands -1..1 held."""
         command = self._shape(throttle, steering)
-        for _ in range(steps):
+        for i in range(steps):
+            self._ticks = self.k + i
             self._queue.appendleft(command)
             old = self.state
             self._move()
@@ -120,8 +178,14 @@ class Plant:
         self._travel = self._travel + 0.5 * dt * (u0 + u)
         self._path = self._path + 0.5 * dt * (f.fabs(u0) + f.fabs(u))
         turn = 0.25 * (r0 + r)
-        past.push((self._travel, self._path, u, r, (u - u0) / dt - turn * (v0 + v),
-                   (v - v0) / dt + turn * (u0 + u), x, y, yaw))
+        seen: tuple[Value, ...] = (
+            self._travel, self._path, u, r, (u - u0) / dt - turn * (v0 + v),
+            (v - v0) / dt + turn * (u0 + u), x, y, yaw)
+        if self._signals > SIGNALS[0]:
+            motor, friction = self._drive
+            throttle = self._acting[-1].throttle if self._acting else self.state[6]
+            seen = (*seen, v, (r - r0) / dt, motor(throttle, u) + friction(u))
+        past.push(seen)
 
     def skip(self, steps: int) -> None:
         """Use up the disturbance of ``steps`` steps, as a car that was driven would have."""
@@ -141,7 +205,8 @@ class Plant:
             raise UsageError("this light car has no sensors", found="LightConfig(sensors=None)",
                              expected="LightConfig(sensors=PERFECT)",
                              remedy="give it sensors, or take the true state")
-        reading = self._readings.read(self.k, max(1, self._passed), self._past, self._bias, going)
+        reading = self._readings.read(self.k, max(1, self._passed), self._past, self._bias, going,
+                                      self._measured)
         self._passed = 0
         return reading
 
@@ -154,6 +219,7 @@ class Plant:
 
         def rows(k: int) -> Sequence[Value]:
             t = k * dt
-            return (-t * u, -t * speed, u, r, -r * v, r * u, x - t * vx, y - t * vy, yaw - t * r)
+            seen = (-t * u, -t * speed, u, r, -r * v, r * u, x - t * vx, y - t * vy, yaw - t * r)
+            return seen if self._signals == SIGNALS[0] else (*seen, v, 0.0 * v, 0.0 * v)
 
         return rows

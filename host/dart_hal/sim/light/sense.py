@@ -11,15 +11,22 @@ from collections.abc import Callable, Sequence
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from dart_hal.sim.light import noise
 from dart_hal.sim.light.config import Encoder, Inertial, Mocap, Sensors, sensor_list, steps_of
+from dart_hal.sim.light.effects import Measured
 from dart_hal.sim.light.history import History
 from dart_hal.sim.light.ops import Ops
+from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 
 TRAVEL, PATH, SPEED, YAW_RATE, ACCEL_X, ACCEL_Y, X, Y, YAW = range(9)
 """Signals of the history: distance and path length [m], then SI units at the centre of mass."""
-SIGNALS = 9
+V_Y, OMEGA_DOT, DRIVE = range(9, 12)
+"""More, kept when an effect changes a reading: m/s, rad/s2, force at the wheels [N]."""
+SIGNALS = 9, 12
 CHANNEL_OF = (0, 1, 2, 2, 3, 3, 3)
 """Number of the sensor that gives each field of a Reading behind t."""
 ZEROS = (0.0, 0.0, 0.0, 0.0)
@@ -44,11 +51,12 @@ class Reading(NamedTuple):
     yaw: Value
 
 
-def depth_of(sensors: Sensors, step: float) -> int:
-    """Steps that the history must hold."""
-    looks: list[int] = [math.ceil((s.age + getattr(s, "window", 0.0)) / step)
-                        + steps_of(s.period, step, type(s).__name__)
-                        for s in sensor_list(sensors)]
+def depth_of(sensors: Sensors, step: float, late: Sequence[Value] = ZEROS) -> int:
+    """Steps that the history must hold; late: of each sensor beyond its age [s]."""
+    looks: list[int] = [
+        math.ceil((s.age + float(np.max(more)) + getattr(s, "window", 0.0)) / step)
+        + steps_of(s.period, step, type(s).__name__)
+        for s, more in zip(sensor_list(sensors), late, strict=True)]
     return max(looks) + 3
 
 
@@ -56,9 +64,11 @@ EPSILON = 1e-6
 """Of a step: ages this close to whole steps are whole."""
 
 
-def back_of(time: float, step: float) -> float:
-    """A time in steps, whole where it is meant to be."""
+def back_of(time: Value, step: float) -> Value:
+    """A time in steps, whole where it is meant to be; also an array (n,) of them."""
     steps = time / step
+    if np.ndim(steps):
+        return np.where(np.abs(steps - np.rint(steps)) < EPSILON, np.rint(steps), steps)
     return float(round(steps)) if abs(steps - round(steps)) < EPSILON else steps
 
 
@@ -94,8 +104,8 @@ class Readings:
         self._lost = NormalDist().inv_cdf(m.dropout) if m.dropout > 0.0 else -math.inf
         self._held: Reading | None = None
 
-    def read(self, k: Value, passed: int, past: History, bias: Row,
-             going: Any = True) -> Reading:
+    def read(self, k: Value, passed: int, past: History, bias: Row, going: Any = True,
+             effects: Measured | None = None) -> Reading:
         """Reading ``k`` steps after the reset, ``passed`` steps after the last reading.
 
         bias: offsets drawn at the reset (gyro, two of the accelerometer);
@@ -104,12 +114,24 @@ class Readings:
         e, g, a, m = (stream.row() if stream else ZEROS for stream in self._streams)
         s = self._sensors
         back = [sampler.when(k)[0] for sampler in self._samplers]
+        if effects is not None:
+            back = [b + back_of(late, self._step)
+                    for b, late in zip(back, effects.late, strict=True)]
+        speed, pose = self._speed(s.encoder, past, back[0]), self._pose(s.mocap, past, back[3])
+        rate = past.at(YAW_RATE, back[1])
+        accel = past.at(ACCEL_X, back[2]), past.at(ACCEL_Y, back[2])
+        if effects is not None:
+            speed, rate, accel, pose = (
+                chain(signal, self._now(past, k, b)) if chain.active else signal
+                for chain, signal, b in zip(effects.chains, (speed, rate, accel, pose), back,
+                                            strict=True))
+        c, p = s.encoder, s.mocap
         new = Reading(
-            k * self._step, self._speed(s.encoder, past, back[0], e[0]),
-            self._rate(s.gyro, past.at(YAW_RATE, back[1]), bias[0], g[0]),
-            self._rate(s.accel, past.at(ACCEL_X, back[2]), bias[1], a[0]),
-            self._rate(s.accel, past.at(ACCEL_Y, back[2]), bias[2], a[1]),
-            *self._pose(s.mocap, past, back[3], m))
+            k * self._step, self._rounded(c.scale * speed + c.offset + c.noise * e[0], c.quantum),
+            self._rate(s.gyro, rate, bias[0], g[0]),
+            self._rate(s.accel, accel[0], bias[1], a[0]),
+            self._rate(s.accel, accel[1], bias[2], a[1]),
+            pose[0] + p.noise * m[0], pose[1] + p.noise * m[1], pose[2] + p.yaw_noise * m[2])
         self._held = new if self._held is None else self._hold(new, k, passed, m[3], going)
         return self._held
 
@@ -128,7 +150,15 @@ class Readings:
                 held[i] = self._ops.choose(self._ops.both(old, going), self._held[i], new[i])
         return Reading(*held)
 
-    def _speed(self, p: Encoder, past: History, back: Value, z: Value) -> Value:
+    def _now(self, past: History, k: Value, back: Value) -> Now:
+        """What an effect may know of the moment of a sample."""
+        def at(signal: int) -> Value:
+            return past.at(signal, back)
+
+        return Now((k - back) * self._step, at(SPEED), at(V_Y), at(YAW_RATE), at(YAW), at(ACCEL_X),
+                   at(ACCEL_Y), at(OMEGA_DOT), at(DRIVE), at(TRAVEL) / GEAR_REVOLUTION)
+
+    def _speed(self, p: Encoder, past: History, back: Value) -> Value:
         signal = TRAVEL if p.signed else PATH
         f, window = self._ops.f, p.window
         if window > 0.0:
@@ -136,20 +166,17 @@ class Readings:
             if p.metres_per_count > 0.0:
                 q = p.metres_per_count
                 end, start = f.floor(end / q) * q, f.floor(start / q) * q
-            v = (end - start) / window
-        else:
-            v = past.at(SPEED, back)
-            v = v if p.signed else f.fabs(v)
-        return self._rounded(p.scale * v + p.offset + p.noise * z, p.quantum)
+            return (end - start) / window
+        v = past.at(SPEED, back)
+        return v if p.signed else f.fabs(v)
 
     def _rate(self, p: Inertial, truth: Value, bias: Value, z: Value) -> Value:
         sigma = p.density * math.sqrt(0.5 / max(p.period, self._step))
         return self._rounded(p.scale * truth + p.offset + bias + sigma * z, p.quantum)
 
-    def _pose(self, p: Mocap, past: History, back: Value, z: Row) -> tuple[Value, Value, Value]:
+    def _pose(self, p: Mocap, past: History, back: Value) -> tuple[Value, Value, Value]:
         yaw, ahead, f = past.at(YAW, back), p.ahead - self._l_r, self._ops.f
-        return (past.at(X, back) + ahead * f.cos(yaw) + p.noise * z[0],
-                past.at(Y, back) + ahead * f.sin(yaw) + p.noise * z[1], yaw + p.yaw_noise * z[2])
+        return (past.at(X, back) + ahead * f.cos(yaw), past.at(Y, back) + ahead * f.sin(yaw), yaw)
 
     def _rounded(self, v: Value, quantum: float) -> Value:
         return self._ops.f.floor(v / quantum + 0.5) * quantum if quantum > 0.0 else v

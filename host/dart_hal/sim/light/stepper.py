@@ -18,7 +18,14 @@ from typing import Any
 import numpy as np
 
 from dart_hal.types import FloatArray
-from dart_hal.vehicle import PAPER, Vehicle, make_car_step, make_slip, make_tyres
+from dart_hal.vehicle import (
+    PAPER,
+    Vehicle,
+    make_car_step,
+    make_motion_step,
+    make_slip,
+    make_tyres,
+)
 from dart_hal.vehicle.batch import prepare
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.flat import bind, names, value
@@ -80,12 +87,17 @@ def _stiffness(p: Vehicle) -> Value:
     return 0.5 * (across + turning + np.sqrt((across - turning) ** 2 + 4.0 * coupling))
 
 
-def make_scalar_stepper(p: Vehicle, step: float, method: str, fine: Fineness) -> Stepper:
-    """``stepper(state, throttle, steering) -> state`` for one car."""
-    coarse = make_car_step(p, math, step, method)
+def make_scalar_stepper(p: Vehicle, step: float, method: str, fine: Fineness,
+                        kind: str = "car") -> Stepper:
+    """``stepper(state, throttle, steering) -> state`` for one car.
+
+    kind "motion": without the actuators, six states, and an angle [rad] in
+    place of the steering.
+    """
+    coarse = _step(p, math, step, method, kind)
     if fine.parts == 1:
         return lambda state, tau, s: coarse(*state, tau, s)
-    short = make_car_step(p, math, step / fine.parts, method)
+    short = _step(p, math, step / fine.parts, method, kind)
     speed, parts = fine.speed, range(fine.parts)
 
     def stepper(state: State8, tau: Value, s: Value) -> State8:
@@ -99,17 +111,18 @@ def make_scalar_stepper(p: Vehicle, step: float, method: str, fine: Fineness) ->
 
 
 def make_array_stepper(p: Vehicle, step: float, method: str, fine: Fineness,
-                       dtype: str = "float64", engine: str = "auto") -> Stepper:
+                       dtype: str = "float64", engine: str = "auto",
+                       kind: str = "car") -> Stepper:
     """The same for arrays of cars; parameters may be arrays, a value for each.
 
     engine: "native" (compiled), "numpy", or "auto" = native where there is a
     kernel; the two agree to 1e-12 in float64. Raises UsageError when "native"
     is wanted and there is none.
     """
-    coarse = _over_arrays(p, step, method, dtype, engine)
+    coarse = _over_arrays(p, step, method, dtype, engine, kind)
     if np.max(fine.parts) == 1:
         return lambda state, tau, s: coarse(state, tau, s, 1, None)
-    short = {m: _over_arrays(p, step / m, method, dtype, engine)
+    short = {m: _over_arrays(p, step / m, method, dtype, engine, kind)
              for m in np.unique(fine.parts).tolist()}
     same = short[fine.parts] if isinstance(fine.parts, int) else None
 
@@ -133,9 +146,16 @@ Arrays = Callable[[State8, Value, Value, int, Any], State8]
 """``steps(state, throttle, steering, times, lanes)``; lanes: which cars the arrays hold."""
 
 
-def _over_arrays(p: Vehicle, step: float, method: str, dtype: str, engine: str) -> Arrays:
-    kernel = prepare(p, "car", step, dtype, method, engine)
-    return _numpy(p, step, method, dtype) if kernel is None else _native(kernel)
+def _step(p: Vehicle, xp: Any, step: float, method: str, kind: str) -> Callable[..., State8]:
+    if kind == "motion":
+        return make_motion_step(p, xp, step, 1, method)
+    return make_car_step(p, xp, step, method)
+
+
+def _over_arrays(p: Vehicle, step: float, method: str, dtype: str, engine: str,
+                 kind: str) -> Arrays:
+    kernel = prepare(p, kind, step, dtype, method, engine)
+    return _numpy(p, step, method, dtype, kind) if kernel is None else _native(kernel)
 
 
 def _native(kernel: Kernel) -> Arrays:
@@ -150,16 +170,16 @@ def _native(kernel: Kernel) -> Arrays:
     return steps
 
 
-def _numpy(p: Vehicle, step: float, method: str, dtype: str) -> Arrays:
-    of_all = make_car_step(p, np, step, method)
+def _numpy(p: Vehicle, step: float, method: str, dtype: str, kind: str) -> Arrays:
+    of_all = _step(p, np, step, method, kind)
     of = {name: value(p, name) for name in names(p)}
     varied = any(np.ndim(v) for v in of.values())
 
     def steps(state: State8, tau: Value, s: Value, times: int, lanes: Any) -> State8:
         advance = of_all
         if lanes is not None and varied:
-            advance = make_car_step(bind(p, lambda name: (
-                v[lanes] if np.ndim(v := of[name]) else v)), np, step, method)
+            advance = _step(bind(p, lambda name: (
+                v[lanes] if np.ndim(v := of[name]) else v)), np, step, method, kind)
         for _ in range(times):
             state = advance(*state, tau, s)
         return tuple(np.asarray(v, dtype=dtype) for v in state)
