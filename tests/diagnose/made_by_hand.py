@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
 
+import hidden_drive
 import numpy as np
 
 from dart_hal.diagnose.drive import prepare
@@ -26,9 +26,6 @@ from dart_hal.identify.evaluation import evaluate
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "hidden"))
-import hidden_drive
 
 HIDDEN = apply(apply(PAPER, "steering_lag", k=0.12), "gyro_scale", k=0.06)
 

@@ -20,6 +20,7 @@ VERBS = {
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
     "evaluate": "how well a model predicts recordings, open loop, beside holding the velocities",
+    "diagnose": "what a model gets wrong on recordings, the physical cause, the extended model",
     "experiment": "drive the test for a sub-model, record it, fit it",
     "drive": "drive by keyboard, gamepad or a script",
     "record": "write a run to an MCAP file, raw bytes included",

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.diagnose.drive import READ, STEP
 from dart_hal.diagnose.features import UNITS, Features, message_features, window_features
+from dart_hal.diagnose.onboard import MOTION as ONBOARD
+from dart_hal.diagnose.onboard import OnboardEvidence
+from dart_hal.diagnose.onboard_drive import COUNTED, READS
 from dart_hal.diagnose.residuals import MOTION, SENSORS, Evidence, Residuals
 from dart_hal.diagnose.result import Diagnosis, Stage
 from dart_hal.types import FloatArray
@@ -27,7 +30,8 @@ BINS, FEWEST, THIN = 10, 40, 0.02
 EDGE = 0.01  # quantile at which the first and the last part end
 STRETCH = 2.0  # s
 STRETCHES = 3  # below that many a mean has no standard error
-EARLY, LATE = READ.index(25), READ.index(100)
+SHOWN = (1.0, 0.25)
+"""s after the start of a window, or a little more, at which predictions are looked at."""
 SIDEWAYS = ("v_y", "omega", "gyro", "accel_y")
 """Channels that change sign with the turn: their errors also show in the sense of the turn."""
 MEANT = {"vx": ("v_x",), "position": ("v_x",), "vy": ("v_y",), "yaw_rate": ("omega",),
@@ -41,16 +45,17 @@ to a reader than the heading does."""
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One residual: motion after READ[read] samples (read >= 0), or a sensor (read = -1)."""
+    """One residual: column ``index`` of the motion ``after`` [s] a start, or (0) of the sensors."""
 
     channel: str
-    read: int = -1
+    index: int
+    after: float = 0.0
     folded: bool = False
 
     @property
     def words(self) -> str:
         """Which error it is."""
-        after = f" after {READ[self.read] * STEP:g} s" if self.read >= 0 else ""
+        after = f" after {self.after:g} s" if self.after else ""
         sense = ", in the sense of the turn" if self.folded else ""
         return f"{CHANNELS[self.channel][0]} error{after}{sense}"
 
@@ -60,9 +65,7 @@ class Column:
 
     def of(self, r: Residuals) -> FloatArray:
         """Its residuals (rows,), not folded."""
-        if self.read < 0:
-            return np.asarray(r.sensors[:, SENSORS.index(self.channel)])
-        return np.asarray(r.motion[:, self.read * len(MOTION) + MOTION.index(self.channel)])
+        return np.asarray((r.motion if self.after else r.sensors)[:, self.index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,17 +96,21 @@ class Rows:
     """Features and stretches of every row of the residuals of a diagnosis."""
 
     def __init__(self, evidence: Evidence, p: Vehicle) -> None:
+        self._evidence, self._p = evidence, p
         self._motion, self._sensor = evidence.blocks(STRETCH)
-        self._windows = {read: window_features(evidence, p, READ[read]) for read in (EARLY, LATE)}
-        self._messages = message_features(evidence, p)
+        self._features: dict[float, Features] = {}
 
     def features(self, column: Column) -> Features:
         """(rows,) each, of the time over which this residual came about."""
-        return self._messages if column.read < 0 else self._windows[column.read]
+        if column.after not in self._features:
+            self._features[column.after] = (
+                window_features(self._evidence, self._p, round(column.after / STEP))
+                if column.after else message_features(self._evidence, self._p))
+        return self._features[column.after]
 
     def stretch(self, column: Column) -> NDArray[np.int64]:
         """Label (rows,) of the stretch of 2 s."""
-        return self._sensor if column.read < 0 else self._motion
+        return self._motion if column.after else self._sensor
 
     def values(self, column: Column, r: Residuals) -> FloatArray:
         """Residuals (rows,), folded where the column says so; NaN where there is none."""
@@ -143,11 +150,21 @@ class Rows:
 
 def columns(evidence: Evidence, channel: str = "") -> list[Column]:
     """Residuals that a gain in ``channel`` may show in; "" = all that these data have."""
-    wanted = MEANT.get(channel, (channel,)) if channel else (*MOTION, *SENSORS)
-    out = [Column(c, read) for c in MOTION if c in wanted for read in (LATE, EARLY)]
+    wanted = MEANT.get(channel, (channel,)) if channel else tuple(CHANNELS)
+    predicted, times = _predicted(evidence)
+    reads = dict.fromkeys(int(np.searchsorted(times, t - 1e-9)) for t in SHOWN)
+    out = [Column(c, read * len(predicted) + j, times[read])
+           for j, c in enumerate(predicted) if c in wanted for read in reads]
     if len(evidence.sensor_drive):
-        out += [Column(c) for c in SENSORS if c in wanted]
-    return out + [Column(c.channel, c.read, True) for c in out if c.channel in SIDEWAYS]
+        out += [Column(c, j) for j, c in enumerate(SENSORS) if c in wanted]
+    return out + [replace(c, folded=True) for c in out if c.channel in SIDEWAYS]
+
+
+def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
+    """Channels of a prediction, and its read-outs [s] from the start: with mocap, and without."""
+    if isinstance(evidence, OnboardEvidence):
+        return ONBOARD, [round((i + 1) * COUNTED, 6) for i in range(READS)]
+    return MOTION, [r * STEP for r in READ]
 
 
 def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | None = None
@@ -165,6 +182,8 @@ def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | Non
 def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage | None = None
           ) -> Along | None:
     """One picture; None where there is too little to draw."""
+    if variable not in UNITS:
+        return None
     was = rows.means(column, variable, before.residuals)
     now = rows.means(column, variable, after.residuals) if after is not None else was
     if was is None or now is None:

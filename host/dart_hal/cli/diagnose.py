@@ -1,0 +1,183 @@
+"""``dart-hal diagnose``: what a model gets wrong, the physical cause, the extended model."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dart_hal.cli.evaluate import hashes
+from dart_hal.cli.options import REFERENCE, Number, PathsOption, json_option
+from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.config import ModelFile
+from dart_hal.diagnose.inputs import Inputs, checked, effects_named
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.errors import UsageError
+from dart_hal.identify.runs import read_any
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.recording.fetch import find
+from dart_hal.vehicle.load import find_model
+
+READ = 0.05
+"""Share of the progress bar for reading."""
+Skipped = list[tuple[str, str]]
+
+
+@click.command("diagnose")
+@click.option("--model", default="paper", show_default=True, metavar="M",
+              help="a model.toml, or paper, paper-printed, upstream-2024")
+@click.option("--train", cls=PathsOption, metavar="FILES..",
+              help="recordings to find causes in (files or folders, up to the next option)")
+@click.option("--test", cls=PathsOption, metavar="FILES..",
+              help="recordings to measure the gain on (default: the last 40 % of each training "
+                   "recording)")
+@click.option("--refit/--no-refit", default=True, show_default=True,
+              help="estimate the model's own parameters anew before anything is called missing")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              metavar="MODEL.TOML", help="write the extended model (an older one goes to history/)")
+@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              metavar="REPORT.HTML", help="write the report: one page with every figure")
+@click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")
+@click.option("--exclude", multiple=True, metavar="EFFECT",
+              help="do not look for this effect; repeatable")
+@click.option("--false-alarm", type=Number(1e-6, 0.5), default=0.01, show_default=True,
+              help="how often anything at all may be named where nothing is wrong")
+@click.option("--max-causes", type=click.IntRange(0, 50), default=8, show_default=True,
+              help="stop after that many")
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True,
+              help="processes")
+@click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
+              help="where the mocap markers sat: m, rad, m (default: known by date)")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+              help="of the random draws for intervals and significance")
+@click.option("--suggest", is_flag=True,
+              help="which drive would separate causes that these data cannot tell apart")
+@json_option
+def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
+            out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
+            false_alarm: float, max_causes: int, jobs: int, reference: Reference | None,
+            seed: int, suggest: bool, as_json: bool) -> None:
+    """Find what a model gets wrong on recordings, and the physical cause.
+
+    A cause is an effect of the catalogue (docs/effects.md) that explains the training
+    recordings and lowers errors on recordings it has not seen. What cannot be told apart, and
+    what no effect explains, is said. Exit status 0 whatever the verdict.
+    """
+    _check(train, test, out, html)
+    names = effects_named(only, exclude)
+    typed = _typed(locals())
+    file, vehicle = find_model(model)
+    with progress_bar() as bar:
+        task = bar.add_task("reading", total=1.0)
+        recordings, skipped = _read(train, test)
+        inputs = checked(*recordings, vehicle, hashes(file))
+        from dart_hal.diagnose import diagnose
+
+        d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
+                     false_alarm=false_alarm, max_causes=max_causes, jobs=jobs,
+                     reference=reference, seed=seed,
+                     progress=lambda share, text: bar.update(
+                         task, completed=READ + (1.0 - READ) * share, description=text))
+    d = _completed(d, model, inputs, skipped)
+    if out is not None:
+        from dart_hal.diagnose.write import write_model
+
+        d = replace(d, written=str(write_model(d, out, file, inputs.train, typed)))
+    suggestions = _suggested(d, file, seed) if suggest else []
+    answer = {**d.to_json(), "report": html,
+              **({"suggestions": [s.to_json() for s in suggestions]} if suggest else {})}
+    if html is not None:
+        from dart_hal.diagnose.report import write_page
+
+        write_page(d, html, command=typed, answer=answer)
+    notices(d.notes)
+    if as_json:
+        print_json(answer)
+        return
+    _show(d, suggestions, suggest)
+    _next(d, html, test)
+
+
+def _check(train: Sequence[Path], test: Sequence[Path], out: Path | None,
+           html: Path | None) -> None:
+    """What can be refused before anything is read."""
+    if not train:
+        raise UsageError("no recording to train on", expected="--train FILES (or folders of them)",
+                         remedy="dart-hal diagnose --model paper --train FOLDER --html report.html")
+    models = [p for p in (*train, *test) if p.suffix == ".toml"]
+    if models:
+        raise UsageError(f"{models[0]} is a model, no recording", found=str(models[0]),
+                         expected="recordings or folders of them",
+                         remedy=f"dart-hal diagnose --model {models[0]} --train FILES")
+    for path, suffixes in ((out, (".toml",)), (html, (".html", ".htm"))):
+        if path is not None and path.suffix.lower() not in suffixes:
+            raise UsageError(f"{path} does not end in {suffixes[0]}", found=path.name,
+                             expected=f"a name that ends in {' or '.join(suffixes)}",
+                             remedy=f"write {path.with_suffix(suffixes[0])}")
+
+
+def _read(train: tuple[Path, ...], test: tuple[Path, ...]
+          ) -> tuple[tuple[list[Recording], list[Recording]], Skipped]:
+    first, skipped = read_any(find(train))
+    second, more = read_any(find(test)) if test else ([], [])
+    return (first, second), [*skipped, *more]
+
+
+def _completed(d: Diagnosis, model: str, inputs: Inputs, skipped: Skipped) -> Diagnosis:
+    """With the model as it was asked for, the files that were not read, and all that was said."""
+    unread = {file: {"used": 0, "why": [reason]} for file, reason in skipped}
+    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:3])
+    if len(skipped) > len(said):
+        said += (f"{len(skipped) - len(said)} more file(s) were skipped, see the report",)
+    return replace(d, model=model, files={**d.files, **unread},
+                   notes=tuple(dict.fromkeys((*inputs.notes, *d.notes, *said))))
+
+
+def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> Sequence[Any]:
+    """Loaded only when asked for: it simulates drives."""
+    from dart_hal.diagnose.suggest import suggest
+
+    with progress_bar() as bar:
+        task = bar.add_task("simulating drives", total=1.0)
+        return suggest(d, seed=seed, model=file,
+                       progress=lambda share, text: bar.update(task, completed=share,
+                                                               description=text))
+
+
+def _show(d: Diagnosis, suggestions: Sequence[Any], suggest: bool) -> None:
+    from dart_hal.cli.diagnose_table import show, show_suggestions
+
+    show(d)
+    if suggest:
+        show_suggestions(suggestions)
+
+
+def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
+    """Where things were written, and what to type after that."""
+    lines = [f"report: {html}"] if html is not None else []
+    if d.written is not None:
+        where = shlex.join(map(str, test)) if test else "FILES"
+        lines += [f"written: {d.written}",
+                  f"next: dart-hal evaluate --model {shlex.quote(d.written)} {where}"]
+    for line in lines:
+        console.print(line, markup=False, highlight=False)
+
+
+def _typed(given: dict[str, Any]) -> str:
+    """The command line, for report and provenance."""
+    words = ["dart-hal", "diagnose", "--model", given["model"]]
+    for name in ("train", "test"):
+        words += [f"--{name}", *map(str, given[name])] if given[name] else []
+    words += [] if given["refit"] else ["--no-refit"]
+    for name in ("only", "exclude"):
+        words += [word for value in given[name] for word in (f"--{name}", value)]
+    for name in ("out", "html", "false_alarm", "max_causes", "seed"):
+        if given[name] is not None:
+            words += [f"--{name.replace('_', '-')}", str(given[name])]
+    r = given["reference"]
+    return shlex.join(words + ([] if r is None else ["--reference", f"{r.lx},{r.theta},{r.ly}"]))
+

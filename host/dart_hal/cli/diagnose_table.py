@@ -1,0 +1,99 @@
+"""What ``dart-hal diagnose`` shows in the terminal: verdict, causes, gains, what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dart_hal.cli.output import console
+from dart_hal.diagnose.report import sentence, structure, verdict
+from dart_hal.diagnose.report.charts import pooled
+from dart_hal.diagnose.report.words import (
+    CHANNELS,
+    channel,
+    interval,
+    moved,
+    p_value,
+    percent,
+    quantity,
+    significant,
+)
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.identify.evaluation import CHANNELS as PREDICTED
+
+NARROWEST = 80
+"""Columns that the table takes wherever it is printed."""
+NEXT_BEST = 3
+
+
+def show(d: Diagnosis) -> None:
+    """Everything, the verdict first."""
+    _say(verdict(d), style="bold")
+    if d.causes:
+        Console(stderr=True, width=max(console.width, NARROWEST)).print(_causes(d))
+        for i, cause in enumerate(d.causes):
+            _say(f"{i + 1}. {sentence(cause)}")
+    for u in d.unexplained:
+        _say(f"not explained: {structure(u)}", style="yellow")
+    if d.withdrawn:
+        _say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
+    _errors(d)
+    _moved(d)
+    near = sorted((c for c in d.considered if math.isfinite(c.loss)), key=lambda c: -c.loss)
+    for c in near[:NEXT_BEST]:
+        _say(f"considered: {c.effect} ({p_value(c.p_value)}): {c.why_not}", style="dim")
+
+
+def show_suggestions(suggestions: Sequence[Any]) -> None:
+    """What to drive next, with the commands."""
+    if not suggestions:
+        _say("nothing to suggest: no cause is left that another one could stand for")
+    for s in suggestions:
+        _say(f"suggested: {s.sentence()}", style="bold")
+        for command in s.commands:
+            _say(f"  {command}")
+        if s.by_hand:
+            _say(f"  by hand: {s.by_hand}", style="dim")
+
+
+def _causes(d: Diagnosis) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for name in ("effect", "value", "removes", "95 %", "of the error of", "not told from"):
+        table.add_column(name, no_wrap=name in ("effect", "removes"))
+    for c in d.causes:
+        values = "\n".join(f"{k} {quantity(n)}" for k, n in c.parameters.items())
+        table.add_row(c.effect, values, percent(c.gain.test), interval(c.gain),
+                      channel(c.gain.channel), ", ".join(c.cannot_be_told_from) or "-")
+    return table
+
+
+def _errors(d: Diagnosis) -> None:
+    """Base, extended and CTRV at 1 s, in one line for each channel."""
+    first, last = d.stages[0].horizons, d.stages[-1].horizons
+    known = [name for name in PREDICTED if math.isfinite(pooled(first, "1.0", name))]
+    if known:
+        _say("errors at 1 s on the test recordings (RMSE): base -> extended | holding the "
+             "velocities")
+    for name in known:
+        base, extended, held = (significant(pooled(of, "1.0", name))
+                                for of in (first, last, d.ctrv))
+        gain = d.gain.get(name)
+        share = f", {percent(gain.test)} less ({interval(gain)})" if gain is not None else ""
+        _say(f"  {channel(name)}: {base} -> {extended} | {held} {CHANNELS[name][1]}{share}")
+
+
+def _moved(d: Diagnosis) -> None:
+    if d.refitted:
+        _say(f"refitted: {len(d.refitted)} parameter(s) of the base model", style="dim")
+    for name, m in d.refitted.items():
+        if m.doubt:
+            _say(f"  {moved(name, m)}", style="yellow")
+
+
+def _say(text: str, style: str | None = None) -> None:
+    console.print(text, style=style, markup=False, highlight=False)

@@ -1,0 +1,96 @@
+"""Means along a variable: standard errors by stretches, and the variable that shows a cause."""
+
+from __future__ import annotations
+
+import made_by_hand as made
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.report import svg
+from dart_hal.diagnose.report.along import (
+    Rows,
+    _error,
+    along,
+    columns,
+    most,
+    stages_of,
+)
+from dart_hal.diagnose.report.html import Html, el, table
+from dart_hal.vehicle import PAPER
+
+
+def test_the_error_of_a_mean_counts_stretches_and_not_rows():
+    rng = np.random.default_rng(0)
+    stretch = np.repeat(np.arange(400), 20)
+    shared = rng.normal(size=400)[stretch]  # every row of a stretch the same
+    alone = rng.normal(size=8000)
+    assert _error(shared, stretch) == pytest.approx(1 / np.sqrt(400), rel=0.15)
+    assert _error(alone, stretch) == pytest.approx(1 / np.sqrt(8000), rel=0.15)
+    assert np.isnan(_error(alone[:20], stretch[:20]))
+
+
+def test_a_hidden_lag_shows_most_in_the_yaw_rate_along_the_steering_rate():
+    d = made.diagnosis()
+    rows = Rows(d.evidence, d.extended)
+    before, after = stages_of(d, 0)
+    found = most(rows, columns(d.evidence, "yaw_rate"), before, after)
+    assert (found.column.channel, found.variable) == ("omega", "steering_rate")
+    assert found.score > 0.2
+    assert np.nanmax(np.abs(found.after.mean)) < 0.3 * np.nanmax(np.abs(found.before.mean))
+
+
+def test_the_causes_in_the_other_order_are_not_confused():
+    d = made.diagnosis()
+    assert [s.label for s in stages_of(d, 1)] == ["+ steering_lag", "+ gyro_scale"]
+    assert [s.label for s in stages_of(d, 0)] == ["refitted base", "+ steering_lag"]
+
+
+def test_a_stage_that_changes_nothing_has_nothing_to_show():
+    d = made.diagnosis()
+    rows = Rows(d.evidence, d.extended)
+    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1]) is None
+
+
+def test_a_variable_that_does_not_vary_or_is_unknown_is_not_drawn():
+    d = made.diagnosis()
+    rows = Rows(d.evidence, d.extended)
+    column = columns(d.evidence, "vx")[0]
+    assert along(rows, column, "recording", d.stages[0]) is None
+    values = rows.features(column)
+    values["speed"] = np.full_like(values["speed"], 0.7)
+    assert along(rows, column, "speed", d.stages[0]) is None
+
+
+def test_folding_adds_left_and_right_up():
+    d = made.diagnosis()
+    rows = Rows(d.evidence, PAPER)
+    gyro = columns(d.evidence, "gyro")
+    plain, folded = (next(c for c in gyro if c.folded is f) for f in (False, True))
+    scale_missing = d.stages[-2].residuals
+    left, _, right = rows.sides(plain, scale_missing).mean
+    assert np.sign(left) == -np.sign(right)
+    means = rows.means(folded, "speed", scale_missing).mean
+    assert (np.sign(means) == np.sign(left)).all()
+
+
+def test_ticks_are_round_and_inside():
+    for low, high in ((-0.013, 0.09), (0.0, 322.0), (1e-4, 3e-4), (-3.0, 5.0)):
+        marks = svg.ticks(low, high)
+        assert 2 <= len(marks) <= 7
+        assert all(low - 1e-12 <= m <= high + 1e-12 for m in marks)
+        shown = [svg.label(m, (low, high)) for m in marks]
+        assert len(set(shown)) == len(shown)
+        np.testing.assert_allclose([float(s) for s in shown], marks, rtol=1e-6, atol=1e-9)
+
+
+def test_an_interval_without_any_number_can_still_be_drawn():
+    low, high = svg.around(np.array([np.nan]), zero=True)
+    assert low < 0.0 < high
+
+
+def test_markup_is_kept_and_text_is_escaped():
+    assert el("p", "a < b +- 1", el("b", "x")) == "<p>a &lt; b ± 1<b>x</b></p>"
+    assert el("p", class_="n", data_x='"') == '<p class="n" data-x="&quot;"></p>'
+    assert isinstance(table(("a",), [("<i>",)]), Html)
+    with pytest.raises(ValueError, match="attribute"):
+        el("line", x1=float("nan"))

@@ -1,0 +1,180 @@
+"""The page of a diagnosis: it says all that the JSON says, needs nothing from outside, draws."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import made_by_hand as made
+import pytest
+
+from dart_hal.cli.output import plain
+from dart_hal.diagnose.report import page, write_page
+from dart_hal.diagnose.report.words import percent, quantity, sentence, significant
+from dart_hal.diagnose.result import VERDICTS, Number
+
+COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"
+
+
+class Reader(HTMLParser):
+    """Text, links and whether every element that is opened is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.links: list[str] = []
+        self.ids: set[str] = set()
+        self.names: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.names.append(tag)
+        if tag not in ("meta", "br", "hr"):
+            self.open.append(tag)
+        for name, value in attrs:
+            if name in ("href", "src"):
+                self.links.append(value)
+            if name == "id":
+                self.ids.add(value)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.words).split())
+
+
+def read(d, **options):
+    return Reader(page(d, command=COMMAND, **options))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    d = made.diagnosis()
+    return d, page(d, command=COMMAND), read(d)
+
+
+def embedded(reader):
+    link = next(x for x in reader.links if x.startswith("data:application/json"))
+    return json.loads(base64.b64decode(link.partition("base64,")[2]))
+
+
+def test_every_sentence_and_number_of_a_cause_is_there(whole):
+    d, _, reader = whole
+    for cause in d.causes:
+        assert sentence(cause).replace(" +- ", " ± ") in reader.text
+        for number in cause.parameters.values():
+            assert quantity(number).replace(" +- ", " ± ") in reader.text
+        for fact in (*cause.evidence, cause.experiment, *cause.cannot_be_told_from,
+                     cause.gain.measure, percent(cause.gain.test), percent(cause.gain.train),
+                     significant(cause.loss, 4)):
+            assert fact in reader.text
+
+
+def test_what_was_rejected_moved_left_and_used_is_there(whole):
+    d, _, reader = whole
+    for c in d.considered:
+        assert c.effect in reader.text
+        assert c.why_not in reader.text
+        assert significant(c.loss) in reader.text
+    for name, m in d.refitted.items():
+        assert name in reader.text
+        assert quantity(Number(m.after, m.std, m.unit)).replace(" +- ", " ± ") in reader.text
+        assert m.doubt in reader.text
+    for name, use in d.files.items():
+        assert name in reader.text
+        assert use["sha256"] in reader.text
+        for why in use["why"]:
+            assert why in reader.text
+    for u in d.unexplained:
+        assert u.structure in reader.text
+    for note in (*d.notes, *d.withdrawn, COMMAND, "37.2"):
+        assert note in reader.text
+
+
+def test_every_error_of_every_step_and_of_ctrv_is_there(whole):
+    d, _, reader = whole
+    for of in (*(s.horizons for s in d.stages), d.ctrv):
+        for horizon in ("0.5", "1.0", "2.0"):
+            for channel in ("vx", "vy", "yaw_rate", "position", "yaw_deg"):
+                rmse, median = (of[horizon][kind][channel] for kind in ("pooled", "median"))
+                assert f"{significant(rmse)} ({significant(median)})" in reader.text
+
+
+def test_the_embedded_json_is_the_answer(whole):
+    d, _, reader = whole
+    assert embedded(reader) == json.loads(json.dumps(plain(d.to_json())))
+    assert embedded(read(d, answer={"verdict": math.nan})) == {"verdict": None}
+
+
+@pytest.mark.parametrize("causes", [0, 1, 2])
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_gives_a_sound_page(verdict, causes):
+    d = made.diagnosis(verdict, causes, verdict in ("partly_explained", "unexplained"))
+    text = page(d, command=COMMAND)
+    reader = Reader(text)
+    assert not reader.open
+    assert "section" in reader.names
+    shown = re.sub(r"base64,[^\"]*", "", text)
+    assert not re.search(r"https?://|@import|url\(|\b(nan|NaN|inf|Infinity|None)\b", shown)
+    assert "script" not in reader.names
+    inside = [x for x in reader.links if not x.startswith("data:")]
+    assert all(x.startswith("#") and x[1:] in reader.ids for x in inside)
+    assert embedded(reader)["verdict"] == verdict
+
+
+def test_names_are_escaped(whole):
+    _, text, reader = whole
+    assert "<paper>" not in text
+    assert "<b>" not in text
+    assert "<evidence>" in reader.text
+
+
+def test_a_cause_is_drawn_before_and_after(whole):
+    _, text, _ = whole
+    assert text.count("<svg") > 10
+    for mark in ("before mark", "after mark", "before line", "after line", "after bar",
+                 "other bar", "limit", "ctrv"):
+        assert mark in text
+
+
+def test_the_lag_is_shown_along_the_steering_rate_and_the_gyro_from_left_to_right(whole):
+    _, _, reader = whole
+    assert re.search(r"yaw rate error after [\d.]+ s, along steering rate", reader.text)
+    assert re.search(r"gyro error.{0,40}along", reader.text)
+    assert "gyro error: left against right" in reader.text
+
+
+def test_the_same_diagnosis_gives_the_same_page(whole):
+    d, text, _ = whole
+    assert page(d, command=COMMAND) == text
+
+
+def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
+    d = made.diagnosis("nothing_wrong", 0, False)
+    nothing = replace(d, stages=tuple(replace(s, horizons={}) for s in d.stages), ctrv={},
+                      considered=(), refitted={}, files={}, threshold=math.nan)
+    path = write_page(nothing, tmp_path / "new" / "report.html")
+    reader = Reader(path.read_text(encoding="utf-8"))
+    assert "No prediction could be judged" in reader.text
+    assert "No effect was tried" in reader.text
+    assert "svg" not in reader.names
+
+
+def test_errors_that_are_not_known_are_a_dash():
+    d = made.diagnosis()
+    first = d.stages[0]
+    horizons = json.loads(json.dumps(first.horizons))
+    horizons["1.0"]["pooled"]["vx"] = None
+    changed = replace(d, stages=(replace(first, horizons=horizons), *d.stages[1:]))
+    assert "nan" not in page(changed).lower().replace("nance", "").split("base64,")[0]
