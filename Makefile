@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow lint bench docs firmware native clean
+.PHONY: help setup demo test test-slow lint bench campaign docs firmware native clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -27,6 +27,9 @@ lint: $(VENV)/.dev ## style, types and import floors
 
 bench: $(VENV)/.dev toolchain ## every figure of the README, measured here
 	@$(BIN)/python benchmarks/run.py $(ARGS)
+
+campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (an hour)
+	@$(BIN)/python tests/hidden/campaign.py --picture docs/pictures/diagnose_confusion.png $(ARGS)
 
 docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (docs/build/index.html)
 	@$(BIN)/dart-hal wire --write

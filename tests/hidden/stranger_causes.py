@@ -1,4 +1,4 @@
-"""Every effect of the fixed list, as somebody else would write it: near the catalogue, not in it.
+"""Every effect of the catalogue, as somebody else would write it: near the catalogue, not in it.
 
 ``hide(car, name, size)`` changes a car in place. Sizes and signs are those that
 the catalogue states, so that what is found can be held against what was hidden.
@@ -270,14 +270,15 @@ SIZES: dict[str, tuple[float, float, float]] = {
     "encoder_ring": (0.05, 0.1, 0.2), "gyro_bias": (0.005, 0.02, 0.05),
     "gyro_scale": (0.01, 0.03, 0.06), "gyro_latency": (0.02, 0.04, 0.08),
     "imu_pitch": (0.01, 0.02, 0.05), "imu_roll": (0.01, 0.02, 0.05),
-    "imu_lever_arm": (0.02, 0.05, 0.1), "mocap_latency": (0.01, 0.03, 0.06),
+    "imu_yaw": (0.02, 0.05, 0.1), "imu_lever_arm": (0.02, 0.05, 0.1),
+    "mocap_latency": (0.01, 0.03, 0.06),
     "mocap_offset_x": (0.003, 0.008, 0.02), "mocap_offset_y": (0.003, 0.008, 0.02),
     "mocap_yaw": (0.005, 0.01, 0.03), "clock_offset": (0.01, 0.03, 0.06),
 }
 EITHER_SIGN = frozenset((
     "steering_trim", "steering_gain", "motor_gain", "motor_deadband", "pwm_clock", "grip",
     "front_grip", "lateral_pull", "road_slope_x", "road_slope_y", "centre_of_mass",
-    "encoder_scale", "gyro_bias", "gyro_scale", "imu_pitch", "imu_roll", "imu_lever_arm",
+    "encoder_scale", "gyro_bias", "gyro_scale", "imu_pitch", "imu_roll", "imu_yaw", "imu_lever_arm",
     "mocap_offset_x", "mocap_offset_y", "mocap_yaw"))
 NEGATIVE = frozenset(("battery_fade",))
 

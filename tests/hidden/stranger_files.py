@@ -29,7 +29,8 @@ class Habits:
     aligned: messages fall on mocap rows; late (s, s): from sampling a message to
     its arrival; jitter [s]: of the mocap stamps; zero_rows: before the first
     message; moving: the file starts in the middle of the drive; counts: the
-    encoder counts marks, else a mean speed; push, where: disturbance [N].
+    encoder counts marks, else a mean speed; push, where: disturbance [N];
+    mocap_columns: without them one row per message, 10 columns.
     """
 
     style: str = "steps"
@@ -46,6 +47,7 @@ class Habits:
     mocap: tuple[float, float] = (2e-4, 5e-4)
     gyro: float = 0.003
     shake: float = 1.2
+    mocap_columns: bool = True
 
 
 def drawn(rng: np.random.Generator, styles: tuple[str, ...] = ("steps", "waves", "laps")) -> Habits:
@@ -72,6 +74,11 @@ def record(path: Path | str, car: Car, habits: Habits, seconds: float, seed: int
     stamps = skip + 0.2 + np.arange(round(seconds / 0.01)) * 0.01
     sent = sent[sent > skip + 0.2 + 0.01 * habits.zero_rows - 0.05]
     messages = _messages(truth, car, habits, sent, rng)
+    if not habits.mocap_columns:
+        inside = (sent >= stamps[0]) & (sent < stamps[-1])
+        np.savetxt(path, messages[inside], fmt="%.7g", delimiter=",", newline="\r\n", comments="",
+                   header=HEADER[:HEADER.index(",vicon")])
+        return Path(path)
     heard = sent + rng.uniform(*habits.late, len(sent))
     which = np.searchsorted(heard, stamps + 1e-7, side="right") - 1
     rows = np.where((which >= 0)[:, None], messages[np.maximum(which, 0)], 0.0)

@@ -1,0 +1,137 @@
+"""Right, wrong or missed: what a diagnosis said, held against what was hidden."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from campaign_cases import GROUPS, Case
+from outsiders import FAMILY
+
+SET = 3
+"""An honest "cannot be told from" names no more than so many."""
+OUTCOMES = ("right", "wrong", "missed")
+TARGETS: dict[str, dict[str, float]] = {
+    "medium": {"right": 0.95, "wrong": 0.02}, "large": {"right": 1.00, "wrong": 0.02},
+    "disturbed": {"right": 0.80}, "rough": {"right": 0.75}, "onboard": {"right": 0.60},
+    "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "pair": {"right": 0.85},
+    "far": {"right": 0.95}, "near": {"right": 0.80}}
+"""Least share that is right, largest share that is wrong."""
+PROTOTYPE = {"small": 0.76, "medium": 0.895, "large": 1.0, "disturbed": 0.71, "gentle": 0.71,
+             "rough": 0.58, "onboard": 0.44, "onboard large": 0.67, "null": 1.0, "pair": 1.0,
+             "far": 1.0}
+
+
+@dataclass(frozen=True)
+class Score:
+    """outcome: one of OUTCOMES; named: the first cause, "unexplained" or "nothing".
+
+    extra: causes that are named and not hidden; off: relative error of the size
+    where the effect itself was named, else None.
+    """
+
+    outcome: str
+    named: str
+    extra: int = 0
+    off: float | None = None
+
+
+def score(case: Case, answer: Mapping[str, Any]) -> Score:
+    """Of the JSON document of one diagnosis; one with "error" has named nothing."""
+    causes = answer.get("causes", [])
+    flagged = bool(answer.get("unexplained"))
+    named = causes[0]["effect"] if causes else "unexplained" if flagged else "nothing"
+    kind = GROUPS[case.group].kind
+    if kind == "null":
+        silent = not flagged and "error" not in answer
+        return Score("wrong" if causes else "right" if silent else "missed", named, len(causes))
+    if kind == "far":
+        outcome = "right" if flagged else "wrong" if causes else "missed"
+        return Score(outcome, named, len(causes))
+    if kind == "near":
+        family = FAMILY[case.hidden[0][0]]
+        right = any(_answers(c) & family for c in causes)
+        return Score("right" if right else "wrong" if causes else "missed", named,
+                     sum(not _answers(c) & family for c in causes))
+    return _of_hidden(case, causes, named)
+
+
+def _of_hidden(case: Case, causes: Sequence[Mapping[str, Any]], named: str) -> Score:
+    """Every cause that is hidden must be covered by a cause of its own; a pair, and no more."""
+    left, off = list(causes), []
+    found = 0
+    for name, size in sorted(case.hidden, key=lambda h: all(h[0] != c["effect"] for c in causes)):
+        exact = [c for c in left if c["effect"] == name]
+        cover = exact or [c for c in left if name in _answers(c)]
+        if cover:
+            found += 1
+            left.remove(cover[0])
+        if exact:
+            off.append(_off(exact[0], size))
+    right = found == len(case.hidden) and (len(case.hidden) == 1 or not left)
+    outcome = "right" if right else "wrong" if left else "missed"
+    return Score(outcome, named, len(left), max(off) if off else None)
+
+
+def _answers(cause: Mapping[str, Any]) -> set[str]:
+    """The effect and, if they are few, those that it cannot be told from."""
+    like = cause.get("cannot_be_told_from", [])
+    return {cause["effect"], *(like if len(like) <= SET else ())}
+
+
+def _off(cause: Mapping[str, Any], size: float) -> float:
+    value = next(iter(cause["parameters"].values()))["value"]
+    return abs(float(value) - size) / abs(size)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Shares of one group; sizes: median and 90th percentile of the error; time [s] per case."""
+
+    group: str
+    n: int
+    shares: dict[str, float]
+    extra: float
+    sizes: tuple[float, float]
+    seconds: float
+
+    @property
+    def ok(self) -> bool | None:
+        """Whether the targets are met; None without any."""
+        target = TARGETS.get(self.group)
+        if target is None:
+            return None
+        return (self.shares["right"] >= target.get("right", 0.0)
+                and self.shares["wrong"] <= target.get("wrong", 1.0))
+
+
+def rows(results: Iterable[tuple[Case, Score, float]]) -> list[Row]:
+    """One for each group, in the order of GROUPS; results: (case, score, seconds)."""
+    by_group: dict[str, list[tuple[Case, Score, float]]] = {}
+    for result in results:
+        by_group.setdefault(result[0].group, []).append(result)
+    out = []
+    for group in (g for g in GROUPS if g in by_group):
+        scores = [s for _, s, _ in by_group[group]]
+        count = Counter(s.outcome for s in scores)
+        off = [s.off for s in scores if s.off is not None]
+        sizes = (float(np.median(off)), float(np.quantile(off, 0.9))) if off else (np.nan, np.nan)
+        out.append(Row(group, len(scores), {o: count[o] / len(scores) for o in OUTCOMES},
+                       sum(s.extra > 0 for s in scores) / len(scores), sizes,
+                       float(np.mean([t for *_, t in by_group[group]]))))
+    return out
+
+
+def confusion(results: Iterable[tuple[Case, Score, float]], groups: Sequence[str] = ()
+              ) -> dict[str, Counter[str]]:
+    """What was named first, by what was hidden; a covered truth counts as itself."""
+    out: dict[str, Counter[str]] = {}
+    for case, s, _ in results:
+        if len(case.hidden) == 1 and (not groups or case.group in groups):
+            truth = case.hidden[0][0]
+            known = GROUPS[case.group].kind == "effect" and s.outcome == "right"
+            out.setdefault(truth, Counter())[truth if known else s.named] += 1
+    return out

@@ -1,0 +1,85 @@
+"""The table of the campaign beside its targets, and the confusion matrix as a picture."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from campaign_score import PROTOTYPE, TARGETS, Row
+from rich.table import Table
+from stranger_causes import CAUSES
+
+NOBODY = ("unexplained", "nothing")
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """One line per group; "right" of null is silence, of far "unexplained", of near the family."""
+    out = Table(title="Hidden causes, found from files")
+    for title in ("hidden", "n", "right", "target", "wrong", "missed", "and more", "size off",
+                  "s/case", "ok"):
+        out.add_column(title, justify="left" if title == "hidden" else "right")
+    for r in rows:
+        target = TARGETS.get(r.group, {})
+        aim = ", ".join(([f">= {target['right']:.2f}"] if "right" in target else [])
+                        + ([f"wrong <= {target['wrong']:.2f}"] if "wrong" in target else []))
+        size = "" if math.isnan(r.sizes[0]) else f"{r.sizes[0]:.0%} ({r.sizes[1]:.0%})"
+        out.add_row(r.group, str(r.n), f"{r.shares['right']:.3f}", aim,
+                    f"{r.shares['wrong']:.3f}", f"{r.shares['missed']:.3f}", f"{r.extra:.3f}",
+                    size, f"{r.seconds:.1f}", {True: "yes", False: "NO", None: ""}[r.ok])
+    return out
+
+
+def errors(matrix: Mapping[str, Counter[str]]) -> Table:
+    """What was taken for something else, or not seen."""
+    out = Table(title="Confused")
+    out.add_column("hidden")
+    out.add_column("named instead")
+    for truth in sorted(matrix):
+        wrong = [f"{name} {n}" for name, n in matrix[truth].most_common() if name != truth]
+        if wrong:
+            out.add_row(truth, ", ".join(wrong))
+    return out
+
+
+def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
+    """Rows: what was hidden; columns: what was named; dark: often. Needs matplotlib."""
+    from dart_hal.recording.figures import new_figure, save_figure
+
+    hidden = [name for name in CAUSES if name in matrix]
+    others = sorted({n for row in matrix.values() for n in row} - {*hidden, *NOBODY})
+    named = [*hidden, *others, *NOBODY]
+    share = np.array([[matrix[h][n] / matrix[h].total() for n in named] for h in hidden])
+    figure = new_figure((13.0, 11.5), path)
+    axes: Any = figure.subplots()
+    axes.imshow(np.where(share > 0.0, share, np.nan), cmap="Blues", vmin=-0.25, vmax=1.0,
+                aspect="auto")
+    axes.set_xticks(range(len(named)), [_plain(n) for n in named], rotation=90, fontsize=8)
+    axes.set_yticks(range(len(hidden)), [_plain(n) for n in hidden], fontsize=8)
+    axes.axvline(len(named) - len(NOBODY) - 0.5, color="#999999", lw=0.8)
+    for i in range(len(hidden)):
+        off = [(j, share[i, j]) for j in range(len(named)) if share[i, j] > 0.0 and j != i]
+        for j, s in off:
+            axes.text(j, i, f"{s:.0%}"[:-1], ha="center", va="center", fontsize=7,
+                      color="#d55e00")
+    axes.set_xlabel("named")
+    axes.set_ylabel("hidden")
+    axes.grid(color="#eeeeee", lw=0.5)
+    axes.set_axisbelow(True)
+    axes.set_title("What is hidden and what is named (orange: percent of the cases of the row)")
+    return save_figure(figure, path)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def document(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """The table for a script."""
+    return [{"group": r.group, "n": r.n, **r.shares, "extra": r.extra,
+             "size_off": [None if math.isnan(s) else s for s in r.sizes], "seconds": r.seconds,
+             "targets": TARGETS.get(r.group, {}), "prototype": PROTOTYPE.get(r.group),
+             "ok": r.ok} for r in rows]

@@ -1,0 +1,162 @@
+"""A few cases of the campaign from files to verdict, and the laws of its score."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import campaign
+import numpy as np
+import pytest
+from campaign_cases import GROUPS, Case, car, cases, habits, rough_model, thinned
+from campaign_score import confusion, rows, score
+from outsiders import FAMILY, FAR, NEAR
+from stranger import Car
+from stranger_causes import CAUSES, EITHER_SIGN, SIZES
+from stranger_files import Habits, record
+
+from dart_hal.recording.dart import read
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.load import find_model
+
+SECONDS = (60.0, 40.0)
+
+
+def said(*effects, like=(), flagged=False, size=1.0):
+    return {"causes": [{"effect": e, "parameters": {"k": {"value": size}},
+                        "cannot_be_told_from": list(like)} for e in effects],
+            "unexplained": [{}] if flagged else []}
+
+
+def case(*hidden, group="medium", size=1.0):
+    return Case(group, 0, tuple((name, size) for name in hidden))
+
+
+@pytest.mark.parametrize(("question", "answer", "outcome"), [
+    (case("grip"), said("grip"), "right"),
+    (case("grip"), said("mass", like=("grip",)), "right"),
+    (case("grip"), said("mass", like=("grip", "a", "b", "c")), "wrong"),
+    (case("grip"), said("mass"), "wrong"),
+    (case("grip"), said(), "missed"),
+    (case("grip"), {"error": "no window"}, "missed"),
+    (case(group="null"), said(), "right"),
+    (case(group="null"), said("grip"), "wrong"),
+    (case(group="null"), said(flagged=True), "missed"),
+    (case(group="null"), {"error": "no window"}, "missed"),
+    (case("grip", "mass", group="pair"), said("mass", "grip"), "right"),
+    (case("grip", "mass", group="pair"), said("mass", "grip", "gyro_bias"), "wrong"),
+    (case("grip", "mass", group="pair"), said("grip"), "missed"),
+    (case("grip", "mass", group="pair"), said("grip", like=("mass",)), "missed"),
+    (case("carpet", group="far"), said("grip", flagged=True), "right"),
+    (case("carpet", group="far"), said("grip"), "wrong"),
+    (case("carpet", group="far"), said(), "missed"),
+    (case("cubic_drag", group="near"), said("quadratic_drag"), "right"),
+    (case("cubic_drag", group="near"), said("grip"), "wrong")])
+def test_an_answer_is_judged(question, answer, outcome):
+    assert score(question, answer).outcome == outcome
+
+
+def test_the_size_that_was_found_is_held_against_the_hidden_one():
+    assert score(case("grip", size=-0.1), said("grip", size=-0.12)).off == pytest.approx(0.2)
+    assert score(case("grip", size=-0.1), said("grip", size=0.1)).off == pytest.approx(2.0)
+    assert score(case("grip"), said("mass", like=("grip",))).off is None
+
+
+def test_a_row_counts_and_meets_its_target():
+    of = [(case("grip"), score(case("grip"), said("grip")), 2.0)] * 19
+    row, = rows([*of, (case("mass"), score(case("mass"), said()), 4.0)])
+    assert (row.n, row.shares["right"], row.shares["missed"]) == (20, 0.95, 0.05)
+    assert row.seconds == pytest.approx(2.1)
+    assert row.ok
+    low, = rows([*of, *[(case("mass"), score(case("mass"), said("grip")), 4.0)] * 2])
+    assert low.ok is False
+    assert confusion(of)["grip"] == {"grip": 19}
+
+
+def test_every_effect_has_a_stranger_of_the_sizes_that_the_catalogue_states():
+    for name, sizes in SIZES.items():
+        stated = catalogue()[name].parameters[0]
+        assert stated.sizes == pytest.approx(sizes), name
+        assert (stated.low < 0.0) >= (name in EITHER_SIGN), name
+    assert set(CAUSES) == set(SIZES)
+    assert set(catalogue()) >= set(CAUSES)
+
+
+def test_outsiders_are_in_no_catalogue_and_families_are():
+    assert not (set(FAR) | set(NEAR)) & set(catalogue())
+    assert set(FAMILY) == set(NEAR)
+    assert set().union(*FAMILY.values()) <= set(catalogue())
+    assert len(FAR) >= 16
+    assert len(NEAR) >= 12
+
+
+def test_every_case_is_one_of_its_kind():
+    everything = cases()
+    assert len({c.key for c in everything}) == len(everything)
+    assert {c.group for c in everything} == set(GROUPS)
+    assert len(thinned(everything, 3)) == 3 * len(GROUPS)
+
+
+def test_the_paper_of_the_stranger_is_that_of_the_package(tmp_path):
+    path = tmp_path / "rough.toml"
+    path.write_text(rough_model())
+    _, ours = find_model("paper")
+    model, theirs = find_model(path)
+    assert theirs.tyres.front_B == pytest.approx(ours.tyres.front_B)
+    assert theirs.tyres.rear_cornering_stiffness == pytest.approx(
+        ours.tyres.rear_cornering_stiffness)
+    assert theirs.motor == ours.motor
+    assert theirs.friction == ours.friction
+    assert model.friction["a"].std == pytest.approx(0.035 * ours.friction.a)
+
+
+def test_a_seed_writes_one_file(tmp_path):
+    texts = [record(tmp_path / f"{i}.csv", Car(), Habits(), 5.0, seed).read_bytes()
+             for i, seed in enumerate((1, 1, 2))]
+    assert texts[0] == texts[1] != texts[2]
+
+
+@pytest.mark.parametrize("name", [*CAUSES, *FAR, *NEAR])
+def test_what_is_hidden_shows_in_the_file(tmp_path, name):
+    """The negative control of the campaign: a cause that changes nothing could not be found."""
+    group = "large" if name in CAUSES else "far" if name in FAR else "near"
+    which = next(c for c in cases([group]) if c.hidden[0][0] == name)
+    how = Habits(style="steps")
+    with_it = record(tmp_path / "a.csv", car(which, np.random.default_rng(0)), how, 25.0, 3)
+    without = record(tmp_path / "b.csv", Car(), how, 25.0, 3)
+    assert with_it.read_bytes() != without.read_bytes()
+
+
+def test_habits_cover_the_ways_of_recording():
+    drawn = [habits(c, np.random.default_rng(c.number)) for c in cases(["medium"])]
+    assert {h.commands for h in drawn} == {"lockstep", "clock10", "clock20", "anytime"}
+    assert {h.place for h in drawn} == {"sep24", "jul24"}
+    assert len({h.style for h in drawn}) == 4
+
+
+def test_without_mocap_the_file_has_ten_columns(tmp_path):
+    recording = read(record(tmp_path / "a.csv", Car(), Habits(mocap_columns=False), 10.0, 1))
+    assert recording.schema == "A"
+    assert len(recording.messages.t) == pytest.approx(100, abs=2)
+
+
+def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def ask(model: str, train: Path, test: Path):
+        asked.append(train.name)
+        if len(asked) == 1:
+            raise ValueError("oh")
+        return said()
+
+    real = campaign.run
+    monkeypatch.setattr(campaign, "run", lambda c, lengths: real(c, lengths, ask))
+    order = ["--only", "null", "--cases", "2", "--seconds", "4", "4", "--jobs", "1", "--json",
+             "--out", str(tmp_path / "r.jsonl")]
+    assert campaign.main(order) == 0
+    assert campaign.main([*order, "--strict"]) == 1, "a crash does not count as silence"
+    assert len(asked) == 2
+    first, second = map(json.loads, (tmp_path / "r.jsonl").read_text().splitlines())
+    assert first["error"] == "ValueError: oh"
+    assert second["causes"] == []
+    assert '"group": "null"' in capsys.readouterr().out
