@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,15 @@ collect_ignore_glob = [] if importlib.util.find_spec("gymnasium") else ["test_gy
 settings.register_profile("virtual-time", deadline=None)
 settings.load_profile("virtual-time")       # a busy machine is no fault of the code
 
-_SPEC = importlib.util.spec_from_file_location("simulated_car",
-                                               Path(__file__).with_name("simulated_car.py"))
-_MODULE = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(_MODULE)
+
+def _tool(name):
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+_MODULE, _PROBE = _tool("simulated_car"), _tool("pins_probe")
 
 
 @pytest.fixture
@@ -36,3 +42,24 @@ def raw_car():
     yield make
     for car in cars:
         car.backend.close()
+
+
+@pytest.fixture(scope="session")
+def driven():
+    """``driven(url, plan)``: what a host reads of a car that drives a plan; see pins_probe.
+
+    The same drive is driven once.
+    """
+    kept = {}
+
+    def drive(url, plan):
+        if (url, plan) not in kept:
+            try:
+                seen = _PROBE.drive(_MODULE.RawCar, url, plan)
+            except EmulatorMissing as missing:
+                pytest.skip(f"no emulator: {missing.what}")
+            seen.car.backend.close()
+            kept[url, plan] = seen
+        return kept[url, plan]
+
+    return drive
