@@ -59,6 +59,21 @@ class Evidence:
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
+    @property
+    def columns(self) -> dict[str, int]:
+        """By name: column of the motion at its end, or -4 .. -1 of the sensors."""
+        return {**self._motion_at(READ[-1]), **{s: i - len(SENSORS) for i, s in enumerate(SENSORS)}}
+
+    def columns_at(self, horizon: float) -> dict[str, int]:
+        """By channel of the evaluation: column of the motion at a horizon [s], if it has one."""
+        names = {"v_x": "vx", "v_y": "vy", "omega": "yaw_rate"}
+        sample = round(horizon / STEP)
+        return {names[n]: i for n, i in self._motion_at(sample).items()} if sample in READ else {}
+
+    def _motion_at(self, sample: int) -> dict[str, int]:
+        first = READ.index(sample) * len(MOTION)
+        return {name: first + i for i, name in enumerate(MOTION)}
+
     def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""
         def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:

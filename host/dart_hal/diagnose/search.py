@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, refit
+from .fit import Point, at, refit
 from .noise import Noise, loss, measure
 from .residuals import Evidence
 from .rows import Rows, rows_of
@@ -30,7 +30,11 @@ OWN_PART = 0.1  # of the gain must be where the effect enters
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a search may do: see ``diagnose``."""
+    """What a search may do: see ``diagnose``.
+
+    ahead: whether the age of commands is unknown; not where the delays
+    themselves are free, which are then relative to the log.
+    """
 
     free: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
@@ -39,6 +43,7 @@ class Settings:
     max_causes: int = 8
     jobs: int = 1
     seed: int = 0
+    ahead: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +70,10 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """base: the fitted base; point: with all effects named; ranking: trials of the first round."""
+    """base: the fitted base; point: with all effects named; ranking: trials of the first round.
+
+    refit_loss: by how much the fit of the base lowered the loss.
+    """
 
     base: Point
     point: Point
@@ -74,6 +82,7 @@ class Found:
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
     threshold: float
+    refit_loss: float
 
 
 class Search:
@@ -88,7 +97,10 @@ class Search:
     def run(self) -> Found:
         """Search until nothing passes."""
         s = self._settings
-        point, noise = self._settle(Space(self._base, s.free, s.known), Timing())
+        space = self._space(self._base)
+        point, noise = self._settle(space, Timing())
+        refit_loss = at(self._evidence, noise, space, space.point(point.timing)).loss() \
+            - point.loss()
         base, first = point, ()
         named: list[Named] = []
         limit = np.inf
@@ -102,7 +114,18 @@ class Search:
             point, noise = self._settle(accepted[1].space, accepted[1].timing, accepted[1].x)
             point, noise, named = self._go_back(point, noise, named, limit)
         named = self._likes(point, noise, named)
-        return Found(base, point, noise, tuple(named), tuple(rejected), first, limit)
+        return Found(base, point, noise, tuple(named), tuple(rejected), first, limit, refit_loss)
+
+    def fit(self, found: Found, effects: Sequence[str]) -> Point:
+        """The base with some of the effects that were found, fitted anew."""
+        p = found.point.vehicle
+        if set(effects) == {a.name for a in p.effects} - {a.name for a in self._base.effects}:
+            return found.point
+        keep = {*effects, *(a.name for a in self._base.effects)}
+        vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
+        space = self._space(vehicle)
+        return refit(self._evidence, found.noise, space,
+                     space.start(vehicle, found.point.timing))
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
@@ -178,7 +201,7 @@ class Search:
         for a in vehicle.effects:
             if a.name not in {b.name for b in p.effects}:
                 p = apply(p, a.name)
-        return Space(p, self._settings.free, self._settings.known)
+        return Space(p, self._settings.free, self._settings.known, self._settings.ahead)
 
     def _why_not(self, point: Point, candidate: Point, trial: Trial, rows: Rows,
                  held: tuple[float, float], limit: float) -> str:
@@ -207,8 +230,6 @@ class Search:
         return point, noise, named
 
     def _without(self, point: Point, noise: Noise, name: str) -> Point:
-        from dataclasses import replace
-
         p = point.vehicle
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name != name))
         space = self._space(vehicle)
@@ -216,8 +237,6 @@ class Search:
 
     def _likes(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
         """What each cause cannot be told from, beside all the others that were found."""
-        from dataclasses import replace
-
         if len(named) < 2:
             return named
         out = []

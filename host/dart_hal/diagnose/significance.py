@@ -56,3 +56,19 @@ def p_value(gain: float, nothing: FloatArray) -> float:
 def threshold(nothing: FloatArray, false_alarm: float) -> float:
     """Gain that only this share of the data sets without a cause reaches."""
     return float(np.quantile(nothing, 1.0 - false_alarm))
+
+
+def refit_p_value(point: Point, drop: float, block: NDArray[np.int64], seed: int) -> float:
+    """How often a refit of parameters that were right would lower the loss by ``drop``.
+
+    point: where the refit ended; block: labels (N,) of its rows.
+    """
+    w = point.worth * weight(point.residual)
+    scores = np.zeros((int(block.max()) + 1, len(point.x)))
+    np.add.at(scores, block, point.jacobian * (w * point.residual)[:, None])
+    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(
+        point.space.boxed + 1e-6)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, len(scores)))
+    sums = signs @ scores
+    drops = np.sum(sums * np.linalg.solve(normal, sums.T).T, axis=1)
+    return p_value(drop, np.sort(drops))

@@ -41,15 +41,16 @@ class Space:
     """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
 
     def __init__(self, p: Vehicle, free: Sequence[str], known: Mapping[str, float] = NONE,
-                 timing: bool = True) -> None:
-        """free: names of base parameters; those of the effects of p are free as well."""
+                 ahead: bool = True) -> None:
+        """free: names of base parameters; those of the effects of p are free as well.
+
+        ahead: whether commands may have acted before their messages.
+        """
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
         self._inner = Coordinates(p, self.names, known, amounts)
-        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD]) / LATE)
-        if not timing:
-            ends = (np.zeros(2), np.zeros(2))
+        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD * ahead]) / LATE)
         self.low = np.concatenate([self._inner.low, ends[0]])
         self.high = np.concatenate([self._inner.high, ends[1]])
 

@@ -1,0 +1,143 @@
+"""What a model predicts on recordings, and what one model gains over another there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.errors import RecordingError
+from dart_hal.identify.evaluation.cases import Case, Prepared, prepare
+from dart_hal.identify.evaluation.compare import blocks, gain
+from dart_hal.identify.evaluation.prediction import CHANNELS, errors, hold, measured, predict
+from dart_hal.identify.evaluation.scores import score
+from dart_hal.identify.evaluation.windows import HORIZONS
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import Effect
+from dart_hal.vehicle.parameters import Vehicle
+
+from .residuals import Evidence, Residuals
+from .result import Gained
+
+AT = HORIZONS.index(1.0)
+STRETCH = 10.0  # s of a block
+SENSED = {"wheel": ("encoder",), "gyro": ("gyro",), "accel": ("accel_x", "accel_y")}
+ROLLOUT = "open-loop prediction over 1 s from the measured state, logged commands alone"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """Recordings of one side, train or test: evidence, and cases where mocap saw them."""
+
+    evidence: Evidence
+    prepared: Prepared | None
+
+    def errors(self, p: Vehicle) -> FloatArray | None:
+        """As ``evaluation.errors``; None without motion capture."""
+        if self.prepared is None:
+            return None
+        cases = self.prepared.cases
+        return errors(predict(settled(p), cases), measured(cases))
+
+    def horizons(self, p: Vehicle | None, residuals: Residuals | None = None) -> dict[str, Any]:
+        """Errors as ``evaluate`` gives them, of a model or (None) of holding the velocities.
+
+        Without motion capture what the sensors tell of it, from the residuals of
+        the model; None where nothing does.
+        """
+        if self.prepared is not None:
+            cases = self.prepared.cases
+            states = hold(cases) if p is None else predict(settled(p), cases)
+            return score(errors(states, measured(cases)), cases).to_json()
+        return {f"{h:.1f}": {"pooled": self._told(h, residuals)} for h in HORIZONS}
+
+    def _told(self, horizon: float, residuals: Residuals | None) -> dict[str, Any]:
+        out: dict[str, Any] = dict.fromkeys(CHANNELS)
+        out["n"] = 0
+        if residuals is None:
+            return out
+        for name, column in self.evidence.columns_at(horizon).items():
+            error = residuals.motion[:, column]
+            out[name] = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else None
+            out["n"] = len(error)
+        return out
+
+
+def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
+            reference: Reference | None) -> Side:
+    """Evidence with the windows of the evaluation where there are any."""
+    try:
+        return Side(evidence, prepare(recordings, l_r=l_r, reference=reference))
+    except RecordingError:
+        return Side(evidence, None)
+
+
+def gained(effect: Effect, before: tuple[Vehicle, float, float],
+           after: tuple[Vehicle, float, float], train: Side, test: Side, seed: int) -> Gained:
+    """What an effect takes away where it shows; the channel is chosen on the training side.
+
+    before, after: (vehicle, late, ahead).
+    """
+    if effect.stage != "measurement" and train.prepared and test.prepared:
+        channels = rollout_gains(before[0], after[0], train, train, seed)
+        best = max(channels, key=lambda c: channels[c].test)
+        return rollout_gains(before[0], after[0], train, test, seed)[best]
+    found = {}
+    for name, column in _columns(effect, train.evidence).items():
+        found[name] = _residual_gain(name, column, before, after, train, test, seed)
+    return max(found.values(), key=lambda g: g.train)
+
+
+def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
+                  seed: int) -> dict[str, Gained]:
+    """By channel at 1 s; empty without motion capture."""
+    if train.prepared is None or test.prepared is None:
+        return {}
+    sides = [(side.errors(before), side.errors(after)) for side in (train, test)]
+    block = _blocks(test.prepared.cases)
+    out = {}
+    for i, name in enumerate(CHANNELS):
+        (a, b), (c, d) = ((x[AT, i], y[AT, i]) for x, y in sides)  # type: ignore[index]
+        told = gain(c, d, block, seed=seed)
+        out[name] = Gained(name, _share(a, b), told.value, told.low, told.high, ROLLOUT)
+    return out
+
+
+def _residual_gain(name: str, column: int, before: tuple[Vehicle, float, float],
+                   after: tuple[Vehicle, float, float], train: Side, test: Side,
+                   seed: int) -> Gained:
+    pairs = []
+    for side in (train, test):
+        a, b = (_pick(side.evidence.residuals(*m), column) for m in (before, after))
+        good = np.isfinite(a) & np.isfinite(b)
+        labels = side.evidence.blocks(STRETCH)[0 if column >= 0 else 1]
+        pairs.append((a[good], b[good], labels[good]))
+    told = gain(*pairs[1], seed=seed)
+    what = "motion 1 s ahead" if column >= 0 else "reading"
+    return Gained(name, _share(*pairs[0][:2]), told.value, told.low, told.high,
+                  f"{name}: predicted {what} against the measured one")
+
+
+def _columns(effect: Effect, evidence: Evidence) -> dict[str, int]:
+    """Where an effect shows: in the sensors that it changes, else in the motion at its end."""
+    every = evidence.columns
+    sensors = {s: every[s] for channel in effect.signals for s in SENSED.get(channel, ())
+               if s in every}
+    return sensors or {name: at for name, at in every.items() if at >= 0}
+
+
+def _pick(r: Residuals, column: int) -> FloatArray:
+    return np.asarray(r.motion[:, column] if column >= 0 else r.sensors[:, column])
+
+
+def _share(before: FloatArray, after: FloatArray) -> float:
+    return 1.0 - float(np.sqrt(np.mean(np.square(after)) / max(np.mean(np.square(before)), 1e-300)))
+
+
+def _blocks(cases: Sequence[Case]) -> NDArray[np.int64]:
+    return blocks(cases)[0]

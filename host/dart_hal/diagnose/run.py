@@ -1,0 +1,98 @@
+"""The whole diagnosis: what a model gets wrong on recordings, why, and what that is worth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dart_hal.config import ModelFile, Quantity
+from dart_hal.identify.evaluation.cases import prepare as prepare_cases
+from dart_hal.identify.shooting.fit import FREE, free_names
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.parameters import Vehicle
+
+from .drive import prepare
+from .gains import Side, side_of
+from .residuals import Evidence
+from .result import Diagnosis
+from .search import Progress, Search, Settings
+from .telling import Question, told
+
+SEARCHING = 0.85  # of the time, about
+
+
+def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
+             test: Sequence[Recording], *, refit: bool = True, only: Sequence[str] = (),
+             false_alarm: float = 0.01, max_causes: int = 8, jobs: int = 1,
+             reference: Reference | None = None, seed: int = 0,
+             progress: Progress | None = None) -> Diagnosis:
+    """Find what the model lacks in the training recordings, and measure it on the test ones.
+
+    model, vehicle: as ``find_model`` gives them. train, test: as
+    ``inputs.checked`` gives them: all with motion capture, or all without.
+    refit: the parameters of the model are estimated anew before anything is
+    called a missing effect, from where the file says and within the standard
+    errors that it states. only: effects that may be named; () = all.
+    false_alarm: probability that anything is named where nothing is missing.
+    jobs: processes; the result does not depend on it. reference: marker frame
+    of the mocap; None = by date, else fitted. progress(share, what).
+    Errors: RecordingError for recordings that hold nothing to predict.
+    """
+    began = time.monotonic()
+    l_r = settled(vehicle).body.l_r
+    known = standard_errors(model) if refit else {}
+    settings = Settings(free=free_names(vehicle, tuple(FREE)) if refit else (), known=known,
+                        names=tuple(only), false_alarm=false_alarm, max_causes=max_causes,
+                        jobs=jobs, seed=seed, ahead=not refit or bool(known))
+    files: dict[str, dict[str, Any]] = {}
+    sides = [_side(role, recordings, l_r, reference, files)
+             for role, recordings in (("train", train), ("test", test))]
+
+    def tell(share: float, what: str) -> None:
+        if progress is not None:
+            progress(SEARCHING * share, what)
+
+    search = Search(sides[0].evidence, vehicle, settings, tell)
+    found = search.run()
+    if progress is not None:
+        progress(SEARCHING, "measuring the gain")
+    return told(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search),
+                found, files, began)
+
+
+def standard_errors(model: ModelFile) -> dict[str, float]:
+    """By name, of the parameters that the file states with one."""
+    return {f"{group}.{key}": float(entry.std) for group in FREE
+            for key, entry in getattr(model, group).items()
+            if isinstance(entry, Quantity) and entry.std}
+
+
+def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,
+          files: dict[str, dict[str, Any]]) -> Side:
+    evidence, windows = evidence_of(recordings, l_r, reference)
+    for r, n in zip(recordings, windows, strict=True):
+        entry: Mapping[str, Any] = {"role": role, "windows": n, "sha256": r.sha256,
+                                    "why": [str(note) for note in r.notes]}
+        name = r.name if r.name not in files else f"{r.name} ({role})"
+        files[name] = dict(entry)
+    return side_of(evidence, recordings, l_r, reference)
+
+
+def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None
+                ) -> tuple[Evidence, list[int]]:
+    """(evidence, number of windows of each recording); all with motion capture, or all without."""
+    if any(r.mocap is None for r in recordings):
+        from .onboard import OnboardEvidence
+        from .onboard_drive import outings
+
+        parts = [outings(r) for r in recordings]
+        return (OnboardEvidence([o for part in parts for o in part], l_r),
+                [sum(len(o.starts) for o in part) for part in parts])
+    cases = prepare_cases(recordings, l_r=l_r, reference=reference)
+    frames = {c.sha256: c.grid.reference for c in cases.cases}
+    drives = [prepare(r, l_r, frames.get(r.sha256, reference)) for r in recordings
+              if r.sha256 in frames]
+    windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
+    return Evidence(drives, l_r), [windows.get(r.sha256, 0) for r in recordings]

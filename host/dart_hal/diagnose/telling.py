@@ -1,0 +1,183 @@
+"""From what a search has found to what is said: impostors out, stages, gains, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.flat import unit, value
+from dart_hal.vehicle.parameters import Vehicle
+
+from .fit import Point, covariance
+from .gains import Side, gained, rollout_gains
+from .noise import Noise
+from .result import (
+    Cause,
+    Considered,
+    Diagnosis,
+    Gained,
+    Moved,
+    Number,
+    Stage,
+    Unexplained,
+)
+from .rows import rows_of
+from .search import Found, Named, Search, Settings
+from .significance import FEW, refit_p_value
+from .structure import explainable, unexplained
+
+IMPOSTOR = 0.7
+"""Share of the structure that may be left after the causes: above it they have not explained it."""
+FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What was asked: the base model, both sides, and the search with its settings."""
+
+    model: str
+    base: Vehicle
+    train: Side
+    test: Side
+    settings: Settings
+    refit: bool
+    search: Search
+
+
+def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
+         began: float) -> Diagnosis:
+    """Everything a report needs."""
+    left = _left(q, found.point, found.noise)
+    withdrawn = _impostors(q, found, left)
+    named = tuple(n for n in found.named if n.effect not in withdrawn)
+    points = [found.base, *(q.search.fit(found, [m.effect for m in named[:i + 1]])
+                            for i in range(len(named)))]
+    if withdrawn:
+        left = _left(q, points[-1], found.noise)
+    stages = _stages(q, points, named)
+    causes = tuple(_cause(q, found, one, points[i], points[i + 1]) for i, one in enumerate(named))
+    moved = _moved(q, points[-1])
+    gain = rollout_gains(q.base, points[-1].vehicle, q.train, q.test, q.settings.seed)
+    return Diagnosis(
+        verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
+        causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
+        evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
+        seed=q.settings.seed, withdrawn=withdrawn, runtime_s=time.monotonic() - began)
+
+
+def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
+    evidence, timing = q.train.evidence, point.timing
+    r = evidence.residuals(point.vehicle, timing.late, timing.ahead)
+    return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm)
+
+
+def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[str, ...]:
+    """Causes that leave as much structure as there was before them."""
+    if not left or not found.named:
+        return ()
+    shares = []
+    for point in (found.base, found.point):
+        r = q.train.evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
+        shares.append(explainable(q.train.evidence, point.vehicle, r, found.noise,
+                                  q.settings.seed))
+    before, after = (max(s.get(u.channel, 0.0) for u in left) for s in shares)
+    return tuple(n.effect for n in found.named) if after > IMPOSTOR * before else ()
+
+
+def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tuple[Stage, ...]:
+    labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named)]
+    stages = [_stage(q, label, p.vehicle, p) for label, p in zip(labels, points, strict=True)]
+    base = [_stage(q, q.model, q.base, points[0])] if q.refit else []
+    return tuple(base + stages)
+
+
+def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
+    timing = point.timing
+    r = q.test.evidence.residuals(vehicle, timing.late, timing.ahead)
+    return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
+
+
+def _cause(q: Question, found: Found, named: Named, before: Point, after: Point) -> Cause:
+    effect = catalogue()[named.effect]
+    last = found.point
+    errors = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
+    numbers = {}
+    for parameter in effect.parameters:
+        key = f"{effect.name}.{parameter.name}"
+        numbers[parameter.name] = Number(float(value(after.vehicle, key)),
+                                         errors.get(key, float("nan")), parameter.unit,
+                                         parameter.null)
+    pair = [(p.vehicle, p.timing.late, p.timing.ahead) for p in (before, after)]
+    gain = gained(effect, pair[0], pair[1], q.train, q.test, q.settings.seed)
+    return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
+                 _evidence(named, found, numbers, gain), gain, named.like, effect.experiment)
+
+
+def _evidence(named: Named, found: Found, numbers: Mapping[str, Number],
+              gain: Gained) -> tuple[str, ...]:
+    key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
+                      / max(kn[1].std, 1e-12))
+    away = abs(number.value - number.null) / max(number.std, 1e-12)
+    return (
+        f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
+        f"the best of all effects gains more than {found.threshold:.0f} in 1 case of 100",
+        f"loss {named.held_out:.0f} lower on parts left out of the fit",
+        f"{key} is {away:.0f} standard errors from its null",
+        f"{gain.measure}: {gain.channel} error {100 * gain.test:.1f} % lower on recordings "
+        "that the fit has not seen")
+
+
+def _blocks(q: Question, point: Point) -> Any:
+    timing = point.timing
+    rows = rows_of(q.train.evidence,
+                   q.train.evidence.residuals(point.vehicle, timing.late, timing.ahead))
+    return rows.recording if rows.recording.max() + 1 >= FEW else rows.block
+
+
+def _moved(q: Question, point: Point) -> dict[str, Moved]:
+    """Base parameters after the refit."""
+    space = point.space
+    if not q.refit:
+        return {}
+    errors = space.standard_errors(point.x, covariance(point, _blocks(q, point)))
+    out = {}
+    for i, name in enumerate(space.names):
+        if name not in q.settings.free:
+            continue
+        doubt = ""
+        if point.x[i] - space.low[i] < 1e-6 or space.high[i] - point.x[i] < 1e-6:
+            doubt = "at the edge of what is allowed"
+        elif abs(point.x[i]) > FAR:
+            doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
+        out[name] = Moved(float(value(q.base, name)), float(value(point.vehicle, name)),
+                          errors[name], unit(q.base, name), doubt)
+    return out
+
+
+def _considered(found: Found, withdrawn: Sequence[str]) -> tuple[Considered, ...]:
+    out = [Considered(n.effect, n.p_value, n.gain, n.held_out,
+                      "withdrawn: with it as much structure is left as without it")
+           for n in found.named if n.effect in withdrawn]
+    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
+                    for r in found.rejected if r.effect not in withdrawn))
+
+
+def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[Unexplained],
+             gain: Mapping[str, Gained]) -> str:
+    if causes:
+        return "partly_explained" if left else "explained"
+    if left:
+        return "unexplained"
+    if q.refit:
+        rows = rows_of(q.train.evidence, q.train.evidence.residuals(
+            found.base.vehicle, found.base.timing.late, found.base.timing.ahead))
+        p = refit_p_value(found.base, found.refit_loss, rows.block, q.settings.seed)
+        better = not gain or any(g.low > 0.0 for g in gain.values())
+        if p < q.settings.false_alarm and better:
+            return "parameters_only"
+    return "nothing_wrong"
