@@ -14,7 +14,7 @@ from dart_hal.cli.evaluate import hashes
 from dart_hal.cli.options import REFERENCE, Number, PathsOption, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import ModelFile
-from dart_hal.diagnose.inputs import Inputs, checked, effects_named
+from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
 from dart_hal.identify.runs import read_any
@@ -24,6 +24,8 @@ from dart_hal.vehicle.load import find_model
 
 READ = 0.05
 """Share of the progress bar for reading."""
+NAMED = 3
+"""Skipped files that are named; above it they are counted."""
 Skipped = list[tuple[str, str]]
 
 
@@ -49,7 +51,7 @@ Skipped = list[tuple[str, str]]
 @click.option("--max-causes", type=click.IntRange(0, 50), default=8, show_default=True,
               help="stop after that many")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True,
-              help="processes")
+              help="processes; the result does not depend on it")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="where the mocap markers sat: m, rad, m (default: known by date)")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
@@ -82,7 +84,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
                      reference=reference, seed=seed,
                      progress=lambda share, text: bar.update(
                          task, completed=READ + (1.0 - READ) * share, description=text))
-    d = _completed(d, model, inputs, skipped)
+    d = _completed(d, model, skipped, inputs.notes)
     if out is not None:
         from dart_hal.diagnose.write import write_model
 
@@ -127,14 +129,14 @@ def _read(train: tuple[Path, ...], test: tuple[Path, ...]
     return (first, second), [*skipped, *more]
 
 
-def _completed(d: Diagnosis, model: str, inputs: Inputs, skipped: Skipped) -> Diagnosis:
+def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str]) -> Diagnosis:
     """With the model as it was asked for, the files that were not read, and all that was said."""
     unread = {file: {"used": 0, "why": [reason]} for file, reason in skipped}
-    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:3])
+    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:NAMED])
     if len(skipped) > len(said):
         said += (f"{len(skipped) - len(said)} more file(s) were skipped, see the report",)
     return replace(d, model=model, files={**d.files, **unread},
-                   notes=tuple(dict.fromkeys((*inputs.notes, *d.notes, *said))))
+                   notes=tuple(dict.fromkeys((*first, *d.notes, *said))))
 
 
 def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> Sequence[Any]:

@@ -63,11 +63,11 @@ def show_suggestions(suggestions: Sequence[Any]) -> None:
 
 def _causes(d: Diagnosis) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("effect", "value", "removes", "95 %", "of the error of", "not told from"):
-        table.add_column(name, no_wrap=name in ("effect", "removes"))
+    for name in ("effect", "value", "removes (95 %)", "of the error of", "not told from"):
+        table.add_column(name, no_wrap=name in ("effect", "value"))
     for c in d.causes:
         values = "\n".join(f"{k} {quantity(n)}" for k, n in c.parameters.items())
-        table.add_row(c.effect, values, percent(c.gain.test), interval(c.gain),
+        table.add_row(c.effect, values, f"{percent(c.gain.test)} ({interval(c.gain)})",
                       channel(c.gain.channel), ", ".join(c.cannot_be_told_from) or "-")
     return table
 
@@ -76,15 +76,17 @@ def _errors(d: Diagnosis) -> None:
     """Base, extended and CTRV at 1 s, in one line for each channel."""
     first, last = d.stages[0].horizons, d.stages[-1].horizons
     known = [name for name in PREDICTED if math.isfinite(pooled(first, "1.0", name))]
+    same = not (d.causes or d.refitted)
     if known:
-        _say("errors at 1 s on the test recordings (RMSE): base -> extended | holding the "
-             "velocities")
+        _say("errors at 1 s on the test recordings (RMSE): "
+             + ("model" if same else "base -> extended") + " | holding the velocities")
     for name in known:
         base, extended, held = (significant(pooled(of, "1.0", name))
                                 for of in (first, last, d.ctrv))
         gain = d.gain.get(name)
-        share = f", {percent(gain.test)} less ({interval(gain)})" if gain is not None else ""
-        _say(f"  {channel(name)}: {base} -> {extended} | {held} {CHANNELS[name][1]}{share}")
+        share = f", {percent(gain.test)} less ({interval(gain)})" if gain and not same else ""
+        _say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'} | {held} "
+             f"{CHANNELS[name][1]}{share}")
 
 
 def _moved(d: Diagnosis) -> None:

@@ -73,17 +73,21 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
         _long_enough(sides[1], LEAST_TEST, "test")
     else:
         sides = list(hold_out(sides[0], SHARE))
-        notes.append(f"no test recordings: the last {SHARE:.0%} of each training recording is held "
+        notes.append(f"no test recordings: the last {100 * SHARE:.0f} % of each training recording is held "
                      "out and only used to measure the gain; other days would tell more")
     notes += check_model(sides[0], p)
     seconds = sum(map(driving_seconds, sides[0]))
     if seconds < FEW:
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen")
-    known = [r.name for r in sides[1] if r.sha256 in fitted_to]
-    if known:
-        notes.append(f"the model was fitted to {len(known)} of the test recordings "
-                     f"({_some(known)}): its errors there are not those of a prediction")
+    notes += fitted_before(sides[1], fitted_to)
     return Inputs(tuple(sides[0]), tuple(sides[1]), tuple(notes))
+
+
+def fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:
+    """What must be said of a model that has seen the test recordings before."""
+    known = [r.name for r in test if r.sha256 in fitted_to]
+    return [f"the model was fitted to {len(known)} of the test recordings ({_some(known)}): its "
+            "errors there are not those of a prediction"] if known else []
 
 
 def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> None:

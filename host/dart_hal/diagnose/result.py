@@ -148,7 +148,8 @@ class Diagnosis:
     """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals.
 
     threshold: drop of the loss that noise alone stays below, but for a share
-    ``false_alarm`` of data sets (NaN: there is no single one).
+    ``false_alarm`` of data sets (NaN: there is no single one); ranking: that drop
+    for every effect alone, before anything was named.
     """
 
     verdict: str
@@ -169,6 +170,7 @@ class Diagnosis:
     withdrawn: tuple[str, ...] = field(default_factory=tuple)
     threshold: float = math.nan
     false_alarm: float = 0.01
+    ranking: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def extended(self) -> Vehicle:
@@ -191,4 +193,5 @@ class Diagnosis:
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
             "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
-            "seed": self.seed, "threshold": self.threshold, "false_alarm": self.false_alarm}
+            "seed": self.seed, "threshold": self.threshold, "false_alarm": self.false_alarm,
+            "ranking": dict(self.ranking)}

@@ -39,7 +39,7 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
         el("p", known.physics) if known is not None else Html(),
         _figures(cause), el("p", f"Enters at: {cause.enters}. Cannot be told from, with these "
                                  f"data: {like}."),
-        el("p", f"What would decide: {cause.experiment}") if cause.experiment else Html(),
+        _decides(cause),
         el("ul", *facts) if facts else Html(), _pictures(d, i, rows), id=f"cause-{i + 1}")
 
 
@@ -61,6 +61,13 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
     return join([*parts, table(head, [
         (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
          p_value(u.p_value), percent(u.share)) for u in d.unexplained])])
+
+
+def _decides(cause: Cause) -> Html:
+    if not cause.experiment:
+        return Html()
+    lead = "What would decide" if cause.cannot_be_told_from else "A drive that would confirm it"
+    return el("p", f"{lead}: {cause.experiment}")
 
 
 def _figures(cause: Cause) -> Html:

@@ -81,25 +81,38 @@ def _steps(name: str, errors: FloatArray, held: float, horizon: str) -> Html:
 
 
 def ranking(d: Diagnosis) -> Html:
-    """Drop of the loss by effect, the named ones first; the threshold as a line."""
-    named = [(c.effect, c.loss, "after") for c in d.causes]
-    others = sorted(((c.effect, c.loss, "other") for c in d.considered), key=lambda e: -e[1])
-    shown = [*named, *[o for o in others if math.isfinite(o[1])][:MOST - len(named)]]
-    top = max([loss for _, loss, _ in shown if math.isfinite(loss)] + [1.0])
-    limit = d.threshold if math.isfinite(d.threshold) else 0.0
+    """Drop of the loss of every effect alone, on a logarithmic scale; the threshold as a line."""
+    named = {c.effect for c in d.causes}
+    shown = sorted(_alone(d).items(), key=lambda e: (-e[1], e[0]))[:MOST]
+    top = max([loss for _, loss in shown] + [d.threshold if math.isfinite(d.threshold) else 0.0])
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
-    frame = svg.Frame((0.0, 1.15 * max(top, limit)), (0.0, 1.0), height=height, left=145.0)
-    parts = frame.x_axis("drop of the loss on the training recordings")
-    for i, (effect, loss, class_) in enumerate(shown):
+    frame = svg.Frame((0.0, 1.15 * math.log10(max(top, 10.0))), (0.0, 1.0), height=height,
+                      left=145.0)
+    parts = frame.x_axis("drop of the loss on the training recordings, log. scale",
+                         [f"{10**i:g}" for i in range(int(frame.x[1]) + 1)])
+    for i, (effect, loss) in enumerate(shown):
         y = svg.TOP + i * ROW
-        end = frame.at(max(loss, 0.0) if math.isfinite(loss) else 0.0, 0.0)[0]
-        parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW - 5, class_),
+        end = frame.at(_log(loss), 0.0)[0]
+        parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW - 5,
+                          "after" if effect in named else "other"),
                   svg.text(frame.left - 6, y + 12, effect, "end"),
                   svg.text(end + 5, y + 12, significant(loss))]
-    if limit > 0.0:
-        x = frame.at(limit, 0.0)[0]
+    if math.isfinite(d.threshold):
+        x = frame.at(_log(d.threshold), 0.0)[0]
         parts += [svg.line((x, svg.TOP), (x, height - svg.BOTTOM), "limit")]
     return svg.picture("Drop of the loss by effect", parts, height=height)
+
+
+def _alone(d: Diagnosis) -> dict[str, float]:
+    """By effect; without a ranking what is known of the causes and the others."""
+    found = d.ranking or {**{c.effect: c.loss for c in d.considered},
+                          **{c.effect: c.loss for c in d.causes}}
+    return {name: loss for name, loss in found.items() if math.isfinite(loss)}
+
+
+def _log(loss: float) -> float:
+    """Below 1, which is nothing at all, there is no bar."""
+    return math.log10(max(loss, 1.0))
 
 
 def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:

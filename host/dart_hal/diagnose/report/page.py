@@ -21,7 +21,7 @@ from .charts import ranking, staircase
 from .glossary import glossary
 from .html import Html, el, join
 from .style import CSS
-from .words import listed, removes, sentence, verdict
+from .words import listed, sentence, share_of, verdict
 
 GOOD = ("nothing_wrong", "explained", "parameters_only")
 
@@ -60,10 +60,10 @@ def _result(d: Diagnosis) -> Html:
         lines.append(el("ol", *(el("li", sentence(c), " ", el("a", "evidence",
                                                              href=f"#cause-{i + 1}"))
                                 for i, c in enumerate(d.causes))))
-    overall = [removes(g) for g in d.gain.values()]
-    if overall and d.causes:
-        lines.append(el("p", f"All together against the model as it was given: the extended model "
-                             f"{listed(overall, 'and')}."))
+    overall = [share_of(g) for g in d.gain.values()]
+    if overall and d.verdict != "nothing_wrong":
+        lines.append(el("p", f"Against the model as it was given, the extended model removes "
+                             f"{listed(overall, 'and')} at 1 s, on recordings it has not seen."))
     lines += [el("p", note, class_="notice") for note in d.notes]
     if d.withdrawn:
         lines.append(el("p", f"Named at first and withdrawn: {listed(d.withdrawn, 'and')}."))
@@ -97,12 +97,14 @@ def _errors(d: Diagnosis) -> Html:
 def _ranking(d: Diagnosis) -> Html:
     if not d.causes and not d.considered:
         return el("p", "No effect was tried.")
-    key = svg.legend([("after", "named (drop at the step where it was named)"),
-                      ("other", "not named")])
+    key = svg.legend([("after", "named"), ("other", "not named")])
     limit = np.isfinite(d.threshold)
-    said = (f"Dashed: the threshold of {d.threshold:.3g} that noise alone stays below in "
-            f"{1.0 - d.false_alarm:.1%} of such data sets." if limit else
-            "Significance is judged effect by effect, see the p-values below.")
+    said = (("Each effect alone, before anything was named: relatives of a cause gain nearly as "
+             "much, until it is in the model. " if d.ranking else "")
+            + (f"Dashed: the threshold of {d.threshold:.3g}, which the best of all effects exceeds "
+               f"in {100.0 * d.false_alarm:g} % of such data sets with nothing missing; it is that "
+               "of the last round." if limit else
+               "Significance is judged effect by effect, see the p-values below."))
     return join([ranking(d), key, el("p", said, class_="soft")])
 
 

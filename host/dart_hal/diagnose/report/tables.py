@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.result import Diagnosis, Number
+from dart_hal.diagnose.result import Considered, Diagnosis, Number
 from dart_hal.identify.evaluation import CHANNELS as PREDICTED
 from dart_hal.identify.evaluation import UNITS
 
@@ -37,21 +37,32 @@ def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
 
 def gains(d: Diagnosis) -> Html:
     """The extended model against the base, by channel."""
-    rows = [(channel(name), percent(g.test), interval(g),
-             percent(g.train), g.measure) for name, g in d.gain.items()]
+    rows = [(channel(name), percent(g.test), interval(g), percent(g.train))
+            for name, g in d.gain.items()]
     if not rows:
         return Html()
-    return table(("channel", "gain on test data", "95 %", "on training data", "measure"), rows,
-                 caption="extended model against the model as it was given")
+    measures = "; ".join(dict.fromkeys(g.measure for g in d.gain.values()))
+    return table(("channel", "gain on test data", "95 %", "on training data"), rows,
+                 caption=f"extended model against the model as it was given: {measures}")
 
 
 def considered(d: Diagnosis) -> Html:
-    """Every effect that was not named, and why."""
+    """Every effect that was not named, and why; those that gain nothing in one line."""
+    ordered = sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))
     rows = [(c.effect, title(c.effect), significant(c.loss), significant(c.held_out),
-             p_value(c.p_value), c.why_not)
-            for c in sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))]
-    return table(("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
-                  "why it was not named"), rows)
+             p_value(c.p_value), c.why_not) for c in ordered if not _nothing(c)]
+    idle: dict[str, list[str]] = {}
+    for c in filter(_nothing, ordered):
+        idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
+    head = ("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
+            "why it was not named")
+    shown = [table(head, rows)] if rows else []
+    return join([*shown, *(el("p", f"Drop of the loss below 1, so {why}: {', '.join(names)}.",
+                              class_="soft") for why, names in idle.items())])
+
+
+def _nothing(c: Considered) -> bool:
+    return c.loss < 1.0
 
 
 def parameters(d: Diagnosis) -> Html:
