@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.errors import ConfigError, UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.sim.backend import car_of
+from dart_hal.sim.drawn import car_of
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.servo import Servo
 from dart_hal.sim.truth import reveal_url, world_of

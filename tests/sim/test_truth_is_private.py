@@ -9,7 +9,8 @@ import dart_hal
 
 ROOT = Path(dart_hal.__file__).parent
 ALLOWED = {"cli/sim.py", "cli/demo.py"}
-SECRET = {"dart_hal.sim.truth", "dart_hal.sim.hidden", "dart_hal.sim.world"}
+SECRET = {"dart_hal.sim.truth", "dart_hal.sim.hidden", "dart_hal.sim.world", "dart_hal.sim.drawn",
+          "dart_hal.sim.true_car"}
 
 
 def imported(source: str, package: str) -> set[str]:

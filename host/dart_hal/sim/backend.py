@@ -14,27 +14,21 @@ shipped set that the car really is, ``effect`` what it has beyond it, such as
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS
+from dart_hal.sim.drawn import car_of, choice
 from dart_hal.sim.eeprom import preset
 from dart_hal.sim.failures import parse, schedule, silences
 from dart_hal.sim.faults import Line, LineFaults, jitter
-from dart_hal.sim.hidden import HiddenCar, hidden_car
+from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.link import SimClock, SimLink
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.nano import Nano
-from dart_hal.sim.true_car import with_effects, with_vehicle
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
-from dart_hal.vehicle import PAPER, Body
-from dart_hal.vehicle.effect import Applied
-from dart_hal.vehicle.effects import extended
-from dart_hal.vehicle.effects import parse as parse_effects
-from dart_hal.vehicle.load import find_model
 
 OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail", "tick",
            "vehicle", "effect")
@@ -48,7 +42,7 @@ def open_sim(url: Url) -> Backend:
                          expected="sim://?seed=1&nano=mock")
     drawn = car_of(url)
     car = drawn.true
-    cutoff = _choice(url, "cutoff", *CUTOFFS) or "none"
+    cutoff = choice(url, "cutoff", *CUTOFFS) or "none"
     params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
     nano, notices = _nano(url, car, preset(car.board_id, params))
     world = World(car, nano, drawn.model, _tick(url, drawn.model), cutoff)
@@ -60,57 +54,19 @@ def open_sim(url: Url) -> Backend:
     link = SimLink(world, Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
-                   car=car.name, car_toml=car_toml(drawn.base, drawn.body), notices=notices,
-                   workshop=SimWorkshop(world))
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """The car of a URL: without effects, as it really is, its effects, and how it moves.
-
-    body: what its builder has measured.
-    """
-
-    base: HiddenCar
-    true: HiddenCar
-    effects: tuple[Applied, ...]
-    model: str
-    body: Body
-
-
-def car_of(url: Url) -> Drawn:
-    """Raises UsageError for bad options, ConfigError for a bad file or value."""
-    car = hidden_car(_seed(url), _choice(url, "ring", "even", "hidden"))
-    named, p = url.options.get("vehicle"), None
-    if named is not None:
-        p = find_model(named)[1]
-        car = with_vehicle(car, p)
-    model = url.options.get("model", p.kind if p else "dynamic")
-    effects = _effects(url, p.effects if p else ())
-    return Drawn(car, with_effects(car, effects, model), effects, model,
-                 p.body if p else PAPER.body)
-
-
-def _effects(url: Url, of_file: tuple[Applied, ...]) -> tuple[Applied, ...]:
-    """Those of the option ``effect`` with those of the file, in the order in which they act."""
-    given = parse_effects(url.options.get("effect", ""))
-    every = [a.name for a in (*given, *of_file)]
-    twice = sorted({name for name in every if every.count(name) > 1})
-    if twice:
-        raise UsageError(f"{', '.join(twice)} is given twice", found=url.text,
-                         expected="every effect once, in the URL or in the file of the vehicle")
-    return extended(replace(PAPER, effects=of_file), given).effects
+                   car=car.name, car_toml=car_toml(drawn.base, drawn.body),
+                   notices=notices + drawn.notices, workshop=SimWorkshop(world))
 
 
 def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
     """The emulated firmware, or MockNano with the reason as a notice."""
-    choice = _choice(url, "nano", "avr", "mock")
+    wanted = choice(url, "nano", "avr", "mock")
     reason = ""
-    if choice != "mock":
+    if wanted != "mock":
         try:
             return _emulated(car.clock_error, eeprom), ()
         except EmulatorMissing as error:
-            if choice == "avr":
+            if wanted == "avr":
                 raise
             reason = error.what
     mock = MockNano(clock_error=car.clock_error, eeprom=eeprom)
@@ -128,26 +84,11 @@ def _emulated(clock_error: float, eeprom: bytes) -> Nano:
 
 
 def _tick(url: Url, model: str) -> float:
-    tick = _choice(url, "tick", "1", "10") or "1"
+    tick = choice(url, "tick", "1", "10") or "1"
     if tick == "10" and model != "kinematic":
         raise UsageError("tick=10 is too coarse for tyres at walking pace", found=url.text,
                          expected="model=kinematic with it")
     return int(tick) * 1e-3
-
-
-def _seed(url: Url) -> int:
-    text = url.options.get("seed", "0")
-    if not text.isascii() or not text.isdigit():
-        raise UsageError(f"seed={text!r} is not a number", found=url.text,
-                         expected="a whole number >= 0")
-    return int(text)
-
-
-def _choice(url: Url, name: str, *allowed: str) -> str | None:
-    value = url.options.get(name)
-    if value is not None and value not in allowed:
-        raise UsageError(f"{name}={value!r}", found=url.text, expected=" or ".join(allowed))
-    return value
 
 
 def _number(url: Url, name: str, default: float) -> float:

@@ -69,6 +69,11 @@ def with_effects(car: HiddenCar, effects: tuple[Applied, ...], model: str) -> Hi
     return _with_worn_ring(car, *by_name["encoder_ring"]) if "encoder_ring" in by_name else car
 
 
+def only_mocap(a: Applied) -> bool:
+    """Whether an effect changes what a motion capture sees, and nothing else."""
+    return set(a.effect.signals) == {"pose"}
+
+
 def _tilt(by_name: Mapping[str, tuple[float, ...]]) -> Vector:
     yaw, pitch, roll = (by_name.get(name, (0.0,))[0] for name in TILTS)
     return yaw, pitch, roll
@@ -86,7 +91,7 @@ def _with_worn_ring(car: HiddenCar, missing: float, uneven: float, phase: float)
 def _refuse(base: Vehicle, a: Applied, model: str) -> None:
     """Raises UsageError when a simulated car cannot have the effect."""
     signals = a.effect.signals
-    if set(signals) == {"pose"}:
+    if only_mocap(a):
         raise UsageError(f"a simulated car cannot have {a.name}: sim:// has no motion capture",
                          found=a.name, expected="an effect on the car or on its own sensors",
                          remedy="the light simulation has a motion capture: dart_hal.sim.light, "
@@ -95,7 +100,7 @@ def _refuse(base: Vehicle, a: Applied, model: str) -> None:
     if early:
         raise UsageError(f"{a.name} of {a.values[0]} s would need the future",
                          found=f"{a.values[0]} s", expected="0 s or more in a running car",
-                         remedy=f"give {a.name} the other sign")
+                         remedy=f"give {a.name} the other sign, or leave it out")
     if model == "kinematic" and not _acts_without_slip(base, a):
         raise UsageError(f"{a.name} changes nothing in a car without slip",
                          found="model=kinematic", expected="model=dynamic",

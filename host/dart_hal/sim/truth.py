@@ -12,7 +12,8 @@ from typing import Any
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url
-from dart_hal.sim.backend import OPTIONS, car_of
+from dart_hal.sim.backend import OPTIONS
+from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.link import SimLink

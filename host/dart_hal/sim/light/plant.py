@@ -65,7 +65,7 @@ class Plant:
                       if config.disturbance.acts else None)
         self._past: History | None = None
         self._memory: Memory = {}
-        self._depth, self._signals = self._room(vehicle)
+        self._depth, self._signals = self._room(vehicle, 2.0)
         self._travel: Value = 0.0
         self._path: Value = 0.0
         self._bias: Any = (0.0, 0.0, 0.0)
@@ -118,12 +118,12 @@ class Plant:
         """What an effect on a command may know."""
         return Now(self._ticks * self.config.step, state[3], state[4], state[5], state[2])
 
-    def _room(self, vehicle: Vehicle) -> tuple[int, int]:
-        """(steps, signals) of the history; latencies may grow to the double."""
+    def _room(self, vehicle: Vehicle, growth: float = 1.0) -> tuple[int, int]:
+        """(steps, signals) that the history needs when latencies grow by a factor."""
         c, p = self.config, without_null(settled(vehicle))
         if c.sensors is None or not measures(p):
             return (0 if c.sensors is None else depth_of(c.sensors, c.step)), SIGNALS[0]
-        late = [2.0 * np.maximum(lateness(p, channel), 0.0) for channel in SENSORS]
+        late = [growth * np.maximum(lateness(p, channel), 0.0) for channel in SENSORS]
         return depth_of(c.sensors, c.step, late), SIGNALS[1]
 
     def _begin(self, which: Any) -> None:
