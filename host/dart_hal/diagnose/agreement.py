@@ -21,7 +21,7 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-from .motion import AtMessages, at_messages
+from .motion import at_messages
 
 FACTORS = {1000.0: "thousandths: mm, mrad or mm/s2", 100.0: "cm", 57.2958: "degrees",
            3.6: "km/h", 1.0 / 9.81: "g", 0.001: "thousands: km or krad",
@@ -30,9 +30,11 @@ NEAR = 0.2  # of the logarithm
 AGREE = 2.5  # a factor that no effect of a sound car reaches
 ROWS = 20  # messages that must tell
 STEADY = 1.5  # quartiles of a ratio that is one factor
-ALIKE = 0.8  # correlation from where on a slope says something
+ALIKE = 0.8  # correlation, and share of one sign, from where on a factor says something
 SLOW_TURN, DRIVES = 0.2, 0.5  # rad/s, m/s
-GENTLE, TURNED = 2.0, 0.05  # m/s2, rad: where a car rolls without slip, and really steers
+GENTLE, TURNED, STILL = 2.0, 0.1, 0.05
+"""m/s2, rad, rad: where a car rolls without slip, really steers, and holds its wheel still."""
+SETTLED = 0.3  # s without steering
 ANOTHER = 2.0  # factor of the turning from where on it looks like another car
 STUCK = 1e-6  # rad/s
 
@@ -69,9 +71,12 @@ def check_model(train: Sequence[Recording], p: Vehicle) -> list[str]:
     else. Errors: OtherCar where the model steers to the other side.
     """
     said, does = (np.concatenate(v) for v in zip(*[_turning(r, p) for r in train], strict=True))
-    factor = slope(does, said, offset=False)
-    if not math.isfinite(factor):
+    times = does / said
+    if len(times) < ROWS:
         return []
+    factor = float(np.median(times))
+    if (times * factor > 0.0).mean() < ALIKE:
+        return []  # neither side prevails
     if factor < 0.0:
         raise OtherCar(
             f"the model {p.name} steers to the other side than the car of these recordings",
@@ -86,14 +91,14 @@ def check_model(train: Sequence[Recording], p: Vehicle) -> list[str]:
     return []
 
 
-def slope(y: FloatArray, x: FloatArray, offset: bool = True) -> float:
-    """Of y on x; NaN where they have too little to do with each other."""
+def slope(y: FloatArray, x: FloatArray) -> float:
+    """Of y on x with an offset; NaN where they have too little to do with each other."""
     good = np.isfinite(x) & np.isfinite(y)
-    x, y = x[good], y[good]
-    if offset and len(x):
-        x, y = x - x.mean(), y - y.mean()
+    if good.sum() < ROWS:
+        return math.nan
+    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
     size = math.sqrt(float(x @ x) * float(y @ y))
-    if len(x) < ROWS or size == 0.0 or abs(float(x @ y)) < ALIKE * size:
+    if size == 0.0 or abs(float(x @ y)) < ALIKE * size:
         return math.nan
     return float(x @ y) / float(x @ x)
 
@@ -141,16 +146,15 @@ def _round(factor: float) -> float:
 
 
 def _turning(r: Recording, p: Vehicle) -> tuple[FloatArray, FloatArray]:
-    """(what the model says, what the car did), (k,) rad/s of gentle turns."""
+    """(what the model says, what the car did), (k,) rad/s of gentle turns with a steady wheel."""
     m, at = r.messages, at_messages(r)
     q = settled(p)
     late = m.t - q.delay.steering_s - q.delay.steering_lag_s
     angle = np.asarray(make_steering(q.steering, ARRAY)(np.interp(late, m.t, m.steering)))
+    before = np.asarray(make_steering(q.steering, ARRAY)(np.interp(late - SETTLED, m.t,
+                                                                   m.steering)))
     says = at.speed * np.tan(angle) / q.body.wheelbase
-    use = _gentle(at) & (np.abs(angle) > TURNED)
-    return says[use], at.omega[use]
-
-
-def _gentle(at: AtMessages) -> BoolArray:
     with np.errstate(invalid="ignore"):
-        return np.asarray((at.speed > DRIVES) & (np.abs(at.speed * at.omega) < GENTLE))
+        gentle = (at.speed > DRIVES) & (np.abs(at.speed * at.omega) < GENTLE)
+    use = gentle & (np.abs(angle) > TURNED) & (np.abs(angle - before) < STILL)
+    return says[use], at.omega[use]

@@ -73,8 +73,8 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
         _long_enough(sides[1], LEAST_TEST, "test")
     else:
         sides = list(hold_out(sides[0], SHARE))
-        notes.append(f"no test recordings: the last {100 * SHARE:.0f} % of each training recording is held "
-                     "out and only used to measure the gain; other days would tell more")
+        notes.append(f"no test recordings: the last {100 * SHARE:.0f} % of each training recording "
+                     "is held out and only used to measure the gain; other days would tell more")
     notes += check_model(sides[0], p)
     seconds = sum(map(driving_seconds, sides[0]))
     if seconds < FEW:

@@ -1,0 +1,231 @@
+"""Bad input of a diagnosis: refused, or said, in words that name what is wrong."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import made_by_hand as made
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.agreement import check_model, check_units, ratio, slope
+from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.inputs import checked, effects_named, fitted_before
+from dart_hal.diagnose.motion import driving_seconds
+from dart_hal.diagnose.split import split
+from dart_hal.errors import DartHalError, OtherCar, RecordingError, UsageError
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+
+EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return made.recording()
+
+
+def other(recording, name="car_1_other.csv"):
+    """The same drive as if it were another one."""
+    return replace(recording, path=recording.path.with_name(name), sha256="f" * 64)
+
+
+def scaled(tmp_path, recording, column, factor, offset=0.0):
+    """The recording with one column of its file changed."""
+    lines = recording.path.read_text().splitlines()
+    at = lines[0].split(",").index(column)
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows:
+        row[at] = repr(float(row[at]) * factor + offset)
+    path = tmp_path / "car_1_changed.csv"
+    path.write_text("\r\n".join([lines[0], *(",".join(row) for row in rows)]) + "\r\n")
+    return path
+
+
+def test_a_sound_pair_passes_without_a_word(drive):
+    inputs = checked([drive], [other(drive)], PAPER)
+    assert inputs.notes == ()
+    assert inputs.train == (drive,)
+
+
+def test_train_equal_to_test_is_refused_even_under_another_name(drive, tmp_path):
+    copy = tmp_path / "renamed.csv"
+    shutil.copy(drive.path, copy)
+    with pytest.raises(UsageError, match="the test recordings are the training recordings"):
+        checked([drive], [read(copy)], PAPER)
+    with pytest.raises(UsageError, match="1 recording"):
+        checked([drive, other(drive)], [drive], PAPER)
+
+
+def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
+    copy = tmp_path / "car_1_copy.csv"
+    shutil.copy(drive.path, copy)
+    inputs = checked([drive, read(copy)], [other(drive)], PAPER)
+    assert inputs.train == (drive,)
+    assert "car_1_copy.csv" in inputs.notes[0]
+
+
+@pytest.mark.parametrize(("column", "factor"), [
+    ("vicon x", 1000.0), ("vel encoder", 1000.0), ("vel encoder", 0.001), ("vel encoder", 3.6),
+    ("vel encoder", 100.0), ("W (IMU)", 57.2958), ("W (IMU)", 0.001), ("W (IMU)", 1000.0),
+    ("W (IMU)", -1.0), ("vicon yaw", 57.2958), ("acc y (IMU)", 1 / 9.81),
+    ("acc y (IMU)", 1000.0), ("elapsed time sensors", 1000.0)])
+def test_a_wrong_unit_is_refused_by_column(drive, tmp_path, column, factor):
+    with pytest.raises(RecordingError) as refused:
+        check_units(read(scaled(tmp_path, drive, column, factor)))
+    text = str(refused.value)
+    assert column in text
+    assert any(word in text for word in ("factor", "mm", "ms", "deg", "mg"))
+
+
+def test_the_factor_is_named(drive, tmp_path):
+    path = scaled(tmp_path, drive, "vel encoder", 0.001)
+    with pytest.raises(RecordingError, match="vel encoder") as refused:
+        check_units(read(path))
+    assert "divide the column by 0.001" in refused.value.remedy
+    assert "km" in refused.value.likely
+
+
+def test_positions_in_km_look_like_standstill_and_are_refused(drive, tmp_path):
+    path = scaled(tmp_path, drive, "vicon x", 0.001)
+    path = scaled(tmp_path, replace(drive, path=path), "vicon y", 0.001)
+    with pytest.raises(RecordingError):
+        checked([read(path)], [], PAPER)
+
+
+@pytest.mark.parametrize(("column", "factor"), [
+    ("vel encoder", 1.06), ("W (IMU)", 0.9), ("acc y (IMU)", 1.2)])
+def test_what_an_effect_may_do_passes(drive, tmp_path, column, factor):
+    check_units(read(scaled(tmp_path, drive, column, factor)))
+
+
+def test_a_dead_encoder_is_said_and_not_judged(drive, tmp_path):
+    dead = read(scaled(tmp_path, drive, "vel encoder", 0.0))
+    inputs = checked([dead], [other(drive)], PAPER)
+    assert "encoder is dead" in " ".join(inputs.notes)
+    assert not np.isfinite(prepare(inputs.train[0], PAPER.body.l_r).read[:, 0]).any()
+
+
+def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
+    dead = read(scaled(tmp_path, drive, "W (IMU)", 0.0))
+    inputs = checked([dead], [other(drive)], PAPER)
+    assert "gyro is dead" in " ".join(inputs.notes)
+    found = prepare(inputs.train[0], PAPER.body.l_r).read
+    assert not np.isfinite(found[:, 1]).any()
+    assert np.isfinite(found[:, 0]).all()
+
+
+def test_without_mocap_it_is_said_what_cannot_be_known(drive):
+    bare = [replace(r, mocap=None, schema="A") for r in (drive, other(drive))]
+    inputs = checked(bare[:1], bare[1:], PAPER)
+    assert any("no motion capture" in n and "side slip" in n for n in inputs.notes)
+    mixed = checked([drive, replace(other(drive), mocap=None)], [], PAPER)
+    assert [r.name for r in mixed.train] == [drive.name]
+    assert "left out" in mixed.notes[0]
+
+
+def test_neither_mocap_nor_encoder_is_refused(drive):
+    blind = replace(drive, mocap=None, schema="A", encoder="zero")
+    with pytest.raises(RecordingError, match="neither motion capture nor a working encoder"):
+        checked([blind], [], PAPER)
+
+
+def test_a_standing_car_is_refused(drive):
+    m = drive.mocap
+    still = replace(drive, mocap=replace(m, x=0 * m.x, y=0 * m.y, yaw=0 * m.yaw),
+                    messages=replace(drive.messages, speed=0 * drive.messages.speed,
+                                     yaw_rate=0 * drive.messages.yaw_rate))
+    with pytest.raises(RecordingError, match="does not drive"):
+        checked([still], [], PAPER)
+    beside = checked([drive, replace(other(drive), mocap=still.mocap, messages=still.messages)],
+                     [], PAPER)
+    assert len(beside.train) == 1
+    assert any("stands still" in n for n in beside.notes)
+
+
+def test_a_short_drive_is_refused_and_a_meagre_one_is_said(drive):
+    first, _ = split(drive, 0.9)
+    with pytest.raises(RecordingError, match="too little driving to train on"):
+        checked([first], [other(drive)], PAPER)
+    with pytest.raises(RecordingError, match="too little driving to test"):
+        checked([drive], [other(split(drive, 0.04)[1])], PAPER)
+    meagre = checked([split(drive, 0.6)[0]], [other(drive)], PAPER)
+    assert any("small effects" in n for n in meagre.notes)
+
+
+def test_a_model_that_steers_the_other_way_is_another_cars(drive):
+    mirrored = replace(drive, messages=replace(drive.messages, steering=-drive.messages.steering))
+    with pytest.raises(OtherCar, match="other side"):
+        check_model([mirrored], PAPER)
+
+
+def test_a_model_that_turns_much_more_is_doubted_and_its_own_is_not(drive):
+    b = PAPER.body
+    long = replace(PAPER, body=replace(b, wheelbase=3 * b.wheelbase, l_f=3 * b.l_f, l_r=3 * b.l_r))
+    said = check_model([drive], long)
+    assert len(said) == 1
+    assert re.search(r"turns (2\.[5-9]|3\.[0-3])\d times", said[0])
+    assert check_model([drive], PAPER) == []
+
+
+def test_without_test_recordings_the_end_is_held_out(drive):
+    inputs = checked([drive], [], PAPER)
+    first, last = inputs.train[0], inputs.test[0]
+    assert any("40 %" in n for n in inputs.notes)
+    assert first.messages.arrival[-1] < last.messages.arrival[0]
+    a, b = (prepare(r, PAPER.body.l_r) for r in (first, last))
+    whole = prepare(drive, PAPER.body.l_r)
+    assert a.starts.max() * 0.01 + 1.0 < last.messages.arrival[0]
+    assert b.starts.min() * 0.01 > last.messages.arrival[0]
+    assert set(a.starts) | set(b.starts) <= set(whole.starts)  # the clock has stayed
+    assert len(a.starts) + len(b.starts) > 0.9 * len(whole.starts)
+    np.testing.assert_allclose(b.grid.v_x, whole.grid.v_x)
+    assert driving_seconds(last) == pytest.approx(0.4 * driving_seconds(drive), rel=0.25)
+
+
+def test_the_end_of_a_recording_without_mocap_keeps_its_clock(drive):
+    first, last = split(replace(drive, mocap=None), 0.4)
+    m = drive.messages
+    assert len(first.messages) + len(last.messages) < len(m)
+    assert last.messages.t[-1] == m.t[-1]
+    assert first.messages.t[0] == m.t[0]
+
+
+def test_a_model_that_has_seen_the_test_recordings_is_said(drive):
+    assert "fitted to 1 of the test recordings" in fitted_before([drive], {drive.sha256})[0]
+    assert fitted_before([drive], {"0" * 64}) == []
+
+
+def test_effects_are_named_as_in_the_catalogue():
+    assert effects_named(["grip"], []) == ("grip",)
+    assert "grip" not in effects_named([], ["grip"])
+    assert len(effects_named([], [])) > 40
+    with pytest.raises(UsageError, match="steering_lug") as unknown:
+        effects_named(["steering_lug"], [])
+    assert "steering_lag" in unknown.value.remedy
+    with pytest.raises(UsageError, match="no effect is left"):
+        effects_named(["grip"], ["grip"])
+
+
+def test_the_recordings_of_the_real_car_are_not_refused_for_their_units():
+    found = 0
+    for path in sorted(EXCERPT.rglob("*.csv*")):
+        try:
+            recording = read(path)
+        except DartHalError:
+            continue
+        check_units(recording)
+        check_model([recording], PAPER)
+        found += 1
+    assert found > 5
+
+
+def test_a_ratio_needs_to_be_one_and_a_slope_a_line():
+    x = np.linspace(0.5, 2.0, 50)
+    assert ratio(3.6 * x, x) == pytest.approx(3.6)
+    assert np.isnan(ratio(np.where(np.arange(50) % 2, 1.0, 5.0), x))
+    assert slope(2.0 * x + 7.0, x) == pytest.approx(2.0)
+    assert np.isnan(slope(np.cos(40 * x), x))
