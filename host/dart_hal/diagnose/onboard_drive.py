@@ -1,0 +1,192 @@
+"""A recording without motion capture as the diagnosis sees it: what its own sensors told.
+
+Between two gaps of the messages the car is followed on the clock of its
+messages: speed from the encoder, turning from the gyro, heading from the turning
+since the gap, place unknown. Windows start at messages; where the car stands,
+its gyro and accelerometer say what they read of nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.identify.runs import EVERY as FRAMES
+from dart_hal.identify.runs import RUN, finer, read_run
+from dart_hal.recording.dart import Grid, Messages, Recording, Reference
+from dart_hal.types import FloatArray
+
+from .drive import SLOWEST, STEP, Drive, held, message_time
+
+NOWHERE = Reference(0.0, 0.0, 0.0, "no motion capture")
+COUNTED = 0.1  # s over which a speed is the mean
+PAST = 2  # messages up to the start, which set the state at it
+READS = 10  # messages after the start at which a prediction is compared
+APART = 0.5  # s from start to start: half a window, so that every message is predicted twice
+STRAY = 0.03  # s; a message further from its place in the 10 Hz is a lost one
+HEARD = (3, 8)  # read-outs at which the accelerometer is judged: every message once
+FLIPPED = -0.01  # a command below it may drive backwards, and an encoder has no sign
+HELD = 0.1  # rad/s; a car that turns more on standing wheels is being carried
+FEWEST = 20  # readings that tell a noise
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Outing(Drive):
+    """One stretch without gaps of a recording, prepared without motion capture.
+
+    grid: v_x and omega as measured (v_y 0), yaw since the stretch began, x and y
+    0. begin (n,): samples, when each window starts; spots (READS, n): samples from
+    there to the messages in it, said (2, READS, n): encoder [m/s] and gyro [rad/s]
+    in them; past (PAST, n), last (2, PAST, n): the same of the messages up to the
+    start. still (m,): the message is of a standing car. The others come in the
+    order of the windows, HEARD[1] - HEARD[0] of each, ``read`` without encoder
+    and gyro. felt (2,): by how much an accelerometer is noisier while driving;
+    means [s]: over how long gyro and accelerometer were averaged.
+    """
+
+    begin: FloatArray
+    past: FloatArray
+    last: FloatArray
+    spots: FloatArray
+    said: FloatArray
+    still: NDArray[np.bool_]
+    felt: FloatArray
+    means: float
+
+
+def outings(recording: Recording) -> list[Outing]:
+    """Stretches of a recording that say anything, in order; none where nothing can be used."""
+    commands = recording.messages
+    means = 0.0
+    if recording.schema == RUN:
+        recording, commands = _of_run(recording)
+        means = COUNTED
+    m = recording.messages
+    sent, told = message_time(m), message_time(commands)
+    stretches = []
+    for segment in np.unique(m.segment):
+        rows = np.flatnonzero(m.segment == segment)
+        if sent[rows[-1]] - sent[rows[0]] < (READS + 2) * COUNTED:
+            continue
+        outing = _outing(recording, rows, sent, (told, commands), means)
+        if len(outing.starts) or len(outing.at):
+            stretches.append(outing)
+    return stretches
+
+
+def _of_run(recording: Recording) -> tuple[Recording, Messages]:
+    """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
+    step = float(np.median(np.diff(recording.messages.t)))
+    coarse = recording if step > 0.8 * COUNTED else read_run(recording.path, FRAMES)
+    return coarse, finer(coarse).messages
+
+
+def _outing(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
+            commands: tuple[FloatArray, Messages], means: float) -> Outing:
+    m, zero = recording.messages, sent[rows[0]]
+    at = (sent[rows] - zero) / STEP
+    g = _grid(m, rows, at, zero - sent[0], means)
+    told, c = commands
+    g = replace(g, throttle=held(told - zero, c.throttle, len(g)),
+                steering=held(told - zero, c.steering, len(g)))
+    first, reads = _windows(m, rows, at, g)
+    index = rows[reads[:, PAST:]]
+    spots = (at[reads] - at[first][:, None]).T
+    said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
+    standing = rows[_still(m, rows)]
+    heard = index[:, HEARD[0]:HEARD[1]].ravel()
+    noise = _noise(m, heard), _noise(m, standing)
+    read = np.stack([m.speed, m.yaw_rate, m.accel_x, m.accel_y], axis=1)
+    quiet = _dithered(read, standing)
+    driven = read[heard]
+    driven[:, :2] = np.nan
+    when = np.concatenate([sent[heard], sent[standing]]) - zero
+    still = np.repeat([False, True], [len(heard), len(standing)])
+    return Outing(recording, g, np.rint(at[first]).astype(np.int64), when / STEP,
+                  np.concatenate([driven, quiet]), at[first], spots[:PAST], said[:, :PAST],
+                  spots[PAST:], said[:, PAST:], still, np.maximum(noise[0] / noise[1], 1.0), means)
+
+
+def _grid(m: Messages, rows: NDArray[np.int64], at: FloatArray, since: float,
+          means: float) -> Grid:
+    """The motion as the sensors tell it. since [s]: from the start of the recording."""
+    sample = np.arange(int(np.ceil(at[-1])) + 2, dtype=np.float64)
+    back = 0.5 / STEP
+    speed = np.interp(sample, at - COUNTED * back, m.speed[rows])
+    rate = m.yaw_rate[rows]
+    omega = np.interp(sample, at - means * back, rate) if np.isfinite(rate).all() else np.full(
+        len(sample), np.nan)
+    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * STEP)])
+    none = np.zeros(len(sample))
+    return Grid(since + sample * STEP, none, none, yaw, speed, none, omega, none, none,
+                speed, np.zeros(len(sample), dtype=np.bool_), NOWHERE)
+
+
+def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid
+             ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Messages (n,) at which windows start, those (n, PAST + READS) around: places in rows."""
+    wanted = at[:, None] + COUNTED / STEP * np.arange(1 - PAST, READS + 1)
+    after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
+    near = np.where(wanted - at[after - 1] < at[after] - wanted, after - 1, after)
+    whole = (np.abs(at[near] - wanted) < STRAY / STEP).all(axis=1)
+    sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
+    moving = np.interp(at, np.arange(len(g)), g.v_x) > SLOWEST
+    forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > FLIPPED
+    good = whole & moving & forward & sensed & sensed[near].all(axis=1)
+    good[:4] = good[-1:] = False  # the state at the start takes messages to both sides
+    chosen: list[int] = []
+    for i in np.flatnonzero(good):
+        if not chosen or at[i] - at[chosen[-1]] > APART / STEP - STRAY / STEP:
+            chosen.append(int(i))
+    first = np.array(chosen, dtype=np.int64)
+    return first, near[first]
+
+
+def _still(m: Messages, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Places in rows of messages between others that all saw a standing car."""
+    stands = m.speed[rows] == 0.0
+    stands[1:-1] &= stands[:-2] & stands[2:]
+    stands[[0, -1]] = False
+    for channel in (m.yaw_rate, m.accel_x, m.accel_y):
+        stands &= np.isfinite(channel[rows])
+    if not stands.any():
+        return np.empty(0, dtype=np.int64)
+    rate = m.yaw_rate[rows]
+    return np.flatnonzero(stands & (np.abs(rate - np.median(rate[stands])) < HELD))
+
+
+def _noise(m: Messages, index: NDArray[np.int64]) -> FloatArray:
+    """Robust standard deviation of (a_x, a_y) from message to message; NaN-free, 1 if unknown."""
+    if len(index) < FEWEST:
+        return np.ones(2)
+    steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
+    return np.asarray(1.4826 / np.sqrt(2.0) * np.median(np.abs(steps), axis=1) + 1e-3)
+
+
+def _dithered(read: FloatArray, index: NDArray[np.int64]) -> FloatArray:
+    """Readings (k, 4) at rest, anywhere within their step: what is rounded has no noise of its own.
+
+    Evenly spread instead of by chance, so that the same file gives the same numbers.
+    """
+    out = np.array(read[index])
+    for k in (1, 2, 3):
+        values = np.unique(read[np.isfinite(read[:, k]), k])
+        steps = np.diff(values)
+        steps = steps[steps > 1e-5]
+        out[:, k] += spread(len(out)) * (steps.min() if len(steps) else 0.0)
+    return out
+
+
+def spread(n: int) -> FloatArray:
+    """n numbers evenly over -0.5 to 0.5 in no order that means anything."""
+    return np.asarray((GOLDEN * np.arange(1, n + 1)) % 1.0 - 0.5)
+
+
+def counted(drives: Sequence[Outing]) -> tuple[int, int, int]:
+    """(windows, messages while driving, messages at rest)."""
+    still = sum(int(d.still.sum()) for d in drives)
+    return sum(len(d.starts) for d in drives), sum(len(d.at) for d in drives) - still, still
