@@ -36,7 +36,8 @@ class Plan:
     """How it is driven. force [N], memory [s]: an Ornstein-Uhlenbeck disturbance.
 
     lockstep: commands change with the messages; else whenever they like, and
-    the recorder sees them up to 0.1 s later.
+    the recorder sees them up to 0.1 s later. series: (throttle, steering) at
+    ``series_dt`` [s] in place of a style; they say how long it takes.
     """
 
     seconds: float = 60.0
@@ -44,10 +45,14 @@ class Plan:
     force: float = 0.12
     memory: float = 0.15
     lockstep: bool = True
+    series: tuple | None = None
+    series_dt: float = 0.01
 
 
 def commands(plan, rng):
     """(throttle, steering) (n,) on DT: steps of both, and waves of the steering."""
+    if plan.series is not None:
+        return tuple(np.repeat(s, round(plan.series_dt / DT)) for s in plan.series)
     n = round(plan.seconds / DT)
     t = np.arange(n) * DT
     throttle, steering = np.zeros(n), np.zeros(n)
@@ -120,7 +125,7 @@ def write(path, p=PAPER, seed=0, plan=Plan()):
     """Drive and write one schema B file; returns its path."""
     rng = np.random.default_rng(seed)
     throttle, steering = commands(plan, rng)
-    heard = np.arange(rng.uniform(0.02, 0.1), plan.seconds - DT, 0.1)
+    heard = np.arange(rng.uniform(0.02, 0.1), len(throttle) * DT - DT, 0.1)
     if plan.lockstep:
         at = np.searchsorted(heard, np.arange(len(throttle)) * DT, side="right") - 1
         at = np.maximum(at, 0)

@@ -1,0 +1,84 @@
+"""The shortest drive that tells a cause from all that it cannot be told from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import combinations
+
+from dart_hal.config import ModelFile
+from dart_hal.experiment.floor import Floor
+from dart_hal.vehicle.effects import catalogue
+
+from ..result import Cause, Diagnosis
+from .library import CHOICES, Rehearsed, rehearsed
+from .predict import predict
+from .question import Question, ask
+from .race import Race
+from .result import ENOUGH, Pair, Suggestion, Tried
+
+FLOOR = Floor(10.0, 10.0)
+Progress = Callable[[float, str], None]
+
+
+def suggest(diagnosis: Diagnosis, *, floor: Floor = FLOOR, seed: int = 0,
+            progress: Progress | None = None, model: ModelFile | None = None
+            ) -> tuple[Suggestion, ...]:
+    """For each cause that cannot be told from others: the drive that would separate them.
+
+    floor: what there is to drive on; seed: of the simulated repeats; model: of
+    the car that would drive (None: the paper's), for the rehearsal. Empty when
+    every cause stands for itself.
+    """
+    open_ = [cause for cause in diagnosis.causes if cause.cannot_be_told_from]
+    if not open_:
+        return ()
+    drives = _Kept(rehearsed(floor, model))
+    out = []
+    for i, cause in enumerate(open_):
+        def tell(share: float, text: str, done: int = i) -> None:
+            if progress is not None:
+                progress((done + share) / len(open_), text)
+
+        out.append(_answer(ask(diagnosis, cause), cause, drives, floor, seed, tell))
+    return tuple(out)
+
+
+class _Kept:
+    """An iterator that can be walked again; what was made is kept."""
+
+    def __init__(self, source: Iterator[Rehearsed]) -> None:
+        self._source, self._made = source, list[Rehearsed]()
+
+    def __iter__(self) -> Iterator[Rehearsed]:
+        yield from self._made
+        for one in self._source:
+            self._made.append(one)
+            yield one
+
+
+def _answer(q: Question, cause: Cause, drives: Iterable[Rehearsed], floor: Floor, seed: int,
+            tell: Progress) -> Suggestion:
+    tried: list[Tried] = []
+    best: Race | None = None
+    for i, drive in enumerate(drives):
+        tell(i / len(CHOICES), drive.choice.name)
+        for setting in q.settings:
+            race = Race(q, drive, setting, seed)
+            tried.append(Tried(drive.choice.name, drive.seconds, setting.needs, race.least))
+            if best is None or (race.separated, race.least) > (best.separated, best.least):
+                best = race
+            if race.least >= ENOUGH:
+                break
+        if best is not None and best.least >= ENOUGH:
+            break
+    by_hand = catalogue()[cause.effect].experiment
+    rivals = q.names[1:]
+    if best is None:
+        return Suggestion(cause.effect, rivals, "", "", (), 0.0, str(floor), "", False, (),
+                          q.values, by_hand, tuple(tried))
+    pairs = tuple(Pair(a, b, min(q.before[a, b], q.before[b, a]), best.between(a, b),
+                       best.right(a, b)) for a, b in combinations(q.names, 2))
+    choice = best.drive.choice
+    return Suggestion(cause.effect, rivals, choice.name, choice.description, best.drive.typed,
+                      best.drive.seconds, str(floor), best.setting.needs, best.least >= ENOUGH,
+                      pairs, q.values, by_hand, tuple(tried), predict(best, pairs))

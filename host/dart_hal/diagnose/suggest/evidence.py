@@ -1,0 +1,127 @@
+"""What the diagnosis would make of a drive: the same evidence, and the noise it would meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..drive import prepare
+from ..noise import Noise, loss, measure
+from ..onboard import OnboardEvidence
+from ..onboard_drive import outings
+from ..residuals import Evidence, Residuals
+from ..space import Timing
+from .virtual import AHEAD
+
+Labels = NDArray[np.int64]
+BLOCK = 2.0  # s
+FURTHER = 10**9  # added to labels of blocks, so that they are others
+RUN = 4  # rows in a row that noise is drawn in: it has a memory
+MOCAP, ONBOARD = "motion capture", "on-board sensors"
+MIDDLE = Timing(0.0, AHEAD)
+"""How ``virtual.record`` stamps."""
+AT_REST = 0.004
+"""rad/s, a reading of the gyro of a standing car, where the data at hand never stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """How drives are judged. needs: MOCAP or ONBOARD.
+
+    rest, lacking: residuals of the data at hand in SI units, of their best model
+    (what no hypothesis explains, to be drawn from) and of the base; blocks: as
+    ``Evidence.blocks``; noise: as a diagnosis of these data measures it; felt:
+    as ``Outing.felt``, which a drive without noise cannot tell.
+    """
+
+    needs: str
+    l_r: float
+    reference: Reference
+    rest: Residuals
+    lacking: Residuals
+    blocks: tuple[Labels, Labels]
+    noise: Noise
+    felt: FloatArray
+
+    def of(self, recordings: Sequence[Recording]) -> Any:
+        """Evidence or OnboardEvidence of recordings; it may be empty."""
+        if self.needs == MOCAP:
+            return Evidence([prepare(r, self.l_r, self.reference) for r in recordings], self.l_r)
+        return OnboardEvidence([replace(o, felt=self.felt)
+                                for r in recordings for o in outings(r)], self.l_r)
+
+    def drawn(self, evidence: Any, rng: np.random.Generator) -> Residuals:
+        """Noise for every row of an evidence."""
+        return Residuals(_runs(self.rest.motion, len(evidence.motion_drive), rng),
+                         _runs(self.rest.sensors, len(evidence.sensor_drive), rng))
+
+    def together(self, evidence: Any, base: Vehicle, truth: Vehicle,
+                 rng: np.random.Generator) -> Noise:
+        """As a diagnosis of these data and a new drive measures it, which knows the base alone.
+
+        What the cause does is noise to it: large effects weigh less.
+        """
+        late, ahead = MIDDLE.late, MIDDLE.ahead
+        ours, theirs = (evidence.residuals(p, late, ahead) for p in (base, truth))
+        drawn, old = self.drawn(evidence, rng), self.lacking
+        new = (ours.motion - theirs.motion + drawn.motion,
+               ours.sensors - theirs.sensors + drawn.sensors)
+        blocks = tuple(np.concatenate([was, FURTHER + is_]) for was, is_ in zip(
+            self.blocks, evidence.blocks(BLOCK), strict=True))
+        return measure(Residuals(np.concatenate([old.motion, new[0]]),
+                                 np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]))
+
+    def share(self, noise: Noise) -> float:
+        """Of what the data at hand say of the cause, that other noise leaves."""
+        cause = Residuals(self.lacking.motion - self.rest.motion,
+                          self.lacking.sensors - self.rest.sensors)
+        own, other = (float(worth @ loss(x)) for x, worth in (
+            self.noise.stacked(cause), noise.stacked(cause)))
+        return min(other / own, 1.0) if own > 0.0 else 0.0
+
+
+def setting(evidence: Any, base: Vehicle, full: Vehicle, timing: Timing,
+            reference: Reference) -> Setting:
+    """From the data at hand; full is the best model of them, base lacks the cause."""
+    r, lacking = (evidence.residuals(p, timing.late, timing.ahead) for p in (full, base))
+    needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
+    if needs == ONBOARD and not any(drive.still.any() for drive in evidence.drives):
+        quiet = AT_REST * np.random.default_rng(0).normal(size=len(r.sensors))
+        for residuals in (r, lacking):
+            residuals.sensors[:, 1] = quiet
+    blocks = evidence.blocks(BLOCK)
+    return Setting(needs, evidence.l_r, reference, r, lacking, blocks, measure(lacking, blocks),
+                   _felt(evidence))
+
+
+def without_mocap(evidence: Any) -> Any:
+    """The same recordings by their own sensors alone; None where that says nothing, or is all."""
+    if isinstance(evidence, OnboardEvidence):
+        return None
+    alone = OnboardEvidence([o for d in evidence.drives for o in outings(d.recording)],
+                            evidence.l_r)
+    return alone if len(alone.motion_drive) else None
+
+
+def _felt(evidence: Any) -> FloatArray:
+    if not isinstance(evidence, OnboardEvidence):
+        return np.ones(2)
+    return np.asarray(np.median([drive.felt for drive in evidence.drives], axis=0))
+
+
+def _runs(rows: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    """n rows in runs of RUN out of (m, c), each mirrored or not."""
+    if not n or not len(rows):
+        return np.zeros((n, rows.shape[1]))
+    starts = rng.integers(0, max(len(rows) - RUN, 1), n // RUN + 1)
+    index = np.minimum(starts[:, None] + np.arange(RUN), len(rows) - 1)
+    sign = rng.choice([-1.0, 1.0], len(starts))
+    return np.asarray((rows[index] * sign[:, None, None]).reshape(-1, rows.shape[1])[:n])

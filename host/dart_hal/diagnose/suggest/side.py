@@ -1,0 +1,56 @@
+"""One recording as two hypotheses see it, and what is free to follow the wrong one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..fit import Point, at
+from ..noise import Noise, loss
+from ..residuals import Residuals
+from ..space import Space, Timing
+
+
+class Side:
+    """The evidence of one recording, the truth about it, and the base that follows a rival.
+
+    free, known: names of base parameters and their standard errors, as for ``Space``.
+    """
+
+    def __init__(self, evidence: Any, noise: Noise, base: Vehicle, truth: Vehicle,
+                 free: Sequence[str], known: Mapping[str, float], timing: Timing) -> None:
+        self.evidence, self.noise, self._timing = evidence, noise, timing
+        space = Space(base, free, known)
+        self.point: Point = at(evidence, noise, space, space.point(timing))
+        self._true = self._residual(truth)
+
+    def difference(self, p: Vehicle) -> FloatArray:
+        """What p says minus what the truth says (N,), whitened."""
+        return self._residual(p) - self._true
+
+    def loss(self, p: Vehicle) -> float:
+        """Robust loss by which p is worse, once all that is free has followed."""
+        return self.point.after(self.difference(p))[0]
+
+    def followed(self, p: Vehicle) -> Vehicle:
+        """The base as it follows p."""
+        space = self.point.space
+        x = self.point.x + self.point.follow(self.difference(p))
+        return space.split(np.clip(x, space.low, space.high))[0]
+
+    def worse(self, noise: Residuals, more: FloatArray) -> float:
+        """Robust loss of noise [SI units] with ``more`` on it (N,), less that of the noise."""
+        x = self.noise.stacked(noise)[0]
+        return self._left(x + more) - self._left(x)
+
+    def _left(self, x: FloatArray) -> float:
+        return float(self.point.worth @ loss(x + self.point.jacobian @ self.point.follow(x)))
+
+    def _residual(self, p: Vehicle) -> FloatArray:
+        return self.noise.stacked(self.evidence.residuals(
+            p, self._timing.late, self._timing.ahead))[0]
