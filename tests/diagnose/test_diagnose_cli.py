@@ -1,0 +1,136 @@
+"""``dart-hal diagnose``: from files to JSON, page and model; and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import hidden_drive
+import made_by_hand as made
+import pytest
+
+from dart_hal.cli.main import main
+from dart_hal.config import load_model
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.load import find_model
+
+KEYS = {"verdict", "base", "causes", "considered", "unexplained", "extended", "ctrv", "runtime_s",
+        "files", "seed"}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    return [hidden_drive.write(folder / f"car_1_{seed}.csv", made.HIDDEN, seed=seed,
+                               plan=hidden_drive.Plan(seconds=45.0)) for seed in (11, 12)]
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(["diagnose", *map(str, words)])
+        out, err = capsys.readouterr()
+        return ended.value.code, (json.loads(out) if out else None), err
+    return call
+
+
+@pytest.fixture(scope="module")
+def whole(files, tmp_path_factory):
+    """One real diagnosis: its answer, page and model."""
+    import contextlib
+    import io
+
+    folder = tmp_path_factory.mktemp("out")
+    out = io.StringIO()
+    words = ["diagnose", "--no-refit", "--train", files[0], "--test", files[1], "--only",
+             "steering_lag", "--only", "gyro_scale", "--only", "grip", "--html",
+             folder / "report.html", "--out", folder / "model.toml", "--json"]
+    with contextlib.redirect_stdout(out), pytest.raises(SystemExit) as ended:
+        main([str(w) for w in words])
+    return ended.value.code, json.loads(out.getvalue()), folder
+
+
+def test_the_hidden_effects_are_named_and_the_answer_has_its_shape(whole):
+    code, answer, _ = whole
+    assert code == 0
+    assert set(answer) >= KEYS
+    assert {c["effect"] for c in answer["causes"]} == {"steering_lag", "gyro_scale"}
+    lag = next(c for c in answer["causes"] if c["effect"] == "steering_lag")
+    assert abs(lag["parameters"]["k"]["value"] - 0.12) < 0.02
+    assert lag["gain"]["test"] > 0.3
+    named = {c["effect"] for c in answer["considered"]}
+    assert named <= {"grip", "steering_lag", "gyro_scale"}
+    assert [f["role"] for f in answer["files"].values()] == ["train", "test"]
+
+
+def test_the_page_is_written_with_the_command_in_it(whole):
+    _, answer, folder = whole
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert answer["report"] == str(folder / "report.html")
+    assert "--only steering_lag" in text
+    assert "steering_lag" in text
+
+
+def test_the_extended_model_is_a_model_with_its_effects_and_their_errors(whole, files):
+    _, answer, folder = whole
+    model, p = find_model(folder / "model.toml")
+    assert answer["extended"]["model"] == str(folder / "model.toml")
+    assert {a.name for a in p.effects} == {"steering_lag", "gyro_scale"}
+    for cause in answer["causes"]:
+        entry = next(e for e in load_model(folder / "model.toml").effects
+                     if e.name == cause["effect"]).parameters["k"]
+        assert (entry.value, entry.std) == pytest.approx(
+            (cause["parameters"]["k"]["value"], cause["parameters"]["k"]["std"]), rel=1e-3)
+    assert p.friction == PAPER.friction
+    assert list(model.provenance["files"]) == [f"{files[0].parent.name}/{files[0].name}"]
+    assert "dart-hal diagnose" in model.provenance["command"]
+
+
+def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole, files, run):
+    _, _, folder = whole
+    code, answer, err = run("--model", folder / "model.toml", "--no-refit", "--train", files[1],
+                            "--test", files[0], "--only", "grip", "--max-causes", 0, "--json")
+    assert code == 0
+    assert answer["causes"] == []
+    assert "fitted to 1 of the test recordings" in " ".join(answer["notes"])
+    assert "fitted to 1 of the test recordings" in err
+
+
+def test_without_json_the_sentences_are_on_standard_error(files, run):
+    code, out, err = run("--no-refit", "--train", files[0], "--only", "steering_lag",
+                         "--only", "gyro_scale")
+    assert code == 0
+    assert out is None
+    for words in ("steering_lag, k 0.1", "40 % of each training recording",
+                  "holding the velocities", "on recordings it has not seen"):
+        assert words in err
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    ([], "no recording to train on"),
+    (["--train", "{0}", "--only", "steering_lug"], "steering_lag"),
+    (["--train", "{0}", "--only", "grip", "--exclude", "grip"], "no effect is left"),
+    (["--train", "{0}", "--test", "{0}"], "the test recordings are the training recordings"),
+    (["--train", "{0}", "{1}", "--test", "{1}"], "1 recording(s)"),
+    (["--train", "{0}", "--model", "nobody"], "no model is called"),
+    (["--train", "model.toml"], "is a model, no recording"),
+    (["--train", "{0}", "--html", "report.pdf"], "does not end in .html"),
+    (["--train", "{0}", "--out", "model.json"], "does not end in .toml"),
+    (["--train", "{0}", "--false-alarm", "nan"], "finite"),
+    (["--train", "nowhere"], "nowhere"),
+])
+def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
+    code, answer, err = run(*(w.format(*files) for w in words), "--json")
+    assert code == 2
+    assert set(answer) == {"error"}
+    assert set(answer["error"]) == {"code", "what", "found", "try"}
+    assert says in err
+
+
+def test_a_copy_under_another_name_is_still_the_same_recording(files, run, tmp_path):
+    copy = tmp_path / "another_day.csv"
+    shutil.copy(files[0], copy)
+    code, answer, _ = run("--train", files[0], "--test", copy, "--json")
+    assert code == 2
+    assert "the test recordings are the training recordings" in answer["error"]["what"]
