@@ -11,6 +11,7 @@ from dart_hal.diagnose.residuals import Evidence
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
+STEP = 0.002  # s
 MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia
 
 
@@ -96,12 +97,15 @@ def write(path, wrap, seed, plan, monkeypatch):
 
 
 def looked_at(paths, p=PAPER):
-    """(evidence, p, residuals, noise) for ``unexplained``; the age of the messages is fitted."""
+    """(evidence, p, residuals, noise) for ``unexplained``; the ages of messages and of commands,
+    which are nothing that a car has, are fitted first."""
     evidence = Evidence([prepare(read(path), p.body.l_r) for path in paths], p.body.l_r)
-    late = 0.0
+    noise = measure(evidence.residuals(p), evidence.blocks(2.0))
+    ages = np.zeros(2)
     for _ in range(3):
-        here, there = (evidence.residuals(p, late + by).sensors[:, 1] for by in (0.0, 0.002))
-        slope = (there - here) / 0.002
-        late -= np.nansum(slope * here) / np.nansum(slope**2)
-    residuals = evidence.residuals(p, late)
+        here, *there = (np.clip(noise.stacked(evidence.residuals(p, *(ages + by)))[0], -5, 5)
+                        for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP)))
+        slopes = np.stack([(other - here) / STEP for other in there], axis=1)
+        ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
+    residuals = evidence.residuals(p, *ages)
     return evidence, p, residuals, measure(residuals, evidence.blocks(2.0))

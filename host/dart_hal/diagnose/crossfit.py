@@ -68,14 +68,14 @@ def _ridge(columns: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def normal_scores(share: FloatArray) -> FloatArray:
-    """Shares (s, k) as standard normal numbers, column by column, by the rows after the first.
+    """Shares (s, k) as standard normal numbers, column by column.
 
     A share is a sum of few squares and has a long tail, the longer the fewer;
     the Wilson-Hilferty root of a shifted gamma distribution with the same mean,
-    variance and skewness makes columns comparable.
+    variance and skewness makes columns comparable. No row is treated apart:
+    what is found competes with chance on equal terms.
     """
-    null = share[1:]
-    mean, std = null.mean(axis=0), null.std(axis=0) + 1e-12
-    skew = np.clip((((null - mean) / std)**3).mean(axis=0), 0.05, 2.8)
+    mean, std = share.mean(axis=0), share.std(axis=0) + 1e-12
     z = (share - mean) / std
+    skew = np.clip((z**3).mean(axis=0), 0.05, 2.8)
     return np.asarray(6.0 / skew * (np.cbrt(1.0 + 0.5 * skew * z) - 1.0) + skew / 6.0)

@@ -31,6 +31,7 @@ READ_OUT = 2  # the one at 0.5 s: as far as from window to window
 UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
 MATERIAL = 0.05  # share of the variance below which structure is not worth a word
+NEARLY = 2.0  # times the level
 MORE, MORE_THAN = 0.01, 1.25  # what another variable must add, and by how much it must multiply
 BLOCK = 2.0  # s
 MOST_BLOCKS, FEWEST_BLOCKS = 200, 10  # 2**10 ways to turn signs: enough for a level of 1 %
@@ -53,12 +54,28 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """share (k,): of the variance, predicted where it was not fitted, for each of the k functions
-    of ``of`` = (channel, variables); null (s, k): the same by chance."""
+    """share (k,): of the variance, predicted where it was not fitted, for k functions.
+
+    of: (channel, variables) of each. turned, left (s, k): the same by chance,
+    with turned signs of the residuals and of what the best functions leave of them.
+    """
+
 
     of: list[tuple[str, tuple[str, ...]]]
     share: FloatArray
-    null: FloatArray
+    turned: FloatArray
+    left: FloatArray
+
+    def p_values(self) -> FloatArray:
+        """Of each function, over the family of all of them, (k,).
+
+        Turned residuals are an exact null, but a strong structure hides among
+        its own mirror images; what is left of them is a sharp null that is a
+        little too narrow for noise with a memory. So the sharp one decides, and
+        the exact one must nearly agree.
+        """
+        return np.maximum(_family_wise(self.share, self.left),
+                          _family_wise(self.share, self.turned) / NEARLY)
 
 
 def unexplained(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise, seed: int = 0,
@@ -115,10 +132,7 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
     found = _search(of, seed, math.ceil(10.0 / level) - 1)
     if found is None:
         return ()
-    scores = normal_scores(np.vstack([found.share, found.null]))
-    chance = np.sort(scores[1:].max(axis=1))
-    beaten_by = len(chance) - np.searchsorted(chance, scores[0])
-    p_value = (1.0 + beaten_by) / (1.0 + len(chance))
+    p_value = found.p_values()
     out = []
     for group in of:
         for i, channel in enumerate(group.channels):
@@ -141,7 +155,7 @@ def shares(of: list[Group], seed: int = 0) -> dict[str, float]:
     for channel in out:
         mine = [k for k in range(len(found.of)) if found.of[k][0] == channel]
         if mine:
-            chance = float(np.median(found.null[:, mine].max(axis=1)))
+            chance = float(np.median(found.turned[:, mine].max(axis=1)))
             out[channel] = float(np.clip(found.share[mine].max() - max(chance, 0.0), 0.0, 1.0))
     return out
 
@@ -159,17 +173,22 @@ def _search(of: list[Group], seed: int, turns: int) -> Found | None:
             table, tried = _tried(group, block, signs[:, np.searchsorted(labels, present)], rng)
             tables.append(table)
             names += [(channel, along) for along in tried for channel in group.channels]
-    table = np.concatenate(tables, axis=1) if tables else np.empty((1, 0))
-    return Found(names, table[0], table[1:]) if tables else None
+    if not tables:
+        return None
+    table = np.concatenate(tables, axis=1)
+    return Found(names, table[0], table[1:1 + turns], table[1 + turns:])
+
+
+def _family_wise(share: FloatArray, null: FloatArray) -> FloatArray:
+    scores = normal_scores(np.vstack([share, null]))
+    chance = np.sort(scores[1:].max(axis=1))
+    beaten_by = len(chance) - np.searchsorted(chance, scores[0])
+    return np.asarray((1.0 + beaten_by) / (1.0 + len(chance)))
 
 
 def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.random.Generator
            ) -> tuple[FloatArray, list[tuple[str, ...]]]:
-    """Shares (1 + s, sets x channels), the first as it is, the others by chance; and the sets.
-
-    Chance turns the signs of what the best function leaves, else a structure
-    would hide among its own mirror images.
-    """
+    """Shares (1 + 2 s, sets x channels): as it is, turned, and turned what is left; the sets."""
     features, y = _features(group), _centred(group)
     within, across = _folds(group, block, rng)
     tried = sets(features)
@@ -179,7 +198,7 @@ def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.ra
         return np.stack([predicted_share(basis(features, along), Rows(y, block, fold), signs)
                          for along, fold in zip(tried, folds, strict=True)], axis=1)
 
-    share = table(y, np.ones((1, signs.shape[1])))
+    share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
     left = y.copy()
     for i, best in enumerate(share[0].argmax(axis=0)):
         if share[0, best, i] > 0.0:
