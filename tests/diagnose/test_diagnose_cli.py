@@ -98,7 +98,7 @@ def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole,
 
 
 def test_without_json_the_sentences_are_on_standard_error(files, run):
-    code, out, err = run("--no-refit", "--train", files[0], "--only", "steering_lag",
+    code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
                          "--only", "gyro_scale")
     assert code == 0
     assert out is None

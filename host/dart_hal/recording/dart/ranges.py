@@ -41,6 +41,11 @@ LIMITS = (
     Limit("vicon x", 1000.0, "m", "mm"),
     Limit("vicon y", 1000.0, "m", "mm"),
 )
+FACTORS = {
+    "mm": "1000", "mm/s or cm/s": "1000 or 100", "deg/s": "57.2958", "degrees": "57.2958",
+    "mm/s2 or mg": "1000 or 102", "ms, us or ns": "1e3, 1e6 or 1e9",
+    "minutes or hours": "1/60 or 1/3600"}
+"""From a mistaken unit to the SI unit."""
 SHORTEST, LONGEST = 1e-3, 1.0  # s, median step of the sensor messages; they come at 10 Hz
 SHORTEST_MOCAP = MIN_ADVANCE  # s
 LONGEST_PAUSE = 86_400.0  # s; no recorder waits for a day
@@ -133,4 +138,5 @@ def _refused(file: str, column: str, found: str, expected: str, mistaken: str,
         f"{file}: column {column!r} holds what no car can have: {found} ({mistaken}?)",
         found=found + where, expected=expected, read=file,
         likely=f"{mistaken} instead of the SI unit, or a damaged number",
-        remedy="convert the column to SI units, or repair or delete the damaged rows")
+        remedy=f"divide the column by {FACTORS[mistaken]} if it is in {mistaken}, or repair or "
+               "delete the damaged rows")
