@@ -21,6 +21,7 @@ from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 
+from .fit import Point
 from .residuals import Evidence, Residuals
 from .result import Gained
 
@@ -77,11 +78,11 @@ def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
         return Side(evidence, None)
 
 
-def gained(effect: Effect, before: tuple[Vehicle, float, float],
-           after: tuple[Vehicle, float, float], train: Side, test: Side, seed: int) -> Gained:
+def gained(effect: Effect, before: tuple[Vehicle, Point], after: tuple[Vehicle, Point],
+           train: Side, test: Side, seed: int) -> Gained:
     """What an effect takes away where it shows; the channel is chosen on the training side.
 
-    before, after: (vehicle, late, ahead).
+    before, after: the vehicle as it predicts from a log, and the fitted point.
     """
     if effect.stage != "measurement" and train.prepared and test.prepared:
         channels = rollout_gains(before[0], after[0], train, train, seed)
@@ -89,7 +90,7 @@ def gained(effect: Effect, before: tuple[Vehicle, float, float],
         return rollout_gains(before[0], after[0], train, test, seed)[best]
     found = {}
     for name, column in _columns(effect, train.evidence).items():
-        found[name] = _residual_gain(name, column, before, after, train, test, seed)
+        found[name] = _residual_gain(name, column, before[1], after[1], train, test, seed)
     return max(found.values(), key=lambda g: g.train)
 
 
@@ -108,12 +109,12 @@ def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
     return out
 
 
-def _residual_gain(name: str, column: int, before: tuple[Vehicle, float, float],
-                   after: tuple[Vehicle, float, float], train: Side, test: Side,
+def _residual_gain(name: str, column: int, before: Point, after: Point, train: Side, test: Side,
                    seed: int) -> Gained:
     pairs = []
     for side in (train, test):
-        a, b = (_pick(side.evidence.residuals(*m), column) for m in (before, after))
+        a, b = (_pick(side.evidence.residuals(p.vehicle, p.timing.late, p.timing.ahead), column)
+                for p in (before, after))
         good = np.isfinite(a) & np.isfinite(b)
         labels = side.evidence.blocks(STRETCH)[0 if column >= 0 else 1]
         pairs.append((a[good], b[good], labels[good]))

@@ -30,7 +30,7 @@ from dart_hal.vehicle.tyres import make_tyres
 
 from .drive import STEP
 from .onboard_drive import COUNTED, HEARD, READS, STRAY, Outing, spread
-from .residuals import Residuals
+from .residuals import SENSORS, Residuals
 from .subsample import FINE, fine
 
 MOTION = ("encoder", "gyro")
@@ -52,6 +52,22 @@ class OnboardEvidence:
         self.drives, self.l_r = tuple(drives), l_r
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+
+    @property
+    def columns(self) -> dict[str, int]:
+        """As ``residuals.Evidence.columns``."""
+        end = (READS - 1) * len(MOTION)
+        return {**{name: end + i for i, name in enumerate(MOTION)}, "accel_x": -2, "accel_y": -1}
+
+    def columns_at(self, horizon: float) -> dict[str, int]:
+        """As ``residuals.Evidence.columns_at``: the speed is the wheel's, turning the gyro's."""
+        read = round(horizon / COUNTED) - 1
+        names = ("vx", "yaw_rate")
+        return {n: read * len(MOTION) + i for i, n in enumerate(names)} if read < READS else {}
+
+    def channel(self, column: int) -> str:
+        """Name of a column of the motion, or of -1 - column of the sensors."""
+        return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
 
     def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""

@@ -70,6 +70,10 @@ class Evidence:
         sample = round(horizon / STEP)
         return {names[n]: i for n, i in self._motion_at(sample).items()} if sample in READ else {}
 
+    def channel(self, column: int) -> str:
+        """Name of a column of the motion, or of -1 - column of the sensors."""
+        return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+
     def _motion_at(self, sample: int) -> dict[str, int]:
         first = READ.index(sample) * len(MOTION)
         return {name: first + i for i, name in enumerate(MOTION)}

@@ -45,7 +45,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     known = standard_errors(model) if refit else {}
     settings = Settings(free=free_names(vehicle, tuple(FREE)) if refit else (), known=known,
                         names=tuple(only), false_alarm=false_alarm, max_causes=max_causes,
-                        jobs=jobs, seed=seed, ahead=not refit or bool(known))
+                        jobs=jobs, seed=seed)
     files: dict[str, dict[str, Any]] = {}
     sides = [_side(role, recordings, l_r, reference, files)
              for role, recordings in (("train", train), ("test", test))]

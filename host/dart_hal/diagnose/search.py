@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, at, refit
+from .fit import Point, refit
 from .noise import Noise, loss, measure
 from .residuals import Evidence
 from .rows import Rows, rows_of
@@ -30,11 +30,7 @@ OWN_PART = 0.1  # of the gain must be where the effect enters
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a search may do: see ``diagnose``.
-
-    ahead: whether the age of commands is unknown; not where the delays
-    themselves are free, which are then relative to the log.
-    """
+    """What a search may do: see ``diagnose``."""
 
     free: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
@@ -43,7 +39,6 @@ class Settings:
     max_causes: int = 8
     jobs: int = 1
     seed: int = 0
-    ahead: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +94,17 @@ class Search:
         s = self._settings
         space = self._space(self._base)
         point, noise = self._settle(space, Timing())
-        refit_loss = at(self._evidence, noise, space, space.point(point.timing)).loss() \
+        fixed = Space(self._base, ())
+        refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
         base, first = point, ()
         named: list[Named] = []
+        rejected: list[Rejected] = []
         limit = np.inf
         while True:
             trials = self._scan(point, noise)
+            if not trials:  # all that may be named is named
+                break
             accepted, rejected, limit = self._round(point, noise, trials)
             first = first or tuple(trials)
             if accepted is None or len(named) >= s.max_causes:
@@ -201,7 +200,7 @@ class Search:
         for a in vehicle.effects:
             if a.name not in {b.name for b in p.effects}:
                 p = apply(p, a.name)
-        return Space(p, self._settings.free, self._settings.known, self._settings.ahead)
+        return Space(p, self._settings.free, self._settings.known)
 
     def _why_not(self, point: Point, candidate: Point, trial: Trial, rows: Rows,
                  held: tuple[float, float], limit: float) -> str:

@@ -40,17 +40,14 @@ class Timing:
 class Space:
     """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
 
-    def __init__(self, p: Vehicle, free: Sequence[str], known: Mapping[str, float] = NONE,
-                 ahead: bool = True) -> None:
-        """free: names of base parameters; those of the effects of p are free as well.
-
-        ahead: whether commands may have acted before their messages.
-        """
+    def __init__(self, p: Vehicle, free: Sequence[str],
+                 known: Mapping[str, float] = NONE) -> None:
+        """free: names of base parameters; those of the effects of p are free as well."""
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
         self._inner = Coordinates(p, self.names, known, amounts)
-        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD * ahead]) / LATE)
+        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD]) / LATE)
         self.low = np.concatenate([self._inner.low, ends[0]])
         self.high = np.concatenate([self._inner.high, ends[1]])
 

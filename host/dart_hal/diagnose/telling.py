@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from dart_hal.vehicle.effects import catalogue
-from dart_hal.vehicle.flat import unit, value
+from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point, covariance
 from .gains import Side, gained, rollout_gains
-from .noise import Noise
+from .noise import Noise, loss
 from .result import (
     Cause,
     Considered,
@@ -26,13 +26,14 @@ from .result import (
     Stage,
     Unexplained,
 )
-from .rows import rows_of
+from .rows import Labels, Rows, rows_of
 from .search import Found, Named, Search, Settings
 from .significance import FEW, refit_p_value
 from .structure import explainable, unexplained
 
 IMPOSTOR = 0.7
 """Share of the structure that may be left after the causes: above it they have not explained it."""
+MAINLY = 0.2  # of what a cause takes away, from where on a channel is one it acts on
 FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe
 
 
@@ -62,12 +63,26 @@ def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
     stages = _stages(q, points, named)
     causes = tuple(_cause(q, found, one, points[i], points[i + 1]) for i, one in enumerate(named))
     moved = _moved(q, points[-1])
-    gain = rollout_gains(q.base, points[-1].vehicle, q.train, q.test, q.settings.seed)
+    gain = rollout_gains(q.base, as_logged(q, points[-1]), q.train, q.test, q.settings.seed)
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
-        seed=q.settings.seed, withdrawn=withdrawn, runtime_s=time.monotonic() - began)
+        seed=q.settings.seed, withdrawn=withdrawn, runtime_s=time.monotonic() - began,
+        threshold=found.threshold, false_alarm=q.settings.false_alarm,
+        ranking={t.effect: t.gain for t in found.ranking})
+
+
+def as_logged(q: Question, point: Point) -> Vehicle:
+    """The vehicle of a point; where its delays were fitted, counted from the log.
+
+    Whoever predicts from a log has its commands only when they stand there.
+    """
+    p, ahead = point.vehicle, point.timing.ahead
+    if not q.refit:
+        return p
+    return with_values(p, {name: max(0.0, value(p, name) - ahead)
+                           for name in ("delay.steering_s", "delay.throttle_s")})
 
 
 def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
@@ -77,28 +92,49 @@ def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
 
 
 def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[str, ...]:
-    """Causes that leave as much structure as there was before them."""
-    if not left or not found.named:
+    """Causes that leave as much structure, in the channels they act on, as there is without."""
+    if not left:
         return ()
-    shares = []
-    for point in (found.base, found.point):
-        r = q.train.evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
-        shares.append(explainable(q.train.evidence, point.vehicle, r, found.noise,
-                                  q.settings.seed))
-    before, after = (max(s.get(u.channel, 0.0) for u in left) for s in shares)
-    return tuple(n.effect for n in found.named) if after > IMPOSTOR * before else ()
+    evidence = q.train.evidence
+
+    def shares(point: Point) -> dict[str, float]:
+        r = evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
+        return explainable(evidence, point.vehicle, r, found.noise, q.settings.seed)
+
+    after, out = shares(found.point), []
+    names = [n.effect for n in found.named]
+    for name in names:
+        without = q.search.fit(found, [n for n in names if n != name])
+        channels = {u.channel for u in left} & set(_acts_on(q, without, found.point))
+        before = shares(without) if channels else {}
+        if any(after.get(c, 0.0) > IMPOSTOR * before.get(c, 0.0) for c in channels):
+            out.append(name)
+    return tuple(out)
+
+
+def _acts_on(q: Question, before: Point, after: Point) -> tuple[str, ...]:
+    """Channels in which the loss drops most: enough of them for most of the drop."""
+    rows = _rows(q, after)
+    drop = before.worth * loss(before.residual) - after.worth * loss(after.residual)
+    by_channel: dict[str, float] = {}
+    for column in np.unique(rows.channel):
+        name = q.train.evidence.channel(int(column))
+        part = float(drop[rows.channel == column].sum())
+        by_channel[name] = by_channel.get(name, 0.0) + part
+    total = sum(max(d, 0.0) for d in by_channel.values())
+    return tuple(c for c, d in by_channel.items() if d > MAINLY * total)
 
 
 def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tuple[Stage, ...]:
     labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named)]
-    stages = [_stage(q, label, p.vehicle, p) for label, p in zip(labels, points, strict=True)]
+    stages = [_stage(q, label, as_logged(q, p), p) for label, p in zip(labels, points, strict=True)]
     base = [_stage(q, q.model, q.base, points[0])] if q.refit else []
     return tuple(base + stages)
 
 
 def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
-    timing = point.timing
-    r = q.test.evidence.residuals(vehicle, timing.late, timing.ahead)
+    timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
+    r = q.test.evidence.residuals(fitted, timing.late, timing.ahead)
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 
@@ -112,8 +148,8 @@ def _cause(q: Question, found: Found, named: Named, before: Point, after: Point)
         numbers[parameter.name] = Number(float(value(after.vehicle, key)),
                                          errors.get(key, float("nan")), parameter.unit,
                                          parameter.null)
-    pair = [(p.vehicle, p.timing.late, p.timing.ahead) for p in (before, after)]
-    gain = gained(effect, pair[0], pair[1], q.train, q.test, q.settings.seed)
+    gain = gained(effect, *((as_logged(q, p), p) for p in (before, after)), q.train, q.test,
+                  q.settings.seed)
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
                  _evidence(named, found, numbers, gain), gain, named.like, effect.experiment)
 
@@ -132,11 +168,15 @@ def _evidence(named: Named, found: Found, numbers: Mapping[str, Number],
         "that the fit has not seen")
 
 
-def _blocks(q: Question, point: Point) -> Any:
-    timing = point.timing
-    rows = rows_of(q.train.evidence,
-                   q.train.evidence.residuals(point.vehicle, timing.late, timing.ahead))
+def _blocks(q: Question, point: Point) -> Labels:
+    rows = _rows(q, point)
     return rows.recording if rows.recording.max() + 1 >= FEW else rows.block
+
+
+def _rows(q: Question, point: Point) -> Rows:
+    timing = point.timing
+    return rows_of(q.train.evidence,
+                   q.train.evidence.residuals(point.vehicle, timing.late, timing.ahead))
 
 
 def _moved(q: Question, point: Point) -> dict[str, Moved]:
@@ -145,7 +185,7 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
     if not q.refit:
         return {}
     errors = space.standard_errors(point.x, covariance(point, _blocks(q, point)))
-    out = {}
+    out, logged = {}, as_logged(q, point)
     for i, name in enumerate(space.names):
         if name not in q.settings.free:
             continue
@@ -154,7 +194,7 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
             doubt = "at the edge of what is allowed"
         elif abs(point.x[i]) > FAR:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
-        out[name] = Moved(float(value(q.base, name)), float(value(point.vehicle, name)),
+        out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
                           errors[name], unit(q.base, name), doubt)
     return out
 
@@ -174,9 +214,8 @@ def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[
     if left:
         return "unexplained"
     if q.refit:
-        rows = rows_of(q.train.evidence, q.train.evidence.residuals(
-            found.base.vehicle, found.base.timing.late, found.base.timing.ahead))
-        p = refit_p_value(found.base, found.refit_loss, rows.block, q.settings.seed)
+        p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
+                          q.settings.seed)
         better = not gain or any(g.low > 0.0 for g in gain.values())
         if p < q.settings.false_alarm and better:
             return "parameters_only"
