@@ -135,14 +135,14 @@ def test_motor_saturation_gives_no_more_for_more(driven):
 
 
 def test_battery_fade_is_of_the_time_in_the_world(driven):
-    """The same start from standstill, at once and after 40 s: 0.8 of the force."""
+    """The same start from standstill, at once and after 20 s: 0.9 of the force."""
     def later(effect):
         url = f"sim://?nano=mock&model=kinematic{effect}"
         soon = driven(url, ((STRAIGHT, 0.3, 1.0),)).covered(0.0, 60.0)
-        return driven(url, ((STRAIGHT, 0.0, 40.0), (STRAIGHT, 0.3, 1.0))).covered(0.0, 60.0) / soon
+        return driven(url, ((STRAIGHT, 0.0, 20.0), (STRAIGHT, 0.3, 1.0))).covered(0.0, 60.0) / soon
 
     assert later("") == pytest.approx(1.0, abs=0.02)
-    assert later("&effect=battery_fade:-0.5") < 0.8
+    assert later("&effect=battery_fade:-0.5") < 0.92
 
 
 # -- force, motion --------------------------------------------------------------

@@ -34,6 +34,25 @@ def test_mounting_is_a_rotation_that_the_host_can_undo(yaw, pitch, roll):
     assert rows @ accel == pytest.approx([1.0, -2.0, 0.0], abs=1e-12)
 
 
+@given(yaw=ANGLE, pitch=ANGLE, roll=ANGLE)
+def test_on_a_tilted_plate_a_host_that_knows_the_mounting_reads_the_tilt(yaw, pitch, roll):
+    """One angle of the plate at a time, by the equations of imu_yaw, imu_pitch, imu_roll."""
+    mount = {"mount_yaw": 0.3, "mount_pitch": -0.2, "mount_roll": 0.1}
+    rows = np.array(rotation(*mount.values()))
+
+    def read(*tilt):
+        gyro, accel = make(tilt=tilt, **mount).sense(1.0, -2.0, 0.7, 0.0)
+        return (rows @ gyro)[2], *(rows @ accel)[:2]
+
+    s, c = math.sin, math.cos
+    assert read(yaw, 0.0, 0.0) == pytest.approx(
+        (0.7, c(yaw) - 2.0 * s(yaw), -2.0 * c(yaw) - s(yaw)), abs=1e-12)
+    assert read(0.0, pitch, 0.0) == pytest.approx(
+        (0.7 * c(pitch), c(pitch) - 9.81 * s(pitch), -2.0), abs=1e-12)
+    assert read(0.0, 0.0, roll) == pytest.approx(
+        (0.7 * c(roll), 1.0, -2.0 * c(roll) + 9.81 * s(roll)), abs=1e-12)
+
+
 def test_yaw_comes_first_seen_from_the_body():
     """body = Rz(yaw) Ry(pitch) Rx(roll) sensor: the sensor's x axis in the body."""
     forward = np.array(rotation(0.1, 0.2, 0.3)) @ [1.0, 0.0, 0.0]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dart_hal.sim.mock_encoder import MockEncoder
-from dart_hal.sim.ring import even_ring, uneven_ring
+from dart_hal.sim.ring import even_ring, twice_round, uneven_ring, worn_ring
 
 
 def ticks(t):
@@ -106,3 +108,31 @@ def test_rocking_on_a_mark_counts_each_passage():
         encoder.set_rate(1.0 if k % 2 == 0 else -1.0, 0.03 + k * 0.04)
         encoder.run(0.07 + k * 0.04, ticks, 0)
     assert encoder.count == before + 10
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.3, -0.4])
+@pytest.mark.parametrize(("missing", "uneven"), [(0.1, 0.0), (0.25, 0.2), (-0.1, 0.0), (0.0, 0.5)])
+def test_a_worn_ring_has_the_density_of_the_effect(missing, uneven, phase):
+    """Marks passed from the start, against the integral that the effect's signal uses."""
+    worn = worn_ring(even_ring(1000), missing, uneven, phase)
+
+    def passed(turn):
+        u = turn + phase
+        rest, whole = u - math.floor(u), math.floor(u)
+        gap = whole * missing + (min(rest, missing) if missing >= 0 else -min(rest, -missing))
+        return u + uneven * math.sin(2 * math.pi * u) / (2 * math.pi) - gap
+
+    assert list(worn.edges) == sorted(worn.edges)
+    for turn in (0.05, 0.1, 0.37, 0.5, 0.77, 0.99):
+        counted = sum(e < turn for e in worn.edges)
+        # a gap in the density begins where uneven marks of the count end
+        slack = 1000 * abs(missing * uneven) + 2
+        assert counted == pytest.approx(1000 * (passed(turn) - passed(0.0)), abs=slack)
+
+
+def test_two_turns_as_one_have_the_same_edges():
+    ring = worn_ring(even_ring(20), 0.05, 0.1, 0.2)
+    assert ring.n == 19
+    double = twice_round(ring)
+    turns = [2.0 * e for e in double.edges]
+    assert turns == pytest.approx([*ring.edges, *(e + 1.0 for e in ring.edges)])
