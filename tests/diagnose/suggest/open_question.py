@@ -1,0 +1,99 @@
+"""Diagnoses that leave a question open: short drives of one kind, with something hidden."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "hidden"))
+
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose.fit import refit
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Stage
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.scan import Scan
+from dart_hal.diagnose.space import Space, Timing
+from dart_hal.experiment.floor import Floor
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.flat import value
+
+N = 3000  # samples of 0.01 s
+MOTOR = {"motor.d": 3.0, "motor.e": 0.8, "friction.a": 0.3}
+"""Standard errors of parameters that move along."""
+
+
+def _wave(period, size):
+    return size * np.sin(2.0 * np.pi * np.arange(N) * 0.01 / period)
+
+
+def _pulls():
+    throttle = np.zeros(N)
+    for i in range(0, N, 500):
+        throttle[i + 50:i + 450] = 0.27
+    return throttle
+
+
+DRIVES = {
+    "slow waves": (np.full(N, 0.24), _wave(4.0, 0.35)),
+    "pulls": (_pulls(), np.zeros(N)),
+    "straight": (np.full(N, 0.24), np.zeros(N)),
+    "slow circles": (np.full(N, 0.24), np.where(np.arange(N) < N // 2, 0.5, -0.5)),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """truth hidden in a drive of one kind; rival: what it cannot be told from there."""
+
+    drive: str
+    truth: tuple[str, float]
+    rival: str
+    free: tuple[str, ...] = ()
+
+    @property
+    def car(self):
+        return apply(PAPER, self.truth[0], k=self.truth[1])
+
+
+def recorded(path, case, series, seed, mocap):
+    """One recording of the hidden car."""
+    r = read(write(path, case.car, seed, Plan(series=series)))
+    if mocap:
+        return r
+    from dataclasses import replace
+    return replace(r, mocap=None)
+
+
+def diagnosis(case, recordings):
+    """As if the truth had been named, and its rival listed with it."""
+    evidence, _ = evidence_of(recordings, PAPER.body.l_r)
+    name, k = case.truth
+    cause = Cause(name, "", catalogue()[name].stage, {"k": Number(k, 0.0, "")}, 0.0, 0.0, (),
+                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.rival,), "")
+    moved = {n: Moved(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
+    stage = Stage("", case.car, {}, evidence.residuals(case.car))
+    return Diagnosis("explained", "paper", moved, (cause,), (), (), (stage,), evidence, {}, {}, {})
+
+
+def gains(case, recordings):
+    """{effect: drop of the robust loss} of truth and rival, as a diagnosis scans."""
+    evidence, _ = evidence_of(recordings, PAPER.body.l_r)
+    space = Space(PAPER, case.free, {n: MOTOR[n] for n in case.free})
+    x = space.point(Timing(0.0, 0.02))
+    for _ in range(2):
+        p, timing = space.split(x)
+        noise = measure(evidence.residuals(p, timing.late, timing.ahead), evidence.blocks(2.0))
+        point = refit(evidence, noise, space, x)
+        x = point.x
+    scan = Scan(evidence, noise, point)
+    return {name: scan.best(name).gain for name in (case.truth[0], case.rival)}
+
+
+FLOOR = Floor(10.0, 10.0)
