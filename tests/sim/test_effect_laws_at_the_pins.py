@@ -141,7 +141,7 @@ def test_battery_fade_is_of_the_time_in_the_world(driven):
         soon = driven(url, ((STRAIGHT, 0.3, 1.0),)).covered(0.0, 60.0)
         return driven(url, ((STRAIGHT, 0.0, 20.0), (STRAIGHT, 0.3, 1.0))).covered(0.0, 60.0) / soon
 
-    assert later("") == pytest.approx(1.0, abs=0.02)
+    assert later("") == pytest.approx(1.0, abs=0.04)       # a frame of the PWM sooner or later
     assert later("&effect=battery_fade:-0.5") < 0.92
 
 
