@@ -1,0 +1,137 @@
+"""What depends on the drive is found and named; noise is not, however it is coloured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.residuals import MOTION, SENSORS
+from dart_hal.diagnose.structure import Group, shares, structure
+
+SECONDS = 120.0
+
+
+def smooth(rng, t, memory):
+    """Noise (n,) of variance 1 that forgets within ``memory`` [s]."""
+    out = rng.normal(size=len(t))
+    for i in range(1, len(t)):
+        keep = np.exp(-abs(t[i] - t[i - 1]) / memory) if memory else 0.0
+        out[i] = keep * out[i - 1] + np.sqrt(1.0 - keep**2) * out[i]
+    return out
+
+
+def group(channels, step, seed, recordings=1, memory=0.0):
+    """Noise along a made-up drive; the same stretches of time have the same labels."""
+    rng = np.random.default_rng(seed)
+    t = np.tile(np.arange(0.0, SECONDS, step), recordings)
+    recording = np.repeat(np.arange(recordings), len(t) // recordings)
+    features = {name: smooth(rng, t, forgets) for name, forgets in {
+        "speed": 3.0, "steering_angle": 1.0, "throttle": 2.0, "x": 5.0, "y": 5.0}.items()}
+    heading = np.cumsum(features["steering_angle"]) * step
+    turns = np.cumsum(2.0 + 0.3 * features["speed"]) * step / 0.0413
+    features |= {"time": t, "heading": heading % (2.0 * np.pi) - np.pi,
+                 "revolution_angle": turns % 1.0,
+                 "direction": np.sign(features["steering_angle"])}
+    y = np.stack([smooth(rng, t, memory) for _ in channels], axis=1)
+    return Group(channels, y, np.full(len(channels), 0.02), features,
+                 recording * 100_000 + (t // 2.0).astype(np.int64), recording)
+
+
+def windows(seed, **how):
+    return group(MOTION, 0.5, seed, **how)
+
+
+def messages(seed, **how):
+    return group(SENSORS, 0.1, seed, **how)
+
+
+def planted(of, channel, curve, share=0.25):
+    """With ``share`` of the variance of a channel from a function of the features."""
+    shape = curve(of.features)
+    y, i = of.y.copy(), of.channels.index(channel)
+    y[:, i] = (np.sqrt(1.0 - share) * y[:, i]
+               + np.sqrt(share) * (shape - shape.mean()) / shape.std())
+    return replace(of, y=y)
+
+
+def test_noise_is_no_structure():
+    fired = [seed for seed in range(20) if structure([windows(seed, memory=0.15)], seed)]
+    assert len(fired) <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("memory", [0.0, 0.15])
+def test_noise_is_no_structure_in_one_of_a_hundred(memory):
+    fired = [seed for seed in range(200)
+             if structure([windows(seed, memory=memory), messages(seed, memory=memory)], seed)]
+    assert len(fired) <= 6  # 2 expected; more than 6 in one of 200
+
+
+@pytest.mark.parametrize(("make", "channel", "curve", "along"), [
+    (windows, "v_x", lambda f: f["speed"], {("speed",)}),
+    (windows, "v_x", lambda f: np.exp(-((f["speed"] - 0.5) / 0.5)**2), {("speed",)}),
+    (windows, "omega", lambda f: f["throttle"] * f["steering_angle"],
+     {("steering_angle", "throttle"), ("throttle", "direction")}),
+    (windows, "v_x", lambda f: 1.0 * (f["steering_angle"] > 0.0),
+     {("direction",), ("steering_angle",)}),
+    (windows, "v_y", lambda f: np.sin(f["heading"] + 1.0), {("heading",)}),
+    (windows, "v_x", lambda f: 1.0 * ((f["x"] > 0.0) & (f["y"] > 0.0)), {("x", "y")}),
+    (windows, "v_x", lambda f: f["time"], {("time",)}),
+    (messages, "encoder", lambda f: np.sin(2.0 * np.pi * (f["revolution_angle"] + 0.2)),
+     {("revolution_angle",)}),
+    (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
+])
+def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
+    found = structure([planted(make(5), channel, curve, 0.4)], 1)
+    assert [u.channel for u in found] == [channel]
+    assert found[0].along in along
+    assert found[0].p_value <= 0.01
+    assert 0.15 < found[0].share < 0.5  # what is predicted is a part of what is there
+    assert channel in found[0].structure
+    assert found[0].along[0] in found[0].structure
+
+
+def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise():
+    """The negative control: as large, as smooth, but it follows no function of the features."""
+    of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
+    assert structure([of])
+    _, stretch = np.unique(of.block, return_inverse=True)
+    signs = np.random.default_rng(3).choice([-1.0, 1.0], stretch.max() + 1)
+    assert not structure([replace(of, y=of.y * signs[stretch][:, None])])
+
+
+def test_a_level_of_each_recording_is_called_that():
+    level = np.array([1.0, -1.0, 0.3, -0.3])
+    of = windows(7, recordings=4)
+    found = structure([replace(of, y=of.y + np.outer(level[of.recording], [1.0, 0.0, 0.0]))])
+    assert [(u.channel, u.along) for u in found] == [("v_x", ("recording",))]
+
+
+def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_variable():
+    of = windows(8, recordings=4)
+    turns = np.array([1.0, -1.0, 1.0, -1.0])[of.recording]
+    carried = planted(of, "v_x", lambda f: f["speed"])
+    not_carried = planted(of, "v_x", lambda f: f["speed"] * turns)
+    assert ("speed",) in [u.along for u in structure([carried])]
+    assert ("speed",) not in [u.along for u in structure([not_carried])]
+
+
+def test_share_falls_to_nothing_with_the_cause():
+    noise = windows(9)
+    before = shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"], 0.5)])
+    after = shares([noise])
+    assert 0.25 < before["omega"] < 0.6
+    assert max(after.values()) < 0.06
+    assert set(before) == set(MOTION)
+
+
+def test_same_seed_same_answer_and_too_little_says_nothing():
+    of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
+    assert structure([of], 4) == structure([of], 4)
+    short = of.block < np.unique(of.block)[8]
+    few = replace(of, y=of.y[short], block=of.block[short], recording=of.recording[short],
+                  features={k: v[short] for k, v in of.features.items()})
+    assert structure([few]) == ()
+    assert set(shares([few]).values()) == {0.0}

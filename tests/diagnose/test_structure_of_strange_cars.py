@@ -1,0 +1,52 @@
+"""A car that no effect of the catalogue describes is flagged, and the model itself is not."""
+
+from __future__ import annotations
+
+import pytest
+from hidden_drive import Plan
+from strange_car import CARS, looked_at, write
+
+from dart_hal.diagnose.structure import explainable, groups, structure, unexplained
+
+PLAN = Plan(seconds=120.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_model_itself_leaves_nothing(tmp_path, monkeypatch, seed):
+    assert unexplained(*looked_at([write(tmp_path / "a.csv", None, seed, PLAN, monkeypatch)])) == ()
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_strange_car_is_flagged_where_it_is_strange(tmp_path, monkeypatch, name):
+    wrap, channels, variables = CARS[name]
+    found = unexplained(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)]))
+    right = [u for u in found if u.channel in channels and set(u.along) & variables]
+    assert right
+    assert right[0].share > 0.1
+
+
+def test_explainable_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, monkeypatch):
+    wrap, *_ = CARS["carpet"]
+    share = explainable(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)]))
+    assert share["v_x"] > 0.3
+    assert max(share[name] for name in ("encoder", "gyro", "accel_x", "accel_y")) < 0.1
+
+
+def test_what_the_disturbance_moves_is_no_variable(tmp_path, monkeypatch):
+    """A gust that is not in the model accelerates the car: the two go together for no fault."""
+    *seen, noise = looked_at([write(tmp_path / "a.csv", None, 5, PLAN, monkeypatch)])
+    motion, _ = groups(*seen, noise)
+    assert not {"acceleration", "yaw_rate"} & set(motion.features)
+    assert structure([motion]) == ()
+
+
+@pytest.mark.slow
+def test_of_many_strange_cars_nearly_all_are_flagged_and_none_of_the_plain(tmp_path, monkeypatch):
+    def flagged(wrap, seed):
+        file = write(tmp_path / "a.csv", wrap, seed, PLAN, monkeypatch)
+        return bool(unexplained(*looked_at([file]), seed))
+
+    seeds = range(12)
+    strange = [flagged(wrap, seed) for wrap, *_ in CARS.values() for seed in seeds]
+    assert sum(strange) >= 0.9 * len(strange)
+    assert sum(flagged(None, seed) for seed in seeds) <= 1
