@@ -14,8 +14,8 @@ import pytest
 
 from dart_hal.cli.output import plain
 from dart_hal.diagnose.report import page, write_page
-from dart_hal.diagnose.report.words import percent, quantity, sentence, significant
-from dart_hal.diagnose.result import VERDICTS, Number
+from dart_hal.diagnose.report.words import percent, quantity, removes, sentence, significant
+from dart_hal.diagnose.result import VERDICTS, Gained, Number
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"
 
@@ -169,6 +169,23 @@ def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
     assert "No prediction could be judged" in reader.text
     assert "No effect was tried" in reader.text
     assert "svg" not in reader.names
+
+
+def test_a_gain_that_is_none_is_called_so():
+    worse = Gained("gyro", 0.18, -0.02, -0.06, -0.01, "residual")
+    assert removes(worse).startswith("raises the gyro error by 2 % [1 %, 6 %]")
+    perhaps = Gained("vx", 0.18, 0.01, -0.02, 0.05, "rollout")
+    assert removes(perhaps).endswith("which may be nothing at all")
+    sure = Gained("vx", 0.18, 0.24, 0.13, 0.33, "rollout")
+    assert removes(sure) == "removes 24 % [13 %, 33 %] of the speed error on recordings it has " \
+                            "not seen"
+
+
+def test_a_cause_whose_gain_may_be_nothing_is_not_marked_as_good():
+    d = made.diagnosis(causes=1)
+    assert 'class="cause good"' in page(d)
+    cause = replace(d.causes[0], gain=replace(d.causes[0].gain, low=-0.01))
+    assert 'class="cause good"' not in page(replace(d, causes=(cause,), unexplained=()))
 
 
 def test_errors_that_are_not_known_are_a_dash():

@@ -24,6 +24,8 @@ from .words import (
     variable,
 )
 
+VISIBLE = 0.02
+"""Share of a mean square that must go away for a second picture."""
 KEY = (("before", "before"), ("after", "with the cause in the model"))
 
 
@@ -35,7 +37,8 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
     facts = [el("li", text) for text in cause.evidence]
     return el(
         "section", el("h3", f"{i + 1}. {cause.effect}"),
-        el("div", el("p", sentence(cause), class_="big"), class_="cause"),
+        el("div", el("p", sentence(cause), class_="big"),
+           class_="cause good" if cause.gain.low > 0.0 else "cause bad"),
         el("p", known.physics) if known is not None else Html(),
         _figures(cause), el("p", f"Enters at: {cause.enters}. Cannot be told from, with these "
                                  f"data: {like}."),
@@ -54,7 +57,8 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
         parts.append(el("div", el("p", structure(u)), class_="cause bad"))
         picture = _left(d, u.channel, u.along, rows)
         if picture is not None:
-            words = f"{picture.column.words}, along {variable(picture.variable)}, last model"
+            words = (f"{picture.column.words}, along {variable(picture.variable)}: the last model "
+                     "on the test recordings (found on the training recordings)")
             parts.append(el("figure", el("figcaption", words),
                             before_after(picture, u.channel, only_before=True)))
     head = ("channel", "structure", "with", "p", "share of the rest")
@@ -88,7 +92,8 @@ def _pictures(d: Diagnosis, i: int, rows: Rows) -> Html:
     others = [c for c in columns(d.evidence)
               if first is None or c.channel != first.column.channel]
     second = most(rows, others, before, after)
-    drawn = [_captioned(a, cause.effect) for a in (first, second) if a is not None]
+    drawn = [_captioned(a, cause.effect) for a in (first, second)
+             if a is not None and (a is first or a.score > VISIBLE)]
     if first is not None:
         plain = replace(first.column, folded=False)
         was, now = (rows.sides(plain, s.residuals) for s in (before, after))

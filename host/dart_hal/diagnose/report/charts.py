@@ -88,7 +88,7 @@ def ranking(d: Diagnosis) -> Html:
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
     frame = svg.Frame((0.0, 1.15 * math.log10(max(top, 10.0))), (0.0, 1.0), height=height,
                       left=145.0)
-    parts = frame.x_axis("drop of the loss on the training recordings, log. scale",
+    parts = frame.x_axis("drop of the loss (logarithmic scale)",
                          [f"{10**i:g}" for i in range(int(frame.x[1]) + 1)])
     for i, (effect, loss) in enumerate(shown):
         y = svg.TOP + i * ROW

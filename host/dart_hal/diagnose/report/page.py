@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal import __version__
+from dart_hal.diagnose.onboard import OnboardEvidence
 from dart_hal.diagnose.result import Diagnosis
 
 from . import svg, tables
@@ -62,8 +63,8 @@ def _result(d: Diagnosis) -> Html:
                                 for i, c in enumerate(d.causes))))
     overall = [share_of(g) for g in d.gain.values()]
     if overall and d.verdict != "nothing_wrong":
-        lines.append(el("p", f"Against the model as it was given, the extended model removes "
-                             f"{listed(overall, 'and')} at 1 s, on recordings it has not seen."))
+        lines.append(el("p", "Against the model as it was given, at 1 s, on recordings it has not "
+                             f"seen, the extended model {listed(overall, 'and')}."))
     lines += [el("p", note, class_="notice") for note in d.notes]
     if d.withdrawn:
         lines.append(el("p", f"Named at first and withdrawn: {listed(d.withdrawn, 'and')}."))
@@ -91,6 +92,9 @@ def _errors(d: Diagnosis) -> Html:
     steps = el("ol", *(el("li", s.label) for s in d.stages), start="0", class_="soft")
     pictures = staircase(d)
     shown = [steps, el("div", *pictures, class_="figures")] if pictures else []
+    if isinstance(d.evidence, OnboardEvidence):
+        shown.append(el("p", "Without motion capture: speed as the encoder reads it and yaw rate "
+                             "as the gyro reads it; nothing else can be judged.", class_="soft"))
     return join([*shown, tables.gains(d), tables.errors(d)])
 
 

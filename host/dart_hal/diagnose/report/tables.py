@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,7 +33,9 @@ def errors(d: Diagnosis) -> Html:
 
 def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
     rmse, median = (pooled(horizons, horizon, name, kind) for kind in ("pooled", "median"))
-    return f"{significant(rmse)} ({significant(median)})" if rmse == rmse else "-"
+    if not math.isfinite(median):
+        return significant(rmse)
+    return f"{significant(rmse)} ({significant(median)})"
 
 
 def gains(d: Diagnosis) -> Html:
@@ -57,7 +60,7 @@ def considered(d: Diagnosis) -> Html:
     head = ("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
             "why it was not named")
     shown = [table(head, rows)] if rows else []
-    return join([*shown, *(el("p", f"Drop of the loss below 1, so {why}: {', '.join(names)}.",
+    return join([*shown, *(el("p", f"Drop of the loss below 1 ({why}): {', '.join(names)}.",
                               class_="soft") for why, names in idle.items())])
 
 

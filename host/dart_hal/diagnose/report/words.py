@@ -65,21 +65,32 @@ def amount(cause: Cause) -> str:
 
 
 def removes(gain: Gained) -> str:
-    """What share of an error goes away on recordings that the fit has not seen."""
+    """What becomes of an error on recordings that the fit has not seen."""
     if not math.isfinite(gain.test):
         return f"what it removes of the {channel(gain.channel)} error could not be measured"
-    return f"removes {share_of(gain)} on recordings it has not seen"
+    nothing = math.isfinite(gain.low) and gain.low <= 0.0 <= gain.high
+    return (f"{share_of(gain)} on recordings it has not seen"
+            + (", which may be nothing at all" if nothing else ""))
 
 
 def share_of(gain: Gained) -> str:
-    """"24 % [13 %, 33 %] of the speed error"."""
-    between = f"[{percent(gain.low)}, {percent(gain.high)}]" if _known(gain) else f"({NO_INTERVAL})"
-    return f"{percent(gain.test)} {between} of the {channel(gain.channel)} error"
+    """"removes 24 % [13 %, 33 %] of the speed error", or "raises the speed error by ..."."""
+    name = channel(gain.channel)
+    if gain.test < 0.0:
+        worse = _between(-gain.high, -gain.low)
+        return f"raises the {name} error by {percent(-gain.test)} {worse}"
+    return f"removes {percent(gain.test)} {_between(gain.low, gain.high)} of the {name} error"
+
+
+def _between(low: float, high: float) -> str:
+    known = math.isfinite(low) and math.isfinite(high)
+    return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
 
 
 def interval(gain: Gained) -> str:
     """Its 95 % interval for a table."""
-    return f"{percent(gain.low)} to {percent(gain.high)}" if _known(gain) else NO_INTERVAL
+    known = math.isfinite(gain.low) and math.isfinite(gain.high)
+    return f"{percent(gain.low)} to {percent(gain.high)}" if known else NO_INTERVAL
 
 
 def structure(u: Unexplained) -> str:
@@ -143,10 +154,6 @@ def title(effect: str) -> str:
     """The catalogue's title of an effect, "" for one that it does not have."""
     found = catalogue().get(effect)
     return found.title if found is not None else ""
-
-
-def _known(gain: Gained) -> bool:
-    return math.isfinite(gain.low) and math.isfinite(gain.high)
 
 
 def _inside(text: str) -> str:
