@@ -30,6 +30,7 @@ STRAY = 0.03  # s; a message further from its place in the 10 Hz is a lost one
 HEARD = (3, 8)  # read-outs at which the accelerometer is judged: every message once
 FLIPPED = -0.01  # a command below it may drive backwards, and an encoder has no sign
 HELD = 0.1  # rad/s; a car that turns more on standing wheels is being carried
+LEVEL = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
 FEWEST = 20  # readings that tell a noise
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -116,14 +117,20 @@ def _grid(m: Messages, rows: NDArray[np.int64], at: FloatArray, since: float,
     """The motion as the sensors tell it. since [s]: from the start of the recording."""
     sample = np.arange(int(np.ceil(at[-1])) + 2, dtype=np.float64)
     back = 0.5 / STEP
-    speed = np.interp(sample, at - COUNTED * back, m.speed[rows])
-    rate = m.yaw_rate[rows]
-    omega = np.interp(sample, at - means * back, rate) if np.isfinite(rate).all() else np.full(
-        len(sample), np.nan)
+    speed = _between(sample, at - COUNTED * back, m.speed[rows])
+    omega = _between(sample, at - means * back, m.yaw_rate[rows])
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * STEP)])
     none = np.zeros(len(sample))
     return Grid(since + sample * STEP, none, none, yaw, speed, none, omega, none, none,
                 speed, np.zeros(len(sample), dtype=np.bool_), NOWHERE)
+
+
+def _between(sample: FloatArray, at: FloatArray, value: FloatArray) -> FloatArray:
+    """A reading at every sample; 0 where there never was one, and then no window starts."""
+    known = np.isfinite(value)
+    if not known.any():
+        return np.zeros(len(sample))
+    return np.asarray(np.interp(sample, at[known], value[known]))
 
 
 def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid
@@ -160,11 +167,12 @@ def _still(m: Messages, rows: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _noise(m: Messages, index: NDArray[np.int64]) -> FloatArray:
-    """Robust standard deviation of (a_x, a_y) from message to message; NaN-free, 1 if unknown."""
-    if len(index) < FEWEST:
-        return np.ones(2)
+    """Robust standard deviation of (a_x, a_y) from message to message, at least LEVEL."""
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
-    return np.asarray(1.4826 / np.sqrt(2.0) * np.median(np.abs(steps), axis=1) + 1e-3)
+    if steps.shape[1] < FEWEST or not np.isfinite(steps).all():
+        return np.full(2, LEVEL)
+    size = 1.4826 / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
+    return np.asarray(np.maximum(size, LEVEL))
 
 
 def _dithered(read: FloatArray, index: NDArray[np.int64]) -> FloatArray:
