@@ -16,6 +16,7 @@ from dart_hal.cli.output import plain
 from dart_hal.diagnose.report import page, write_page
 from dart_hal.diagnose.report.words import percent, quantity, removes, sentence, significant
 from dart_hal.diagnose.result import VERDICTS, Gained, Number
+from dart_hal.diagnose.suggest.result import Pair, Suggestion
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"
 
@@ -169,6 +170,19 @@ def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
     assert "No prediction could be judged" in reader.text
     assert "No effect was tried" in reader.text
     assert "svg" not in reader.names
+
+
+def test_suggestions_are_there_when_they_were_asked_for():
+    d = made.diagnosis()
+    drive = Suggestion("steering_lag", ("yaw_inertia",), "steps", "steps at two speeds",
+                       ("dart-hal experiment steps --out <a>.mcap",), 40.0, "8", "sensors", True,
+                       (Pair("steering_lag", "yaw_inertia", 1.25, 7.5, 0.98),), {}, "look at it",
+                       ())
+    reader = read(d, suggestions=[drive])
+    for words in (drive.sentence(), "--out <a>.mcap", "1.25", "7.5", "98 %", "look at it"):
+        assert words in reader.text
+    assert "Nothing to suggest" in read(d, suggestions=[]).text
+    assert "drive next" not in read(d).text
 
 
 def test_a_gain_that_is_none_is_called_so():

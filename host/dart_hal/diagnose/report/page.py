@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from dart_hal import __version__
 from dart_hal.diagnose.onboard import OnboardEvidence
 from dart_hal.diagnose.result import Diagnosis
+from dart_hal.diagnose.suggest.result import Suggestion
 
 from . import svg, tables
 from .along import Rows
@@ -21,6 +22,7 @@ from .causes import cause_section, unexplained_section
 from .charts import ranking, staircase
 from .glossary import glossary
 from .html import Html, el, join
+from .next_drive import next_drives
 from .style import CSS
 from .words import listed, sentence, share_of, verdict
 
@@ -28,20 +30,26 @@ GOOD = ("nothing_wrong", "explained", "parameters_only")
 
 
 def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
-               answer: Mapping[str, Any] | None = None) -> Path:
+               answer: Mapping[str, Any] | None = None,
+               suggestions: Sequence[Suggestion] | None = None) -> Path:
     """Write the page; folders are made. command: as typed; answer: JSON to embed.
 
-    answer None embeds ``d.to_json()``. Errors: OSError.
+    answer None embeds ``d.to_json()``; suggestions: of ``suggest``, None where
+    nobody asked. Errors: OSError.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(d, command=command, answer=answer), encoding="utf-8")
+    path.write_text(page(d, command=command, answer=answer, suggestions=suggestions),
+                    encoding="utf-8")
     return path
 
 
-def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = None) -> str:
+def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = None,
+         suggestions: Sequence[Suggestion] | None = None) -> str:
     """The text of the page."""
     sections = _sections(d, command, d.to_json() if answer is None else answer)
+    if suggestions is not None:
+        sections = {"next": ("What to drive next", next_drives(suggestions)), **sections}
     contents = el("nav", *(el("a", name, href=f"#{key}") for key, (name, _) in sections.items()),
                   aria_label="contents")
     body = [el("h1", f"What the model {d.model} gets wrong, and why"), _result(d), contents]

@@ -48,7 +48,8 @@ dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }
   padding: .3rem .8rem; text-decoration: none }
 @media print { :root { --paper: #fff; --ink: #000; --soft: #444; --rule: #bbb; --box: #f4f4f2;
   --before: #c25100; --after: #0068a3; --other: #888; --good: #00704f; --warn: #8a4b00 }
-  html { font-size: 10.5px } body { font-size: 1rem; max-width: none; padding: 0 } nav, .button { display: none }
+  html { font-size: 10.5px } body { font-size: 1rem; max-width: none; padding: 0 }
+  nav, .button { display: none }
   * { print-color-adjust: exact } .wide { overflow: visible } h2, h3 { break-after: avoid }
   .cause, tr { break-inside: avoid } }
 """
