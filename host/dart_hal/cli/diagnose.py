@@ -95,7 +95,8 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     if html is not None:
         from dart_hal.diagnose.report import write_page
 
-        write_page(d, html, command=typed, answer=answer)
+        write_page(d, html, command=typed, answer=answer,
+                   suggestions=suggestions if suggest else None)
     notices(d.notes)
     if as_json:
         print_json(answer)
@@ -151,10 +152,12 @@ def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> Sequence[Any]:
 
 
 def _show(d: Diagnosis, suggestions: Sequence[Any], suggest: bool) -> None:
-    from dart_hal.cli.diagnose_table import show, show_suggestions
+    from dart_hal.cli.diagnose_table import show
 
     show(d)
     if suggest:
+        from dart_hal.cli.diagnose_suggest import show_suggestions
+
         show_suggestions(suggestions)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -47,18 +45,6 @@ def show(d: Diagnosis) -> None:
     near = sorted((c for c in d.considered if math.isfinite(c.loss)), key=lambda c: -c.loss)
     for c in near[:NEXT_BEST]:
         _say(f"considered: {c.effect} ({p_value(c.p_value)}): {c.why_not}", style="dim")
-
-
-def show_suggestions(suggestions: Sequence[Any]) -> None:
-    """What to drive next, with the commands."""
-    if not suggestions:
-        _say("nothing to suggest: no cause is left that another one could stand for")
-    for s in suggestions:
-        _say(f"suggested: {s.sentence()}", style="bold")
-        for command in s.commands:
-            _say(f"  {command}")
-        if s.by_hand:
-            _say(f"  by hand: {s.by_hand}", style="dim")
 
 
 def _causes(d: Diagnosis) -> Table:

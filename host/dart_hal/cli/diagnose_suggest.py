@@ -1,0 +1,49 @@
+"""The table of ``dart-hal diagnose --suggest``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich import box
+from rich.table import Table
+
+from dart_hal.cli.output import console
+from dart_hal.diagnose.suggest.result import Suggestion
+
+
+def show_suggestions(suggestions: Sequence[Suggestion]) -> None:
+    """What to drive next, what it would separate, and what to type."""
+    if not suggestions:
+        _say("nothing to suggest: no cause is left that another one could stand for")
+    for s in suggestions:
+        _say(f"suggested: {s.sentence()}", style="bold")
+        if not s.drive:
+            _say(f"  by hand: {s.by_hand}", style="dim")
+            continue
+        _say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
+        console.print(_table(s))
+        for command in s.commands:
+            _say(f"  {command}")
+        _say("  on a real car with --url; then dart-hal diagnose with the new recording as well"
+             + (" (drive it where the motion capture sees it)" if "capture" in s.needs else ""))
+        if not s.enough:
+            _say(f"  by hand: {s.by_hand}", style="dim")
+
+
+def _table(s: Suggestion) -> Table:
+    table = Table(title="standard deviations between the two; share of simulated repeats in "
+                        "which the true one fits better", title_justify="left",
+                  box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("effect", "rival", "these data", s.drive, "right"):
+        table.add_column(name, justify="left" if name in ("effect", "rival") else "right",
+                         no_wrap=True)
+    for p in s.pairs:
+        table.add_row(p.effect, p.rival, f"{p.before:.1f}", f"{p.after:.1f}",
+                      f"{100.0 * p.right:.0f} %" if math.isfinite(p.right) else "-",
+                      style=None if p.separated else "yellow")
+    return table
+
+
+def _say(line: str, style: str | None = None) -> None:
+    console.print(line, style=style, markup=False, highlight=False)
