@@ -68,14 +68,17 @@ def _ridge(columns: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def normal_scores(share: FloatArray) -> FloatArray:
-    """Shares (s, k) as standard normal numbers, column by column.
+    """Shares (s, k) as standard normal numbers, column by column, each by all others of it.
 
     A share is a sum of few squares and has a long tail, the longer the fewer;
     the Wilson-Hilferty root of a shifted gamma distribution with the same mean,
-    variance and skewness makes columns comparable. No row is treated apart:
-    what is found competes with chance on equal terms.
+    variance and skewness makes columns comparable. No row is treated apart, so
+    what is found competes with chance on equal terms, and none hides itself.
     """
-    mean, std = share.mean(axis=0), share.std(axis=0) + 1e-12
-    z = (share - mean) / std
-    skew = np.clip((z**3).mean(axis=0), 0.05, 2.8)
+    x = share - share.mean(axis=0)
+    first, second, third = ((np.sum(x**k, axis=0) - x**k) / (len(x) - 1) for k in (1, 2, 3))
+    variance = np.maximum(second - first**2, 1e-18)
+    third = third - 3.0 * first * second + 2.0 * first**3
+    skew = np.clip(third / variance**1.5, 0.05, 2.8)
+    z = (x - first) / np.sqrt(variance)
     return np.asarray(6.0 / skew * (np.cbrt(1.0 + 0.5 * skew * z) - 1.0) + skew / 6.0)
