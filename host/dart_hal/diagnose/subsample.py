@@ -21,8 +21,10 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
 
     at (k, lanes): samples at which consecutive stretches of one sample begin,
     anywhere between samples. A mean between those of its neighbours is read as a
-    step from the one to the other within the sample.
+    step from the one to the other within the sample. Beyond its ends the series is held.
     """
+    at = np.clip(at + 1.0, 0.0, len(series))
+    series = np.concatenate([series[:1], series, series[-1:]])
     before = np.concatenate([series[:1], series[:-1]])
     after = np.concatenate([series[1:], series[-1:]])
     rise = after - before
@@ -39,7 +41,7 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
     def integral(shift: float) -> FloatArray:
         over = part + shift
         carry = (over >= 1.0).astype(np.int64)
-        index = np.clip(low + carry, 0, len(series) - 1)
+        index = low + carry
         past = over - carry
         return np.asarray(total[index] + np.minimum(past, share[index]) * first[index]
                           + np.maximum(past - share[index], 0.0) * then[index])

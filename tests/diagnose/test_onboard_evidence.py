@@ -1,0 +1,100 @@
+"""Residuals without motion capture: small for the car that drove, and for no other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from onboard_files import evidence, recorded
+
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.onboard import unseen
+from dart_hal.diagnose.onboard_drive import READS
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply, catalogue
+
+ENCODER, GYRO = slice(0, None, 2), slice(1, None, 2)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+
+
+def size(residuals, columns=slice(None)):
+    return float(np.sqrt(np.mean(residuals.motion[:, columns]**2)))
+
+
+def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
+    r = plain.residuals(PAPER)
+    assert r.motion.shape == (len(plain.motion_drive), 2 * READS)
+    assert r.sensors.shape == (len(plain.sensor_drive), 4)
+    assert size(r, ENCODER) < 0.04 and size(r, GYRO) < 0.05
+    assert [len(b) for b in plain.blocks(2.0)] == [len(r.motion), len(r.sensors)]
+    assert size(plain.residuals(apply(PAPER, "motor_gain", k=-0.15)), ENCODER) > 0.08
+    assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)), GYRO) > 2.0 * size(r, GYRO)
+
+
+def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
+    """What cannot be told is found from the equations; here it is felt."""
+    base = plain.residuals(PAPER)
+    noise = measure(base, plain.blocks(2.0))
+    here, _ = noise.stacked(base)
+    felt = {}
+    for name, effect in catalogue().items():
+        q = effect.parameters[0]
+        k = q.null + q.sizes[2] if q.null + q.sizes[2] <= q.high else q.null - q.sizes[2]
+        there, _ = noise.stacked(plain.residuals(apply(PAPER, name, **{q.name: k})))
+        felt[name] = float(np.sum((there - here)**2))
+    assert {n for n, change in felt.items() if change == 0.0} == set(unseen())
+    assert min(change for n, change in felt.items() if n not in unseen()) > 20.0
+
+
+@pytest.mark.parametrize(("name", "k"), [
+    ("encoder_scale", 0.04), ("encoder_latency", 0.06), ("gyro_scale", 0.06),
+    ("gyro_bias", 0.05), ("gyro_latency", 0.08), ("clock_offset", 0.06)])
+def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, plain, name, k):
+    """Its error is in the start of every window, too, and is taken off there."""
+    wrong = evidence(recorded(tmp_path, apply(PAPER, name, k=k), seed=21))
+    known = size(wrong.residuals(apply(PAPER, name, k=k)))
+    assert known == pytest.approx(size(plain.residuals(PAPER)), rel=0.12)
+    assert size(wrong.residuals(PAPER)) > 1.15 * known
+
+
+def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
+    tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
+    seen = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
+    still = np.concatenate([d.still for d in seen.drives])
+    assert still.sum() > 10
+
+    def mean(p):
+        return seen.residuals(p).sensors[still].mean(axis=0)
+
+    assert mean(PAPER)[1] == pytest.approx(-0.02, abs=2e-3)
+    assert mean(PAPER)[2] == pytest.approx(0.05 * 9.81, abs=0.35)
+    assert abs(mean(tilted)[1]) < 2e-3 and abs(mean(tilted)[2]) < 0.35
+
+
+def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
+    recording = recorded(tmp_path, seed=23)
+    m = recording.messages
+    old = replace(recording, messages=replace(
+        m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))
+    seen = evidence(old)
+    sizes = {late: size(seen.residuals(PAPER, late), GYRO) for late in (-0.01, 0.0, 0.01)}
+    assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
+
+
+def test_commands_ahead_of_their_messages_are_a_shorter_delay(plain):
+    shorter = replace(PAPER, delay=replace(PAPER.delay, steering_s=PAPER.delay.steering_s - 0.02,
+                                           throttle_s=0.0))
+    a = plain.residuals(PAPER, 0.0, 0.02)
+    assert size(a, GYRO) == pytest.approx(size(plain.residuals(shorter), GYRO), rel=0.02)
+    assert np.abs(a.motion - plain.residuals(PAPER).motion).max() > 0.1
+
+
+def test_residuals_are_the_same_every_time(plain):
+    a, b = plain.residuals(PAPER, 0.003), plain.residuals(PAPER, 0.003)
+    assert np.array_equal(a.motion, b.motion)
+    assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
