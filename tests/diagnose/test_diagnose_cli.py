@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import hidden_drive
 import made_by_hand as made
 import pytest
 
+from dart_hal.cli.diagnose_table import show
 from dart_hal.cli.main import main
 from dart_hal.config import load_model
 from dart_hal.vehicle import PAPER
@@ -97,6 +99,25 @@ def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole,
     assert "fitted to 1 of the test recordings" in err
 
 
+def test_the_terminal_shows_verdict_causes_errors_and_doubts(capsys):
+    show(made.diagnosis())
+    text = " ".join(capsys.readouterr().err.split())
+    for words in ("2 causes of the catalogue explain part of it", "k 0.1187 +- 0.0043 s",
+                  "cannot be told from yaw_inertia or steering_rate_limit", "41 % (36 % to 47 %)",
+                  "not explained: speed: rises with the speed", "withdrawn: mass",
+                  "yaw rate: 0.378 -> 0.0564 | 1.45 rad/s", "hard to believe: weaker than",
+                  "considered: battery_fade (p = 0.2)"):
+        assert words in text
+
+
+def test_the_terminal_claims_no_gain_where_nothing_was_changed(capsys):
+    show(replace(made.diagnosis("nothing_wrong", 0, False), refitted={}))
+    text = capsys.readouterr().err
+    assert "->" not in text
+    assert "less" not in text
+
+
+@pytest.mark.slow
 def test_without_json_the_sentences_are_on_standard_error(files, run):
     code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
                          "--only", "gyro_scale")

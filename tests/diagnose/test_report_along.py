@@ -6,6 +6,8 @@ import made_by_hand as made
 import numpy as np
 import pytest
 
+from dart_hal.diagnose.onboard import OnboardEvidence
+from dart_hal.diagnose.onboard_drive import outings
 from dart_hal.diagnose.report import svg
 from dart_hal.diagnose.report.along import (
     Rows,
@@ -16,7 +18,9 @@ from dart_hal.diagnose.report.along import (
     stages_of,
 )
 from dart_hal.diagnose.report.html import Html, el, table
+from dart_hal.diagnose.result import Stage
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
 
 
 def test_the_error_of_a_mean_counts_stretches_and_not_rows():
@@ -71,6 +75,16 @@ def test_folding_adds_left_and_right_up():
     assert np.sign(left) == -np.sign(right)
     means = rows.means(folded, "speed", scale_missing).mean
     assert (np.sign(means) == np.sign(left)).all()
+
+
+def test_without_mocap_the_lag_shows_in_the_gyro():
+    evidence = OnboardEvidence(outings(made.recording()), PAPER.body.l_r)
+    lag = apply(PAPER, "steering_lag", k=0.12)
+    before, after = (Stage("", p, {}, evidence.residuals(p)) for p in (PAPER, lag))
+    assert {c.channel for c in columns(evidence)} == {"encoder", "gyro", "accel_x", "accel_y"}
+    found = most(Rows(evidence, lag), columns(evidence, "gyro"), before, after)
+    assert (found.column.channel, found.variable) == ("gyro", "steering_rate")
+    assert found.column.after == pytest.approx(0.3)
 
 
 def test_ticks_are_round_and_inside():

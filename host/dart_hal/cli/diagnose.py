@@ -137,7 +137,15 @@ def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str])
     if len(skipped) > len(said):
         said += (f"{len(skipped) - len(said)} more file(s) were skipped, see the report",)
     return replace(d, model=model, files={**d.files, **unread},
-                   notes=tuple(dict.fromkeys((*first, *d.notes, *said))))
+                   notes=tuple(dict.fromkeys((*first, *d.notes, *_unknowable(d), *said))))
+
+
+def _unknowable(d: Diagnosis) -> tuple[str, ...]:
+    """What recordings without motion capture cannot tell."""
+    from dart_hal.diagnose.onboard import OnboardEvidence, limits
+
+    return (tuple(f"cannot be known from these recordings: {limit}" for limit in limits(d.evidence))
+            if isinstance(d.evidence, OnboardEvidence) else ())
 
 
 def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> Sequence[Any]:

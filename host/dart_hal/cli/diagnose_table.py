@@ -21,7 +21,7 @@ from dart_hal.diagnose.report.words import (
     quantity,
     significant,
 )
-from dart_hal.diagnose.result import Diagnosis
+from dart_hal.diagnose.result import Diagnosis, Gained
 from dart_hal.identify.evaluation import CHANNELS as PREDICTED
 
 NARROWEST = 80
@@ -49,11 +49,11 @@ def show(d: Diagnosis) -> None:
 
 def _causes(d: Diagnosis) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("effect", "value", "removes (95 %)", "of the error of", "not told from"):
+    for name in ("effect", "value", "removes", "of the error of", "not told from"):
         table.add_column(name, no_wrap=name in ("effect", "value"))
     for c in d.causes:
         values = "\n".join(f"{k} {quantity(n)}" for k, n in c.parameters.items())
-        table.add_row(c.effect, values, f"{percent(c.gain.test)} ({interval(c.gain)})",
+        table.add_row(c.effect, values, _gain(c.gain),
                       channel(c.gain.channel), ", ".join(c.cannot_be_told_from) or "-")
     return table
 
@@ -63,16 +63,24 @@ def _errors(d: Diagnosis) -> None:
     first, last = d.stages[0].horizons, d.stages[-1].horizons
     known = [name for name in PREDICTED if math.isfinite(pooled(first, "1.0", name))]
     same = not (d.causes or d.refitted)
+    beside = any(math.isfinite(pooled(d.ctrv, "1.0", name)) for name in known)
     if known:
         _say("errors at 1 s on the test recordings (RMSE): "
-             + ("model" if same else "base -> extended") + " | holding the velocities")
+             + ("model" if same else "base -> extended")
+             + (" | holding the velocities" if beside else ""))
     for name in known:
         base, extended, held = (significant(pooled(of, "1.0", name))
                                 for of in (first, last, d.ctrv))
         gain = d.gain.get(name)
-        share = f", {percent(gain.test)} less ({interval(gain)})" if gain and not same else ""
-        _say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'} | {held} "
-             f"{CHANNELS[name][1]}{share}")
+        share = f", {_gain(gain)} less" if gain and not same else ""
+        _say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'}"
+             f"{f' | {held}' if beside else ''} {CHANNELS[name][1]}{share}")
+
+
+def _gain(gain: Gained) -> str:
+    """"61 % (57 % to 65 %)", without what is not known."""
+    between = f" ({interval(gain)})" if math.isfinite(gain.low) else ""
+    return f"{percent(gain.test)}{between}"
 
 
 def _moved(d: Diagnosis) -> None:
