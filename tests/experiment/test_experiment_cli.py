@@ -155,3 +155,16 @@ def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
     assert code == 130
     assert "one.mcap" in err
     assert (tmp_path / "one.mcap").stat().st_size > 5_000
+
+
+def test_a_probe_is_driven_and_recorded_but_not_fitted(run, tmp_path):
+    code, out, _ = run("rollouts", *SIM, "--space", "6", "--out", "one.mcap", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["stopped"] is None
+    assert "fits" not in told
+    assert (tmp_path / "one.mcap").stat().st_size > 10_000
+    code, out, _ = run("rollouts", *SIM, "--out", "two.mcap", "--out-model", "m.toml", "--json")
+    assert code == 2
+    assert "fits no sub-model" in json.loads(out)["error"]["what"]
+    assert not (tmp_path / "two.mcap").exists()

@@ -12,7 +12,7 @@ from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor, fence_of
 from dart_hal.experiment.limits import Rolling, stays_inside
 from dart_hal.experiment.make import make_plan
-from dart_hal.experiment.plans import NAMES
+from dart_hal.experiment.plans import NAMES, PROBES
 from dart_hal.experiment.rehearsal import PaperCar, rehearse
 from dart_hal.experiment.runner import run
 from dart_hal.experiment.signals import Chirp, Levels, Ramp, random_steps
@@ -48,6 +48,18 @@ def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, fil
     assert drive.frames[-1].speed < 0.05
 
 
+@pytest.mark.parametrize(("name", "floor"), [
+    ("standstill", "2"), ("crawl", "5"), ("circles", "6"), ("steps", "6x5.5"),
+    ("staircase", "6"), ("weave", "6"), ("rollouts", "6"), ("launch", "7x4"), ("laps", "6x4")])
+def test_probe_stays_on_the_floor_and_is_not_stopped(name, floor, files):
+    plan = make_plan(name, files, Floor.parse(floor), None)
+    drive = run(PaperCar(files), plan)
+    assert not drive.stopped  # at the fence, or well above its speed
+    assert all(plan.fence.inside(f.pose.x, f.pose.y) for f in drive.frames)
+    assert any(f.measured for f in drive.frames)
+    assert drive.frames[-1].speed < 0.05
+
+
 def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
     assert not make_plan("friction", files, Floor(40.0, 1.0), None).oval
     plan = make_plan("friction", files, Floor(8.0, 3.0), None)
@@ -58,7 +70,7 @@ def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
     assert turned <= {0.0, -3.0, 3.0}  # pulls go there and back, none of them in a turn
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *(n for n in PROBES if n != "standstill")])
 def test_too_small_a_floor_says_what_is_needed(name, files):
     with pytest.raises(ExperimentFailed) as error:
         make_plan(name, files, Floor(2.0, 2.0), None)

@@ -32,6 +32,7 @@ PULL = 0.32
 LAUNCHES = (0.30, 0.40, 0.50, 0.60)
 LAUNCH_LANE = 5.0
 LAP_LANE, LAPPED = 2.5, 30.0  # m, s
+LEAST_LANE = 1.5  # m
 
 
 def plan_probe(name: str, files: CarFiles, floor: Floor, speed: float | None) -> Plan:
@@ -126,15 +127,15 @@ def _rollouts(top: float, _longest: float) -> tuple[list[Segment], float]:
 
 def _launch(top: float, longest: float) -> tuple[list[Segment], float]:
     """From standstill with rising throttle, up to more than any other drive asks for."""
-    lane = min(LAUNCH_LANE, longest)
+    lane = max(min(LAUNCH_LANE, longest - 0.1), LEAST_LANE)
     out: list[Segment] = []
     for throttle in LAUNCHES:
         out += one_pull(throttle, top, 0.9 * lane)
-    return out, max(lane, 0.5)
+    return out, lane
 
 
 def _laps(top: float, longest: float) -> tuple[list[Segment], float]:
-    lane = max(min(LAP_LANE, longest), 0.5)
+    lane = max(min(LAP_LANE, longest - 0.1), LEAST_LANE)
     return [Segment("laps", LAPPED, speed=top, measured=True),
             Segment("rolling out", 8.0, until="standstill")], lane
 

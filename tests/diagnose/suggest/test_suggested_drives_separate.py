@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from open_question import FLOOR, Case, diagnosis, gains, recorded
 from open_question import DRIVES as AT_HAND
+from open_question import FLOOR, Case, diagnosis, gains, recorded
 
 from dart_hal.diagnose.suggest import suggest
 from dart_hal.diagnose.suggest.library import CHOICES, rehearsed

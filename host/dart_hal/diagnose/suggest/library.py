@@ -8,12 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from dart_hal.config import CarFiles, ModelFile, load_car
-from dart_hal.config.folders import EXAMPLE
+from dart_hal.config import CarFiles, ModelFile, parse_car
 from dart_hal.errors import ExperimentFailed
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.make import make_plan
 from dart_hal.experiment.rehearsal import rehearse
+from dart_hal.sim.car_file import car_toml
+from dart_hal.sim.hidden import hidden_car
 from dart_hal.types import FloatArray
 
 from ..drive import STEP
@@ -90,7 +91,7 @@ def rehearsed(floor: Floor, model: ModelFile | None = None,
 
     model: of the car that drives; None = the paper's.
     """
-    files = replace(load_car(EXAMPLE), model=model)
+    files = _files(model)
     known: dict[str, Commands | None] = {}
     for choice in choices:
         for part in choice.parts:
@@ -116,7 +117,13 @@ def typed(choice: Choice, floor: Floor) -> tuple[str, ...]:
 
 @lru_cache(maxsize=64)
 def _of_the_paper(name: str, floor: Floor) -> Commands | None:
-    return _commands(name, replace(load_car(EXAMPLE), model=None), floor)
+    return _commands(name, _files(None), floor)
+
+
+def _files(model: ModelFile | None) -> CarFiles:
+    """Those of the simulated car without a secret: the same on every computer."""
+    files = parse_car(car_toml(hidden_car(0)), "the simulated car")
+    return replace(files, calibration=None, model=model)
 
 
 def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:

@@ -1,0 +1,129 @@
+"""Simulated drives, contests of hypotheses on them, and what is said about it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from open_question import DRIVES, FLOOR, Case, diagnosis, recorded
+
+from dart_hal.cli.main import main
+from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.suggest import suggest
+from dart_hal.diagnose.suggest.contest import Contest
+from dart_hal.diagnose.suggest.evidence import MIDDLE
+from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
+from dart_hal.diagnose.suggest.picture import plot
+from dart_hal.diagnose.suggest.question import ask
+from dart_hal.diagnose.suggest.side import Side
+from dart_hal.diagnose.suggest.virtual import record
+from dart_hal.experiment.floor import Floor
+from dart_hal.recording.dart.reference import SEP_24
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+
+GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
+
+
+@pytest.fixture(scope="module")
+def question(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("open")
+    d = diagnosis(GYRO, [recorded(folder / "one.csv", GYRO, DRIVES["straight"], 5, False)])
+    return d, ask(d, d.causes[0])
+
+
+@pytest.fixture(scope="module")
+def rollouts():
+    (drive,) = rehearsed(FLOOR, None, tuple(c for c in CHOICES if c.name == "rollouts"))
+    return drive
+
+
+@pytest.mark.parametrize("effect", ["", "steering_lag:0.06", "mocap_yaw:0.03", "gyro_scale:0.06"])
+def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
+    name, _, k = effect.partition(":")
+    p = apply(PAPER, name, k=float(k)) if name else PAPER
+    e = Evidence([prepare(record(p, rollouts.commands[0], SEP_24), PAPER.body.l_r, SEP_24)],
+                 PAPER.body.l_r)
+    own = e.residuals(p, MIDDLE.late, MIDDLE.ahead)
+    other = e.residuals(apply(PAPER, "steering_gain", k=0.1), MIDDLE.late, MIDDLE.ahead)
+    assert len(own.motion) > 8
+    assert np.abs(own.motion).mean() < 0.1 * np.abs(other.motion).mean()
+    assert np.nanmax(np.abs(own.sensors[:, :2])) < 0.05
+
+
+def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(question, rollouts):
+    _, q = question
+    truth = apply(PAPER, "grip", k=-0.12)
+    setting = q.settings[0]
+    evidence = setting.of([record(truth, rollouts.commands[0], SEP_24)])
+    contest = Contest([Side(evidence, setting.noise, PAPER, truth, (), {}, MIDDLE)], PAPER)
+    same, other = contest.mimic("grip"), contest.mimic("quadratic_drag")
+    assert same.values["k"] == pytest.approx(-0.12, abs=0.005)
+    assert same.separation < 0.3
+    assert other.separation > 3.0
+
+
+def test_without_rivals_there_is_nothing_to_suggest(question):
+    d, _ = question
+    alone = replace(d.causes[0], cannot_be_told_from=())
+    assert suggest(replace(d, causes=(alone,))) == ()
+
+
+def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
+    d, _ = question
+    first, again = (suggest(d, floor=Floor(3.0, 3.0), seed=4)[0].to_json() for _ in range(2))
+    assert first == again
+    text = json.dumps(first, allow_nan=False)
+    assert json.loads(text)["drive"] == "standstill"
+    assert first["enough"]
+    assert first["needs"] == "on-board sensors"
+    assert [t["least"] >= 4.0 for t in first["tried"]] == [True]
+
+
+def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
+    still = tuple(c for c in CHOICES if c.name == "standstill")
+    monkeypatch.setattr("dart_hal.diagnose.suggest.choose.rehearsed",
+                        lambda floor, model: rehearsed(floor, model, still))
+    case = Case("slow waves", ("steering_lag", 0.06), "steering_delay")
+    d = diagnosis(case, [recorded(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])
+    (s,) = suggest(d)
+    assert not s.enough
+    assert "none of 1 drives" in s.sentence()
+    assert max(p.after for p in s.pairs) < 1.0
+    assert s.by_hand.startswith("Steering steps")
+
+
+def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, capsys):
+    d, _ = question
+    (s,) = suggest(d, floor=Floor(3.0, 3.0))
+    monkeypatch.chdir(tmp_path)
+    for line in s.commands:
+        words = line.split()
+        assert words[0] == "dart-hal"
+        with pytest.raises(SystemExit) as ended:
+            main([*words[1:], "--url", "sim://?seed=3&nano=mock", "--json"])
+        assert ended.value.code == 0
+        told = json.loads(capsys.readouterr().out)
+        assert (tmp_path / told["recording"]).stat().st_size > 10_000
+
+
+def test_the_picture(question, tmp_path):
+    (s,) = suggest(question[0], floor=Floor(3.0, 3.0))
+    assert s.prediction.channel == "gyro"
+    bias, trim = s.prediction.says.values()
+    assert np.mean(bias - trim) == pytest.approx(0.02, abs=0.002)
+    assert plot(s, tmp_path / "one.png").stat().st_size > 10_000
+
+
+def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
+    short = tuple(c for c in CHOICES if c.name in ("standstill", "rollouts", "circles", "weave"))
+    drives = list(rehearsed(FLOOR, None, short))
+    assert [d.choice.name for d in drives] == [c.name for c in short]
+    assert [d.seconds for d in drives] == sorted(d.seconds for d in drives)
+    assert all(math.isclose(len(c.throttle) * 0.01, c.seconds) for d in drives
+               for c in d.commands)
+    assert all(np.abs(c.steering).max() <= 1.0 for d in drives for c in d.commands)
