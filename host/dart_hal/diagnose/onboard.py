@@ -9,13 +9,14 @@ in all read-outs of a window, where the whitening finds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.effect import Effect, Now
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
@@ -33,6 +34,9 @@ UNKNOWN = (
     "the direction of a slope in the room: only that to the heading at the start of a recording",
     "the scale of speed by itself: only through what motor, steering and accelerometer say of it")
 """What no recording without motion capture can tell."""
+SHOWN = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
+                          "accel": ("accel_x", "accel_y")})
+"""Channels of the residuals in which an effect on a signal shows."""
 FEW_AT_REST = 20  # messages; 2 s
 
 
@@ -45,7 +49,7 @@ class OnboardEvidence:
     """
 
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:
-        self.drives, self.l_r = tuple(drives), l_r
+        self.drives, self.l_r, self.overlap = tuple(drives), l_r, 2.0
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
@@ -64,6 +68,27 @@ class OnboardEvidence:
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
         return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+
+    @property
+    def read_out(self) -> tuple[tuple[str, ...], slice, slice]:
+        """(names, columns of the motion) half a window ahead; columns of the sensors beside them.
+
+        Encoder and gyro are in the motion here, so of the sensors the accelerometer is left.
+        """
+        half = (READS // 2 - 1) * len(MOTION)
+        return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
+
+    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which residuals an effect must lower to be believed, (N,).
+
+        channel (N,): as ``rows.Rows`` has it. What errs in a sensor: those of that
+        sensor; anything else: what the car is predicted to do.
+        """
+        if effect.stage != "measurement":
+            return np.asarray(channel >= 0)
+        shown = {n for c in effect.signals for n in SHOWN.get(c, ())}
+        known = {int(c): self.channel(int(c)) for c in np.unique(channel)}
+        return np.isin(channel, [c for c, name in known.items() if name in shown])
 
     def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""

@@ -24,6 +24,7 @@ from .crossfit import Rows, fitted, held_out, normal_scores, predicted_share
 from .drive import READ
 from .features import UNITS, message_features, window_features
 from .noise import CLIPPED, Noise
+from .onboard import OnboardEvidence
 from .residuals import MOTION, SENSORS, Evidence, Residuals
 from .result import Unexplained
 
@@ -103,16 +104,19 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
     length = max(BLOCK, seconds / MOST_BLOCKS)
     windows, messages = evidence.blocks(length)
-    motion = slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
+    names, motion = MOTION, slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
+    sensors = slice(None)
+    if isinstance(evidence, OnboardEvidence):
+        names, motion, sensors = evidence.read_out
     whitener = np.linalg.inv(noise.motion)
     size = np.sqrt((whitener**2).sum(axis=1))[motion]
     x = np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3) / size
     while_driven = _exogenous(p, window_features(evidence, p, READ[READ_OUT]))
     while_counted = _exogenous(p, message_features(evidence, p))
     del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
-    return [Group(MOTION, x, size, while_driven, windows, evidence.motion_drive),
-            Group(SENSORS, noise.whiten(residuals)[1], noise.sensors, while_counted, messages,
-                  evidence.sensor_drive)]
+    return [Group(names, x, size, while_driven, windows, evidence.motion_drive),
+            Group(SENSORS[sensors], noise.whiten(residuals)[1][:, sensors],
+                  noise.sensors[sensors], while_counted, messages, evidence.sensor_drive)]
 
 
 def _exogenous(p: Vehicle, features: dict[str, FloatArray]) -> dict[str, FloatArray]:
