@@ -19,7 +19,8 @@ def show_suggestions(suggestions: Sequence[Suggestion]) -> None:
     for s in suggestions:
         _say(f"suggested: {s.sentence()}", style="bold")
         if not s.drive:
-            _say(f"  by hand: {s.by_hand}", style="dim")
+            if s.by_hand:
+                _say(f"  by hand: {s.by_hand}", style="dim")
             continue
         _say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
         console.print(_table(s))

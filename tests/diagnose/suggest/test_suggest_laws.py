@@ -97,6 +97,14 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
     assert s.by_hand.startswith("Steering steps")
 
 
+def test_a_rival_that_explains_nothing_needs_no_drive(question):
+    d, _ = question
+    told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
+    (s,) = suggest(replace(d, causes=(told,)))
+    assert (s.drive, s.commands, s.pairs) == ("", (), ())
+    assert "by themselves" in s.sentence()
+
+
 def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, capsys):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))

@@ -22,7 +22,7 @@ from .side import Side
 from .sizes import Sizes
 
 MOST = 4  # rivals of one cause that are looked at, the nearest ones
-LEAST = 0.02  # of the small size: a rival that wants to be smaller is no rival
+LEAST = 0.25  # of what the cause explains: a rival that explains less is none
 SETTLE = 3  # steps of the timing of the data at hand
 
 
@@ -68,9 +68,10 @@ def ask(diagnosis: Diagnosis, cause: Cause) -> Question:
     values = {cause.effect: {k: n.value for k, n in cause.parameters.items()}}
     cars, before = {cause.effect: full}, {}
     first = contest(evidence, full)
+    nothing = first.sides[0].loss(base)
     for name in like:
         mimic = first.mimic(name)
-        if mimic is None or not _says_anything(name, mimic.values):
+        if mimic is None or mimic.loss > (1.0 - LEAST) * nothing:
             continue  # the data at hand have told these apart
         cars[name], values[name] = mimic.car, dict(mimic.values)
         before[cause.effect, name] = before[name, cause.effect] = mimic.separation
@@ -88,11 +89,6 @@ def ask(diagnosis: Diagnosis, cause: Cause) -> Question:
               for e, work in (*seen, (evidence, first))]
     return Question(base, cars, values, before, free, known, tuple(s for s, _ in judged),
                     {s.needs: Sizes(work, values) for s, work in judged})
-
-
-def _says_anything(name: str, values: Mapping[str, float]) -> bool:
-    return any(abs(values.get(q.name, q.null) - q.null) > LEAST * q.sizes[0]
-               for q in catalogue()[name].parameters)
 
 
 def _timing(diagnosis: Diagnosis, p: Vehicle) -> Timing:

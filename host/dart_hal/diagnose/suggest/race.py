@@ -29,6 +29,7 @@ class Race:
                  seed: int = 0) -> None:
         self.question, self.drive, self.setting = question, drive, setting
         self._rng = np.random.default_rng(seed)
+        self._right: dict[tuple[str, str], float] = {}
         names = question.names
         self._contests = {truth: self._contest(truth) for truth in names}
         self._mimics: dict[tuple[str, str], Mimic | None] = {}
@@ -53,8 +54,18 @@ class Race:
         """The rival at its best; None where the drive tells nothing at all."""
         return self._mimics[truth, rival]
 
+    def surest(self) -> float:
+        """The smallest share of ``right`` of any pair."""
+        return min((self.right(a, b) for a, b in combinations(self.question.names, 2)),
+                   default=0.0)
+
     def right(self, a: str, b: str) -> float:
         """Share of simulated repeats in which the truth wins, the smaller of both directions."""
+        if (a, b) not in self._right:
+            self._right[a, b] = self._simulated(a, b)
+        return self._right[a, b]
+
+    def _simulated(self, a: str, b: str) -> float:
         shares = []
         for truth, rival in ((a, b), (b, a)):
             mimic = self._mimics[truth, rival]

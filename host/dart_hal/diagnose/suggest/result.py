@@ -87,7 +87,8 @@ class Suggestion:
     """What to drive next for one cause that has rivals.
 
     enough: whether it separates all pairs; if not, it is the one that comes
-    nearest, or "" where no drive fits on the floor. commands: what to type,
+    nearest, or "" where no drive fits on the floor; "" as well where none is
+    needed. commands: what to type,
     in order. needs: "motion capture" or "on-board sensors" alone. by_hand: what
     the effect's own page says, where no drive is needed or none is enough.
     values: size of each hypothesis that suits the data at hand, by effect.
@@ -111,6 +112,8 @@ class Suggestion:
     def sentence(self) -> str:
         """What to do and what it would show, in one line."""
         rivals = ", ".join(self.rivals)
+        if not self.drive and self.enough:
+            return f"the data at hand tell {self.cause} from {rivals} by themselves"
         if not self.drive:
             return f"no drive fits on this floor that could tell {self.cause} from {rivals}"
         drive = f"{self.drive} ({self.seconds:.0f} s"
