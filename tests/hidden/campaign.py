@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import campaign_show as show
 import numpy as np
-from campaign_cases import GROUPS, Case, car, cases, habits, rough_model, thinned
+from campaign_cases import BASES, GROUPS, Case, car, cases, habits, model_file, thinned
 from campaign_score import confusion, rows, score
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -36,35 +36,35 @@ HOME = Path(__file__).resolve().parents[2]
 SECONDS = (120.0, 80.0)
 """To learn from, to judge by."""
 RESULTS = HOME / "build" / "campaign" / "results.jsonl"
-KEEP = ("verdict", "causes", "unexplained", "withdrawn", "notes", "error")
+KEEP = ("verdict", "base", "causes", "unexplained", "withdrawn", "notes", "error")
 
 Answer = dict[str, Any]
 
 
-def ask(model: str, train: Path, test: Path) -> Answer:
+def ask(model: str, train: Path, test: Path, refit: bool) -> Answer:
     """What the diagnosis says about files, as its JSON document."""
     from dart_hal.diagnose import diagnose
     from dart_hal.recording.dart import read
     from dart_hal.vehicle.load import find_model
 
     file, vehicle = find_model(model)
-    return diagnose(file, vehicle, [read(train)], [read(test)]).to_json()
+    return diagnose(file, vehicle, [read(train)], [read(test)], refit=refit).to_json()
 
 
 def run(case: Case, seconds: tuple[float, float] = SECONDS,
-        asked: Callable[[str, Path, Path], Answer] = ask) -> Answer:
+        asked: Callable[[str, Path, Path, bool], Answer] = ask) -> Answer:
     """One line of the results: the case, the answer, CPU seconds of the diagnosis."""
     rng = np.random.default_rng(case.number)
     how, what = habits(case, rng), car(case, rng)
     with tempfile.TemporaryDirectory() as folder:
         train, test = pair(Path(folder), what, how, seconds, case.number)
-        model = "paper"
-        if GROUPS[case.group].rough:
-            model = str(Path(folder) / "rough.toml")
-            Path(model).write_text(rough_model())
+        model, share = "paper", BASES[case.known]
+        if share:
+            model = str(Path(folder) / "stated.toml")
+            Path(model).write_text(model_file(share))
         start = time.process_time()
         try:
-            answer = asked(model, train, test)
+            answer = asked(model, train, test, case.known != "fixed")
         except DartHalError as err:
             answer = {"error": err.what}
         except Exception as err:  # noqa: BLE001 - a crash is a result, not the end of the night

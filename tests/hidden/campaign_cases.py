@@ -30,8 +30,8 @@ NO_MOCAP = tuple(n for n in CAUSES if not n.startswith("mocap_"))
 class Group:
     """Cases that are judged together. kind: effect, null, pair, far, near.
 
-    styles: of driving; push: disturbance over 0.12 N; rough: base parameters are
-    off by 2 to 5 %, which the model file says; mocap: the files have it.
+    styles: of driving; push: disturbance over 0.12 N; base: what the model knows
+    of the car, one of BASES; mocap: the files have it.
     """
 
     kind: str
@@ -39,28 +39,44 @@ class Group:
     seeds: int = 1
     styles: tuple[str, ...] = RICH
     push: float = 1.0
-    rough: bool = False
+    base: str = "known"
     mocap: bool = True
 
 
+BASES = {"known": 0.01, "rough": 0.035, "paper": 0.0, "fixed": 0.0}
+"""Share by which base parameters are off, which the model file states as their error. Of the
+paper's set as it is shipped, which is exact here, nothing is stated: all of it moves, or fixed."""
+
 GROUPS: dict[str, Group] = {
-    "small": Group("effect", SMALL, 2), "medium": Group("effect", MEDIUM, 2),
-    "large": Group("effect", LARGE, 2), "disturbed": Group("effect", push=2.5),
-    "gentle": Group("effect", styles=("gentle",)), "rough": Group("effect", rough=True),
+    "small": Group("effect", SMALL), "medium": Group("effect", seeds=2),
+    "large": Group("effect", LARGE), "disturbed": Group("effect", push=2.5),
+    "gentle": Group("effect", styles=("gentle",)), "rough": Group("effect", base="rough"),
+    "paper": Group("effect", base="paper"), "fixed": Group("effect", base="fixed"),
     "onboard": Group("effect", mocap=False), "onboard large": Group("effect", LARGE, mocap=False),
     "null": Group("null", seeds=100), "null disturbed": Group("null", seeds=40, push=2.5),
-    "null rough": Group("null", seeds=20, rough=True),
+    "null rough": Group("null", seeds=20, base="rough"),
+    "null paper": Group("null", seeds=20, base="paper"),
+    "null fixed": Group("null", seeds=20, base="fixed"),
     "null onboard": Group("null", seeds=20, mocap=False),
     "pair": Group("pair", seeds=40), "far": Group("far", seeds=2), "near": Group("near", seeds=2)}
 
 
 @dataclass(frozen=True)
 class Case:
-    """One question to the diagnosis. hidden: (name, size) of each cause; key: unique."""
+    """One question to the diagnosis. hidden: (name, size) of each cause; key: unique.
+
+    base: one of BASES instead of the group's.
+    """
 
     group: str
     seed: int
     hidden: tuple[tuple[str, float], ...]
+    base: str = ""
+
+    @property
+    def known(self) -> str:
+        """What the model knows of the car."""
+        return self.base or GROUPS[self.group].base
 
     @property
     def key(self) -> str:
@@ -131,13 +147,12 @@ def habits(case: Case, rng: np.random.Generator) -> Habits:
 
 
 def car(case: Case, rng: np.random.Generator) -> Car:
-    """The car with what is hidden in it; in rough cases it is not quite that of the paper."""
-    c = Car()
-    if GROUPS[case.group].rough:
-        for name, attribute in BASE.items():
-            off = 0.002 * rng.normal() if name == "steering.s0" else (
-                getattr(c, attribute) * rng.uniform(0.02, 0.05) * rng.choice([-1.0, 1.0]))
-            setattr(c, attribute, getattr(c, attribute) + off)
+    """The car with what is hidden in it; as far from the paper's as the model says it may be."""
+    c, share = Car(), BASES[case.known]
+    for name, attribute in BASE.items():
+        draw = rng.normal() if share < 0.02 else rng.uniform(0.6, 1.4) * rng.choice([-1, 1])
+        value = getattr(c, attribute)
+        setattr(c, attribute, value + share * draw * _scale(name, value))
     for name, size in case.hidden:
         if name in CAUSES:
             hide(c, name, size)
@@ -146,13 +161,18 @@ def car(case: Case, rng: np.random.Generator) -> Car:
     return c
 
 
-def rough_model() -> str:
-    """A model.toml of the paper's car whose maker knows how little he knows it."""
+def _scale(name: str, value: float) -> float:
+    """What a relative error refers to: the centre of the steering is a difference."""
+    return 0.1 if name == "steering.s0" else abs(value)
+
+
+def model_file(share: float) -> str:
+    """A model.toml of the paper's car whose maker knows how well he knows it."""
     c = Car()
-    lines = ['schema = "dart-hal/model/1"', 'name = "rough"', 'kind = "dynamic"',
+    lines = ['schema = "dart-hal/model/1"', 'name = "stated"', 'kind = "dynamic"',
              "[body]", "wheelbase = 0.175", f"l_f = {c.lf}", f"l_r = {c.lr}",
              f"mass = {c.m}", f"yaw_inertia = {c.inertia}", "front_share = 0.5",
-             "[delay]", "steering_s = 0.15", "throttle_s = 0.0"]
+             "[delay]", "steering_s = { value = 0.15, std = 0.005 }", "throttle_s = 0.0"]
     section = ""
     for name, attribute in BASE.items():
         table, key = name.split(".")
@@ -160,6 +180,6 @@ def rough_model() -> str:
             section = table
             lines.append(f"[{section}]")
         value = getattr(c, attribute) * (math.degrees(1.0) if attribute in PER_DEGREE else 1.0)
-        std = 0.002 if key == "s0" else 0.035 * abs(value)
+        std = share * _scale(name, value)
         lines.append(f"{key} = {{ value = {value!r}, std = {std:.6g} }}")
     return "\n".join(lines) + "\n"

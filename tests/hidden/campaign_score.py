@@ -17,7 +17,8 @@ OUTCOMES = ("right", "wrong", "missed")
 TARGETS: dict[str, dict[str, float]] = {
     "medium": {"right": 0.95, "wrong": 0.02}, "large": {"right": 1.00, "wrong": 0.02},
     "disturbed": {"right": 0.80}, "rough": {"right": 0.75}, "onboard": {"right": 0.60},
-    "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "pair": {"right": 0.85},
+    "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "null fixed": {"wrong": 0.01},
+    "fixed": {"right": 0.95, "wrong": 0.02}, "pair": {"right": 0.85},
     "far": {"right": 0.95}, "near": {"right": 0.80}}
 """Least share that is right, largest share that is wrong."""
 PROTOTYPE = {"small": 0.76, "medium": 0.895, "large": 1.0, "disturbed": 0.71, "gentle": 0.71,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import campaign
 import numpy as np
 import pytest
-from campaign_cases import GROUPS, Case, car, cases, habits, rough_model, thinned
+from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
 from campaign_score import confusion, rows, score
 from outsiders import FAMILY, FAR, NEAR
 from stranger import Car
@@ -20,6 +21,9 @@ from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 
 SECONDS = (60.0, 40.0)
+ASKED = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",
+         "null/nothing/0", "pair/motor_gain+mocap_offset_y/0", "far/compass_gyro/0",
+         "near/filtered_gyro/0", "near/square_cornering/0")
 
 
 def said(*effects, like=(), flagged=False, size=1.0):
@@ -98,8 +102,8 @@ def test_every_case_is_one_of_its_kind():
 
 
 def test_the_paper_of_the_stranger_is_that_of_the_package(tmp_path):
-    path = tmp_path / "rough.toml"
-    path.write_text(rough_model())
+    path = tmp_path / "stated.toml"
+    path.write_text(model_file(0.035))
     _, ours = find_model("paper")
     model, theirs = find_model(path)
     assert theirs.tyres.front_B == pytest.approx(ours.tyres.front_B)
@@ -143,7 +147,7 @@ def test_without_mocap_the_file_has_ten_columns(tmp_path):
 def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys):
     asked = []
 
-    def ask(model: str, train: Path, test: Path):
+    def ask(model: str, train: Path, test: Path, refit: bool):
         asked.append(train.name)
         if len(asked) == 1:
             raise ValueError("oh")
@@ -160,3 +164,14 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
     assert first["error"] == "ValueError: oh"
     assert second["causes"] == []
     assert '"group": "null"' in capsys.readouterr().out
+
+
+def test_from_files_to_names():
+    """Nine cases with the base as it is: whatever is named, nothing where nothing is hidden."""
+    by_key = {c.key: c for c in cases()}
+    outcomes = {}
+    for key in ASKED:
+        one = replace(by_key[key], base="fixed")
+        outcomes[key] = score(one, campaign.run(one, SECONDS)).outcome
+    assert outcomes["null/nothing/0"] == "right"
+    assert sum(o == "right" for o in outcomes.values()) >= len(ASKED) - 1, outcomes
