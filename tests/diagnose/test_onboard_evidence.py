@@ -30,7 +30,8 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     r = plain.residuals(PAPER)
     assert r.motion.shape == (len(plain.motion_drive), 2 * READS)
     assert r.sensors.shape == (len(plain.sensor_drive), 4)
-    assert size(r, ENCODER) < 0.04 and size(r, GYRO) < 0.05
+    assert size(r, ENCODER) < 0.04
+    assert size(r, GYRO) < 0.05
     assert [len(b) for b in plain.blocks(2.0)] == [len(r.motion), len(r.sensors)]
     assert size(plain.residuals(apply(PAPER, "motor_gain", k=-0.15)), ENCODER) > 0.08
     assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)), GYRO) > 2.0 * size(r, GYRO)
@@ -73,7 +74,8 @@ def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
 
     assert mean(PAPER)[1] == pytest.approx(-0.02, abs=2e-3)
     assert mean(PAPER)[2] == pytest.approx(0.05 * 9.81, abs=0.35)
-    assert abs(mean(tilted)[1]) < 2e-3 and abs(mean(tilted)[2]) < 0.35
+    assert abs(mean(tilted)[1]) < 2e-3
+    assert abs(mean(tilted)[2]) < 0.35
 
 
 def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):

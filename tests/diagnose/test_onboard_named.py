@@ -1,0 +1,48 @@
+"""From sensors alone: what is hidden is named, and nothing where nothing is."""
+
+from __future__ import annotations
+
+import pytest
+from onboard_files import recorded
+
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.run import diagnose
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.load import find_model
+
+NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
+
+
+def diagnosed(folder, p, seed, only=(), seconds=(60.0, 40.0)):
+    file, base = find_model("paper")
+    train, test = ([recorded(folder, p, seed + 50 * i, s)] for i, s in enumerate(seconds))
+    sides = checked(train, test, base)
+    return diagnose(file, base, sides.train, sides.test, refit=False, only=only)
+
+
+@pytest.mark.slow
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
+    found = diagnosed(tmp_path, PAPER, 31)
+    assert found.verdict == "nothing_wrong"
+    assert not found.causes
+    assert not found.unexplained
+
+
+def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
+    """With the negative control: no other name becomes the right one, at any size."""
+    found = diagnosed(tmp_path, apply(PAPER, "rolling_resistance", k=0.25), 33, NEAR)
+    first = found.causes[0]
+    assert first.effect == "rolling_resistance"
+    assert first.parameters["k"].value == pytest.approx(0.25, rel=0.2)
+    assert first.gain.low > 0.3
+    others = [g for name, g in found.ranking.items() if name != first.effect]
+    assert max(others) < found.ranking[first.effect] - 15.0
+
+
+def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(tmp_path):
+    found = diagnosed(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
+    assert [c.effect for c in found.causes] == ["encoder_scale"]
+    assert found.causes[0].parameters["k"].value == pytest.approx(0.04, rel=0.2)
+    assert found.causes[0].gain.channel == "encoder"
+    assert found.causes[0].gain.low > 0.0

@@ -1,0 +1,92 @@
+"""Our own runs, which never have motion capture: driven in the simulator, told from MCAP."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.onboard import OnboardEvidence
+from dart_hal.diagnose.onboard_drive import counted, outings
+from dart_hal.diagnose.run import diagnose
+from dart_hal.identify.runs import read_run
+from dart_hal.sim.hidden import NOMINAL_VEHICLE
+from dart_hal.sim.servo import HORN_RAD_PER_US, ServoParams
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.load import find_model
+
+SECONDS = 40.0
+SERVO = ServoParams()
+UNIT = SERVO.span_us * HORN_RAD_PER_US / SERVO.rate  # s for a command of 1
+HALF_FRAME = 0.01  # s; the mean wait for a PWM frame of 50 Hz
+EXACT = apply(replace(NOMINAL_VEHICLE, delay=replace(NOMINAL_VEHICLE.delay,
+                                                     steering_s=HALF_FRAME)),
+              "steering_rate_limit", k=UNIT)
+"""The simulated car of no seed, as the equations of the models say it."""
+
+
+def drive(path, effect):
+    rng = np.random.default_rng(5)
+    url = "sim://?nano=mock" + (f"&effect={effect}" if effect else "")
+    with Car.open(url, record=path) as car:
+        for _ in car.states(duration=3.0):
+            pass
+        car.arm()
+        turn = push = throttle = steering = 0.0
+        for frame, _ in enumerate(car.states(duration=SECONDS)):
+            t = 0.01 * frame
+            if t >= push:
+                throttle, push = rng.uniform(0.2, 0.3) * (rng.random() > 0.12), t + 1.5
+            if t >= turn:
+                steering, turn = rng.uniform(-0.9, 0.9), t + rng.uniform(0.4, 2.5)
+            car.drive(steering=steering, throttle=throttle)
+    return read_run(path)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return drive(tmp_path_factory.mktemp("runs") / "plain.mcap", "")
+
+
+def evidence(recording):
+    return OnboardEvidence(outings(recording), EXACT.body.l_r)
+
+
+def test_the_model_of_the_simulated_car_predicts_its_run(run):
+    seen = evidence(run)
+    windows, _, rest = counted(seen.drives)
+    assert windows > 30
+    assert rest > 20
+    r = seen.residuals(EXACT)
+    encoder, gyro = (np.sqrt(np.mean(r.motion[:, k::2]**2)) for k in (0, 1))
+    assert encoder < 0.006
+    assert gyro < 0.04
+    still = np.concatenate([d.still for d in seen.drives])
+    assert np.abs(r.sensors[still, 1]).mean() < 2e-3
+    wrong = seen.residuals(apply(EXACT, "motor_gain", k=-0.03))
+    assert np.sqrt(np.mean(wrong.motion[:, 0::2]**2)) > 2.0 * encoder
+    late = seen.residuals(apply(EXACT, "steering_delay", k=0.02))
+    assert np.sqrt(np.mean(late.motion[:, 1::2]**2)) > 1.5 * gyro
+
+
+def test_every_residual_of_a_run_has_a_size(run):
+    seen = evidence(run)
+    noise = measure(seen.residuals(EXACT), seen.blocks(2.0))
+    assert np.isfinite(noise.motion).all()
+    assert (noise.sensors > 1e-5).all()
+    assert (noise.worth > 0.0).all()
+
+
+@pytest.mark.parametrize("effect", [
+    "", pytest.param("motor_gain:-0.08", marks=pytest.mark.slow)])
+def test_a_run_is_diagnosed(run, tmp_path, effect):
+    recording = drive(tmp_path / "hidden.mcap", effect) if effect else run
+    file, _ = find_model("paper")
+    sides = checked([recording], [], EXACT)
+    only = ("motor_gain", "rolling_resistance", "gyro_scale", "encoder_scale")
+    found = diagnose(file, EXACT, sides.train, sides.test, refit=False, only=only)
+    assert [c.effect for c in found.causes] == [effect.split(":")[0]] * bool(effect)
