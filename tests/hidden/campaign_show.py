@@ -17,7 +17,10 @@ NOBODY = ("unexplained", "nothing")
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line per group; "right" of null is silence, of far "unexplained", of near the family."""
+    """One line per group; "right" of null is silence, of far "unexplained", of near the family.
+
+    "and more": share of the cases with a cause named that is not hidden, besides or instead.
+    """
     out = Table(title="Hidden causes, found from files")
     for title in ("hidden", "n", "right", "target", "wrong", "missed", "and more", "size off",
                   "s/case", "ok"):
@@ -56,7 +59,7 @@ def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
     figure = new_figure((13.0, 11.5), path)
     axes: Any = figure.subplots()
     axes.imshow(np.where(share > 0.0, share, np.nan), cmap="Blues", vmin=-0.25, vmax=1.0,
-                aspect="auto")
+                aspect="auto", zorder=2)
     axes.set_xticks(range(len(named)), [_plain(n) for n in named], rotation=90, fontsize=8)
     axes.set_yticks(range(len(hidden)), [_plain(n) for n in hidden], fontsize=8)
     axes.axvline(len(named) - len(NOBODY) - 0.5, color="#999999", lw=0.8)
@@ -64,12 +67,12 @@ def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
         off = [(j, share[i, j]) for j in range(len(named)) if share[i, j] > 0.0 and j != i]
         for j, s in off:
             axes.text(j, i, f"{s:.0%}"[:-1], ha="center", va="center", fontsize=7,
-                      color="#d55e00")
+                      color="#222222", zorder=3)
     axes.set_xlabel("named")
     axes.set_ylabel("hidden")
     axes.grid(color="#eeeeee", lw=0.5)
     axes.set_axisbelow(True)
-    axes.set_title("What is hidden and what is named (orange: percent of the cases of the row)")
+    axes.set_title("What is hidden and what is named (numbers: percent of the cases of a row)")
     return save_figure(figure, path)
 
 
