@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference, grid, savgol_derivative
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import through
@@ -24,7 +25,8 @@ STEP = 0.01  # s
 POINTS = 7  # of the derivative; 30 ms to each side
 HALF = POINTS // 2
 READ = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is compared
-EVERY = 50  # samples from start to start
+EVERY, MANY, APART = 50, 300.0, 100
+"""Samples from start to start; s of recordings in all from which on windows do not overlap."""
 WARM_UP, MARGIN = 20, 8
 SLOWEST = 0.3  # m/s at the start of a window
 CALM, CALM_BEND = 5, 0.1
@@ -59,21 +61,22 @@ class Drive:
         Small changes: the effect of the measured pose is taken off once.
         """
         g = self.grid
+        if not signals(p, "pose"):
+            return g
         marker = _marker(g, l_r)
         seen = through(p, "pose", marker, Now(g.t, g.v_x, g.v_y, g.omega, g.yaw), STEP)
-        if all(a is b for a, b in zip(seen, marker, strict=True)):
-            return g
         x, y, yaw = (2.0 * was - is_ for was, is_ in zip(marker, seen, strict=True))
         return _motion(g, x, y, yaw, l_r)
 
 
-def prepare(recording: Recording, l_r: float, reference: Reference | None = None) -> Drive:
-    """Errors: RecordingError as for ``grid``."""
+def prepare(recording: Recording, l_r: float, reference: Reference | None = None,
+            every: int = EVERY) -> Drive:
+    """every: samples from start to start. Errors: RecordingError as for ``grid``."""
     coarse = grid(recording, reference, l_r)
     g = _motion(coarse, *_marker(coarse, l_r), l_r)
     messages = recording.messages
     if recording.schema == "C":
-        return Drive(recording, g, _starts(g), np.empty(0), np.empty((0, 4)))
+        return Drive(recording, g, _starts(g, every), np.empty(0), np.empty((0, 4)))
     sent = message_time(messages)
     g = replace(g, throttle=held(sent, messages.throttle, len(g)),
                 steering=held(sent, messages.steering, len(g)))
@@ -84,7 +87,7 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
     read = np.stack([messages.speed, np.where(turning, messages.yaw_rate, np.nan),
                      *(np.where(both, a, np.nan) for a in (messages.accel_x, messages.accel_y))],
                     axis=1)
-    return Drive(recording, g, _starts(g), at[good], read[good])
+    return Drive(recording, g, _starts(g, every), at[good], read[good])
 
 
 def message_time(m: Messages) -> FloatArray:
@@ -120,8 +123,8 @@ def _motion(g: Grid, x: FloatArray, y: FloatArray, yaw: FloatArray, l_r: float) 
                    v_y=-s * dx + c * dy - omega * forward, omega=omega)
 
 
-def _starts(g: Grid) -> NDArray[np.int64]:
-    starts = np.arange(WARM_UP, max(len(g) - READ[-1] - MARGIN, WARM_UP), EVERY)
+def _starts(g: Grid, every: int) -> NDArray[np.int64]:
+    starts = np.arange(WARM_UP, max(len(g) - READ[-1] - MARGIN, WARM_UP), every)
     bad = np.concatenate([[0], np.cumsum(g.bad)])
     clean = bad[starts + READ[-1] + MARGIN] == bad[starts - MARGIN]
     calm = _bend(g.omega, starts, CALM) < CALM_BEND

@@ -20,7 +20,6 @@ ROBUST = 3.0  # standard deviations from where on a residual counts by its size
 WILD = 30.0  # no residual counts as more
 CLIPPED = 4.0  # for the estimates of this module
 RIDGE = 0.02  # of a variance; keeps the covariance of few windows invertible
-OVERLAP = 2.0  # every sample is predicted twice
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +46,12 @@ class Noise:
                 np.concatenate([w.ravel() for w in worth]))
 
 
-def measure(r: Residuals, blocks: tuple[NDArray[np.int64], NDArray[np.int64]]) -> Noise:
-    """From the residuals of the base model; blocks: labels of windows (n,) and messages (m,)."""
+def measure(r: Residuals, blocks: tuple[NDArray[np.int64], NDArray[np.int64]],
+            overlap: float = 2.0) -> Noise:
+    """From the residuals of the base model; blocks: labels of windows (n,) and messages (m,).
+
+    overlap: how often the windows predict every sample.
+    """
     size = _size(r.motion)
     scaled = np.clip(r.motion / size, -CLIPPED, CLIPPED)
     covariance = scaled.T @ scaled / max(len(scaled), 1) + RIDGE * np.eye(scaled.shape[1])
@@ -56,7 +59,7 @@ def measure(r: Residuals, blocks: tuple[NDArray[np.int64], NDArray[np.int64]]) -
     sensors = _size(r.sensors) if len(r.sensors) else np.ones(4)
     rough = Noise(whitener, sensors, np.ones(scaled.shape[1] + len(sensors)))
     motion, read = rough.whiten(r)
-    worth = np.concatenate([np.minimum(_worth(motion, blocks[0]), 1.0 / OVERLAP),
+    worth = np.concatenate([np.minimum(_worth(motion, blocks[0]), 1.0 / overlap),
                             _worth(read - np.median(read, axis=0) if len(read) else read,
                                    blocks[1])])
     return Noise(whitener, sensors, worth)

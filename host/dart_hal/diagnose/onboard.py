@@ -95,8 +95,9 @@ class OnboardEvidence:
         def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:
             return np.asarray(drive * 100_000 + (sample * STEP // length).astype(np.int64))
 
-        return (label(self.motion_drive, np.concatenate([d.begin for d in self.drives])),
-                label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
+        nothing = np.empty(0)
+        return (label(self.motion_drive, np.concatenate([nothing, *(d.begin for d in self.drives)])),
+                label(self.sensor_drive, np.concatenate([nothing, *(d.at for d in self.drives)])))
 
     def residuals(self, p: Vehicle, late: float = 0.0, ahead: float = 0.0) -> Residuals:
         """Of the model p with its effects; late, ahead [s] as for ``Evidence.residuals``."""
@@ -104,7 +105,8 @@ class OnboardEvidence:
         p = unchecked(p, {"delay": {"steering_s": d.steering_s - ahead,
                                     "throttle_s": d.throttle_s - ahead}}) if ahead else p
         q = settled(p)
-        parts = [_of(drive, p, q, late) for drive in self.drives]
+        parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),
+                 *(_of(drive, p, q, late) for drive in self.drives)]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # what says nothing of any model still needs a size
             if not np.isfinite(sensors[:, k]).any():

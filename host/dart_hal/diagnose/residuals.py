@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +31,8 @@ WINDOW = 10  # samples over which the encoder counts
 SMOOTH = 11
 """Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
 shifts a signal by part of a sample would gain by smoothing it."""
+SENSED = {"wheel", "gyro", "accel"}  # signals that are read and change nothing
+KEPT = 6  # parts of models
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 
 
@@ -54,8 +57,10 @@ class Residuals:
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
 
-    def __init__(self, drives: Sequence[Drive], l_r: float) -> None:
-        self.drives, self.l_r = tuple(drives), l_r
+    def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
+        """overlap: how often the windows predict every sample."""
+        self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
+        self._kept: OrderedDict[Hashable, list[FloatArray]] = OrderedDict()
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
@@ -95,18 +100,47 @@ class Evidence:
         d = p.delay
         p = unchecked(p, {"delay": {"steering_s": d.steering_s - ahead,
                                     "throttle_s": d.throttle_s - ahead}}) if ahead else p
-        parts = [self._of(drive, p, settled(p), late) for drive in self.drives]
-        return Residuals(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        return Residuals(np.concatenate(self._once(_moves(p), self._motion)),
+                         np.concatenate(self._once((*_reads(p), late), lambda _: [
+                             self._sensors(drive, p, late) for drive in self.drives])))
 
-    def _of(self, drive: Drive, p: Vehicle, q: Vehicle, late: float
-            ) -> tuple[FloatArray, FloatArray]:
+    def _once(self, key: Any, make: Callable[[Any], list[FloatArray]]) -> list[FloatArray]:
+        """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
+        if key not in self._kept:
+            self._kept[key] = make(key)
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def _motion(self, p: Vehicle) -> list[FloatArray]:
+        q, parts = settled(p), []
+        for drive in self.drives:
+            g = self._grid(drive, p, q)
+            parts.append(_motion_error(p, g, drive.starts, *actuated(p, g, smooth=True)))
+        return parts
+
+    def _sensors(self, drive: Drive, p: Vehicle, late: float) -> FloatArray:
+        q = settled(p)
+        return _sensor_error(p, q, self._grid(drive, p, q), drive, late)
+
+    def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
         moved = q.body.l_r - self.l_r
-        if moved != 0.0:
-            g = replace(g, v_y=g.v_y + moved * g.omega)
-        throttle, angle = actuated(p, g, smooth=True)
-        return (_motion_error(p, g, drive.starts, throttle, angle),
-                _sensor_error(p, q, g, drive, throttle, late))
+        return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
+
+
+def _moves(p: Vehicle) -> Vehicle:
+    """Without effects that only change what sensors read."""
+    return replace(p, effects=tuple(a for a in p.effects if not SENSED >= set(a.effect.signals)
+                                    or a.effect.vehicle or a.effect.force))
+
+
+def _reads(p: Vehicle) -> tuple[Hashable, ...]:
+    """What readings depend on, of a vehicle and a measured motion."""
+    on_sensors = [a for a in p.effects if SENSED & set(a.effect.signals)]
+    on_pose = tuple(a for a in p.effects if "pose" in a.effect.signals)
+    return (p,) if on_sensors else ("readings", settled(p).body.l_r, on_pose)
 
 
 def _motion_error(p: Vehicle, g: Grid, starts: NDArray[np.int64], throttle: FloatArray,
@@ -129,11 +163,11 @@ def _averaged(states: FloatArray) -> FloatArray:
     return np.stack(out)
 
 
-def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, throttle: FloatArray,
-                  late: float) -> FloatArray:
+def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, late: float) -> FloatArray:
     """What each sensor should read for the measured motion, minus what it read; (m, 4)."""
     if not len(drive.at):
         return np.empty((0, len(SENSORS)))
+    throttle, _ = actuated(p, g, smooth=True)
     omega = savgol_derivative(g.yaw, SMOOTH, STEP)
     rates = [savgol_derivative(v, 2 * POINTS + 1, STEP) for v in (g.v_x, g.v_y, g.omega)]
     a_x, a_y = rates[0] - g.omega * g.v_y, rates[1] + g.omega * g.v_x

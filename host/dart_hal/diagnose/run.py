@@ -13,7 +13,7 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 
-from .drive import prepare
+from .drive import APART, EVERY, MANY, READ, STEP, prepare
 from .gains import Side, side_of
 from .residuals import Evidence
 from .result import Diagnosis
@@ -92,7 +92,8 @@ def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Referenc
                 [sum(len(o.starts) for o in part) for part in parts])
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
-    drives = [prepare(r, l_r, frames.get(r.sha256, reference)) for r in recordings
-              if r.sha256 in frames]
+    seconds = sum(len(c.grid) for c in cases.cases) * STEP
+    every = APART if seconds > MANY else EVERY
+    drives = [prepare(r, l_r, frames[r.sha256], every) for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
-    return Evidence(drives, l_r), [windows.get(r.sha256, 0) for r in recordings]
+    return Evidence(drives, l_r, READ[-1] / every), [windows.get(r.sha256, 0) for r in recordings]

@@ -22,6 +22,7 @@ from .noise import Noise
 from .residuals import Evidence
 
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
+FAINT = 3.0  # gain; far below any threshold
 REFINE = 2  # parabola steps after the ladder
 
 Progress = Callable[[float, str], None]
@@ -73,7 +74,10 @@ class Scan:
                 return -np.inf
             return self.null - self.point.after(kept[k])[0]
 
-        gains = {k: gain(k) for k in ladder(parameter)} | {parameter.null: 0.0}
+        near, far = ladder(parameter)
+        gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
+        if _promises(gains, parameter):
+            gains |= {k: gain(k) for k in far}
         for _ in range(REFINE):
             k = _peak(gains, parameter)
             if k is None:
@@ -88,10 +92,20 @@ def scanned(effect: Effect) -> Sequence[Parameter]:
     return [p for p in effect.parameters if p.name != "phase"]
 
 
-def ladder(p: Parameter) -> list[float]:
-    """Sizes to try, to both sides where the interval allows."""
-    trials = [p.null + sign * share * p.sizes[1] for share in LADDER for sign in (1.0, -1.0)]
-    return [k for k in trials if p.low <= k <= p.high]
+def ladder(p: Parameter) -> tuple[list[float], list[float]]:
+    """Sizes to try, to both sides where the interval allows: near the null, and beyond."""
+    steps = [[k for sign in (1.0, -1.0) if p.low <= (k := p.null + sign * share * p.sizes[1])
+              <= p.high] for share in LADDER]
+    return steps[0], steps[1] + steps[2]
+
+
+def _promises(gains: Mapping[float, float], p: Parameter) -> bool:
+    """Whether more than FAINT may be gained; what is one-sided may begin beyond a threshold."""
+    ks = sorted(gains)
+    if len(ks) < 3 or max(gains.values()) > 0.0:
+        return True
+    curve = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    return not curve[0] < 0.0 or -curve[1]**2 / (4.0 * curve[0]) > FAINT
 
 
 def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:

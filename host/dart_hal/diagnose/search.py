@@ -15,16 +15,19 @@ from dart_hal.vehicle.parameters import Vehicle
 from .alike import alike
 from .fit import Point, refit
 from .noise import Noise, loss, measure
+from .onboard import OnboardEvidence
 from .residuals import Evidence
-from .rows import Rows, rows_of
+from .rows import BLOCK, Rows, rows_of
 from .scan import Progress, Scan, Trial, scan
 from .significance import FEW, best_of_nothing, p_value, threshold
 from .space import Space, Timing
 
+DEBUG = False
 PASSES = 2  # the second with the sizes of the residuals of the first
 TRIES = 4  # effects of one round that get a full refit
 LEAST = 0.35  # of the small size of an effect: below that it is within what conventions do
 FIRM = 1.0  # standard deviations by which held-out data must like an effect
+RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
 
 
@@ -43,13 +46,17 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """An effect that was accepted: p and gain in its round, held-out gain, and its like."""
+    """An effect that was accepted: p and gain in its round, held-out gain, and its like.
+
+    rivals: what gained enough in its round to be its like, had it been there.
+    """
 
     effect: str
     p_value: float
     gain: float
     held_out: float
     like: tuple[str, ...]
+    rivals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +140,7 @@ class Search:
         for _ in range(PASSES):
             vehicle, timing = space.split(x)
             noise = measure(self._evidence.residuals(vehicle, timing.late, timing.ahead),
-                            self._evidence.blocks(2.0))
+                            self._evidence.blocks(BLOCK), self._evidence.overlap)
             point = refit(self._evidence, noise, space, x)
             x = point.x
         return point, noise
@@ -158,8 +165,6 @@ class Search:
         rows = self._rows(point)
         scan_here = Scan(self._evidence, noise, point)
         kinds = [rows.block]
-        if rows.recording.max() + 1 >= FEW:
-            kinds.append(rows.recording)
         rest = point.after(trials[0].residual.astype(np.float64))[1]
         nothing = best_of_nothing(point, rest, trials, kinds, self._settings.seed)
         limit = threshold(nothing, self._settings.false_alarm)
@@ -183,9 +188,14 @@ class Search:
             why = self._why_not(point, candidate, trial, rows, held, limit)
             if why:
                 rejected.append(Rejected(trial.effect, p, trial.gain, held[0], why))
+                if DEBUG: print('REJ',trial.effect,round(trial.gain),limit,held,why,flush=True)
                 continue
+            if DEBUG: print('ACC',trial.effect,trial.values,round(trial.gain),round(limit),held,round(point.loss()-candidate.loss()),flush=True)
             accepted = (Named(trial.effect, p, point.loss() - candidate.loss(), held[0],
-                              alike(scan_here, trial, trials, rows)), candidate)
+                              alike(scan_here, trial, trials, rows),
+                              tuple(t.effect for t in trials
+                                    if 0.0 < RIVAL * trial.gain < t.gain and t is not trial)),
+                        candidate)
         return accepted, rejected, limit
 
     def _with(self, point: Point, noise: Noise, trial: Trial) -> Point:
@@ -214,7 +224,7 @@ class Search:
             return "smaller than what sampling and timing conventions can pretend"
         if held[0] <= 0.0 or held[0] < FIRM * held[1]:
             return "does not lower the loss of recordings left out of the fit"
-        if not _where_it_enters(point, candidate, effect, rows, gain):
+        if not _where_it_enters(self._evidence, point, candidate, effect, rows, gain):
             return "gains only where it does not enter"
         return ""
 
@@ -241,7 +251,7 @@ class Search:
         out = []
         for one in named:
             without = self._without(point, noise, one.effect)
-            trials = self._scan(without, noise)
+            trials = scan(self._evidence, noise, without, (one.effect, *one.rivals))
             mine = next(t for t in trials if t.effect == one.effect)
             work = Scan(self._evidence, noise, without)
             out.append(replace(one, gain=without.loss() - point.loss(),
@@ -264,13 +274,15 @@ def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
     return float(np.sum(gains)), float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf
 
 
-def _where_it_enters(before: Point, after: Point, effect: Effect, rows: Rows,
+def _where_it_enters(evidence: Evidence, before: Point, after: Point, effect: Effect, rows: Rows,
                      gain: float) -> bool:
     """Causes in the car must show in its motion, those of a sensor in that sensor."""
     by_row = before.worth * loss(before.residual) - after.worth * loss(after.residual)
     part = rows.motion
     if effect.stage == "measurement" and "pose" not in effect.signals:
         part = ~part
+    if isinstance(evidence, OnboardEvidence):  # encoder and gyro are predicted as the motion is
+        part = evidence.entered(effect, rows.channel)
     return float(by_row[part].sum()) > OWN_PART * gain
 
 

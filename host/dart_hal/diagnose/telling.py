@@ -15,7 +15,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point, covariance
 from .gains import Side, gained, rollout_gains
-from .noise import Noise, loss
+from .noise import CLIPPED, Noise, loss
 from .result import (
     Cause,
     Considered,
@@ -29,7 +29,8 @@ from .result import (
 from .rows import Labels, Rows, rows_of
 from .search import Found, Named, Search, Settings
 from .significance import FEW, refit_p_value
-from .structure import explainable, unexplained
+from .structure import groups, unexplained
+from .structure import shares as structure_shares
 
 IMPOSTOR = 0.7
 """Share of the structure that may be left after the causes: above it they have not explained it."""
@@ -97,16 +98,19 @@ def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[
         return ()
     evidence = q.train.evidence
 
-    def shares(point: Point) -> dict[str, float]:
+    def explainable(point: Point) -> dict[str, float]:
         r = evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
-        return explainable(evidence, point.vehicle, r, found.noise, q.settings.seed)
+        of = groups(evidence, point.vehicle, r, found.noise)
+        size = {c: float(np.nanmean(np.clip(y, -CLIPPED, CLIPPED)**2))
+                for g in of for c, y in zip(g.channels, g.y.T, strict=True)}
+        return {c: share * size[c] for c, share in structure_shares(of, q.settings.seed).items()}
 
-    after, out = shares(found.point), []
+    after, out = explainable(found.point), []
     names = [n.effect for n in found.named]
     for name in names:
         without = q.search.fit(found, [n for n in names if n != name])
         channels = {u.channel for u in left} & set(_acts_on(q, without, found.point))
-        before = shares(without) if channels else {}
+        before = explainable(without) if channels else {}
         if any(after.get(c, 0.0) > IMPOSTOR * before.get(c, 0.0) for c in channels):
             out.append(name)
     return tuple(out)

@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -105,9 +106,8 @@ def _stateful(p: Vehicle, a: Applied, hook: Stateful, signal: FloatArray, now: N
     rows = signal.tolist() if single else signal
     out = np.empty_like(signal, dtype=np.float64)
     state: list[Any] = list(first(rows[0])) if len(rows) else []
-    fields = [np.ndim(field) > 0 for field in now]
-    for i, row in enumerate(rows):
-        here = Now(*(f[i] if many else f for f, many in zip(now, fields, strict=True)))
+    fields = [field if np.ndim(field) > 0 else repeat(field) for field in now]
+    for i, (row, here) in enumerate(zip(rows, map(Now, *fields), strict=False)):
         out[i], *state = step(row, here, *state)
     return out
 
