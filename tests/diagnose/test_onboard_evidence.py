@@ -9,7 +9,7 @@ import pytest
 from onboard_files import evidence, recorded
 
 from dart_hal.diagnose.noise import measure
-from dart_hal.diagnose.onboard import unseen
+from dart_hal.diagnose.onboard import limits, unseen
 from dart_hal.diagnose.onboard_drive import READS
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -100,3 +100,22 @@ def test_residuals_are_the_same_every_time(plain):
     a, b = plain.residuals(PAPER, 0.003), plain.residuals(PAPER, 0.003)
     assert np.array_equal(a.motion, b.motion)
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
+
+
+def test_recordings_that_hold_nothing_give_no_rows_and_say_so():
+    nothing = evidence()
+    r = nothing.residuals(PAPER)
+    assert r.motion.shape == (0, 2 * READS)
+    assert r.sensors.shape == (0, 4)
+    assert [len(b) for b in nothing.blocks(2.0)] == [0, 0]
+    assert any("how the car moves" in s for s in limits(nothing))
+
+
+def test_an_error_of_a_sensor_must_show_in_that_sensor_and_one_of_the_car_in_its_motion(plain):
+    channel = np.arange(-4, 2 * READS)
+    read = {"encoder": set(range(0, 2 * READS, 2)) | {-1},
+            "gyro": set(range(1, 2 * READS, 2)) | {-2}}
+    for name, wanted in (("encoder_slip", read["encoder"]), ("gyro_bias", read["gyro"]),
+                         ("imu_roll", {-3, -4} | read["gyro"]), ("grip", set(range(2 * READS)))):
+        got = set(channel[plain.entered(catalogue()[name], channel)].tolist())
+        assert got - {-2} == wanted - {-2}, name

@@ -95,9 +95,9 @@ class OnboardEvidence:
         def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:
             return np.asarray(drive * 100_000 + (sample * STEP // length).astype(np.int64))
 
-        nothing = np.empty(0)
-        return (label(self.motion_drive, np.concatenate([nothing, *(d.begin for d in self.drives)])),
-                label(self.sensor_drive, np.concatenate([nothing, *(d.at for d in self.drives)])))
+        none = np.empty(0)  # a folder may hold nothing that can be used
+        return (label(self.motion_drive, np.concatenate([none, *(d.begin for d in self.drives)])),
+                label(self.sensor_drive, np.concatenate([none, *(d.at for d in self.drives)])))
 
     def residuals(self, p: Vehicle, late: float = 0.0, ahead: float = 0.0) -> Residuals:
         """Of the model p with its effects; late, ahead [s] as for ``Evidence.residuals``."""
