@@ -115,7 +115,7 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -
     while_counted = _exogenous(p, message_features(evidence, p))
     del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
     return [Group(names, x, size, while_driven, windows, evidence.motion_drive),
-            Group(SENSORS[sensors], noise.whiten(residuals)[1][:, sensors],
+            Group(tuple(SENSORS[sensors]), noise.whiten(residuals)[1][:, sensors],
                   noise.sensors[sensors], while_counted, messages, evidence.sensor_drive)]
 
 
