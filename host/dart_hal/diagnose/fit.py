@@ -41,7 +41,7 @@ class Point:
     def loss(self) -> float:
         """Robust loss of the data with the prior."""
         return float(self.worth @ loss(self.residual)
-                     + (self.space.boxed * self.x) @ self.x)
+                     + (self.space.pull * self.x) @ self.x)
 
     def follow(self, residual: FloatArray, rows: NDArray[np.bool_] | None = None) -> FloatArray:
         """Move (k,) of all that is free which suits other residuals (N,) best, to first order.
@@ -52,7 +52,7 @@ class Point:
         if rows is not None:
             jac, worth, residual = jac[rows], worth[rows], residual[rows]
         weighted = jac * (worth * weight(residual))[:, None]
-        pull = self.space.boxed
+        pull = self.space.pull
         normal = weighted.T @ jac + np.diag(pull + 1e-9)
         slope = weighted.T @ residual + pull * self.x
         move = np.zeros(len(self.x))
@@ -73,12 +73,12 @@ class Point:
         """(loss, residuals) of other residuals once all that is free has followed."""
         move = self.follow(residual)
         x, r = self.x + move, residual + self.jacobian @ move
-        return float(self.worth @ loss(r) + (self.space.boxed * x) @ x), r
+        return float(self.worth @ loss(r) + (self.space.pull * x) @ x), r
 
     def projected(self, direction: FloatArray) -> FloatArray:
         """What is left of a direction (N,) when all that is free may follow it."""
         weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
-        normal = weighted.T @ self.jacobian + np.diag(self.space.boxed + 1e-6)
+        normal = weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6)
         return np.asarray(direction - self.jacobian
                           @ np.linalg.solve(normal, weighted.T @ direction))
 
@@ -92,9 +92,9 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
           tell: Callable[[], None] | None = None) -> Point:
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
-    r, worth = _residual(evidence, noise, space, x)
+    worth = _residual(evidence, noise, space, x)[1]
     root = np.sqrt(worth)
-    pull = np.sqrt(space.boxed)
+    pull = np.sqrt(space.pull)
 
     def residual(z: FloatArray) -> FloatArray:
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
@@ -117,11 +117,11 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
     """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
     w = point.worth * weight(point.residual)
-    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(point.space.boxed + 1e-6)
+    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(point.space.pull + 1e-6)
     bread = np.linalg.inv(normal)
     scores = np.zeros((int(block.max()) + 1, len(point.x)))
     np.add.at(scores, block, point.jacobian * (w * point.residual)[:, None])
-    sandwich = bread @ (scores.T @ scores + np.diag(point.space.boxed)) @ bread
+    sandwich = bread @ (scores.T @ scores + np.diag(point.space.pull)) @ bread
     # with few blocks the sandwich may miss a direction: never less than half of the model's own
     return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
                       + sandwich * (1.0 - np.eye(len(bread))))

@@ -132,7 +132,7 @@ class Evidence:
 
 def _moves(p: Vehicle) -> Vehicle:
     """Without effects that only change what sensors read."""
-    return replace(p, effects=tuple(a for a in p.effects if not SENSED >= set(a.effect.signals)
+    return replace(p, effects=tuple(a for a in p.effects if not set(a.effect.signals) <= SENSED
                                     or a.effect.vehicle or a.effect.force))
 
 

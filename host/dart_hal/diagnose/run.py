@@ -17,7 +17,8 @@ from .drive import APART, EVERY, MANY, READ, STEP, prepare
 from .gains import Side, side_of
 from .residuals import Evidence
 from .result import Diagnosis
-from .search import Progress, Search, Settings
+from .scan import Progress
+from .search import Search, Settings
 from .telling import Question, told
 
 SEARCHING = 0.85  # of the time, about

@@ -19,13 +19,13 @@ from .onboard import OnboardEvidence
 from .residuals import Evidence
 from .rows import BLOCK, Rows, rows_of
 from .scan import Progress, Scan, Trial, scan
-from .significance import FEW, best_of_nothing, p_value, threshold
+from .significance import best_of_nothing, p_value, threshold
 from .space import Space, Timing
 
 DEBUG = False
 PASSES = 2  # the second with the sizes of the residuals of the first
 TRIES = 4  # effects of one round that get a full refit
-LEAST = 0.35  # of the small size of an effect: below that it is within what conventions do
+LEAST = 0.6  # of the small size of an effect: below that it is within what conventions do
 FIRM = 1.0  # standard deviations by which held-out data must like an effect
 RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
@@ -104,7 +104,7 @@ class Search:
         fixed = Space(self._base, ())
         refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
-        base, first = point, ()
+        base, first = point, tuple[Trial, ...]()
         named: list[Named] = []
         rejected: list[Rejected] = []
         limit = np.inf

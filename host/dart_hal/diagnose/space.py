@@ -19,7 +19,9 @@ from dart_hal.vehicle.effect import Applied
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.parameters import Vehicle
 
-LATE = 0.010  # s; to both sides
+LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
+"""s; age of a message at its stamp: the promptest arrival still waits for its line and for the
+next row of the mocap, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
 STEP = 1e-3  # of the prior, one-sided
@@ -33,7 +35,7 @@ NONE: Mapping[str, float] = MappingProxyType({})
 class Timing:
     """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message."""
 
-    late: float = 0.0
+    late: float = LATE
     ahead: float = 0.0
 
 
@@ -47,7 +49,7 @@ class Space:
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
         self._inner = Coordinates(p, self.names, known, amounts)
-        ends = (np.array([-LATE, 0.0]) / LATE, np.array([LATE, AHEAD]) / LATE)
+        ends = (np.array([-1.0, 0.0]), np.array([1.0, AHEAD / LATE_REACH]))
         self.low = np.concatenate([self._inner.low, ends[0]])
         self.high = np.concatenate([self._inner.high, ends[1]])
 
@@ -55,31 +57,30 @@ class Space:
         return len(self.names) + 2
 
     @property
-    def boxed(self) -> FloatArray:
-        """(k,) 1 where a prior pulls, 0 for timing, which has bounds instead."""
-        return np.concatenate([np.ones(len(self.names)), np.zeros(2)])
+    def pull(self) -> FloatArray:
+        """(k,) how hard the prior pulls to 0; not at all at the age of commands: it has bounds."""
+        return np.concatenate([np.ones(len(self.names)), [(LATE_REACH / LATE_SPREAD)**2, 0.0]])
 
     def split(self, x: FloatArray) -> tuple[Vehicle, Timing]:
         """The vehicle and the timing at a point."""
-        return self._inner.vehicle(x[:-2]), Timing(float(x[-2] * LATE), float(x[-1] * LATE))
+        return self._inner.vehicle(x[:-2]), Timing(float(LATE + x[-2] * LATE_REACH),
+                                                     float(x[-1] * LATE_REACH))
 
     def point(self, timing: Timing) -> FloatArray:
         """The base with that timing."""
-        return np.concatenate([np.zeros(len(self.names)),
-                               np.array([timing.late, timing.ahead]) / LATE])
+        return np.concatenate([np.zeros(len(self.names)), _ends(timing)])
 
     def start(self, vehicle: Vehicle, timing: Timing) -> FloatArray:
         """The point of a vehicle that differs from the base in what is free."""
         inner = self._inner.find(np.array([value(vehicle, n) for n in self.names]))
-        ends = np.array([timing.late, timing.ahead]) / LATE
-        return np.clip(np.concatenate([inner, ends]), self.low, self.high)
+        return np.asarray(np.clip(np.concatenate([inner, _ends(timing)]), self.low, self.high))
 
     def steps(self, x: FloatArray) -> list[tuple[float, float]]:
         """(up, down) by which each coordinate is varied for its derivative, within bounds."""
         out = []
         for i in range(len(x)):
             timed = i >= len(self.names) or self.names[i].startswith(TIMES)
-            width = LATE if i >= len(self.names) else self._inner.width(i)
+            width = LATE_REACH if i >= len(self.names) else self._inner.width(i)
             size = TIMING_STEP / width if timed else STEP
             up = min(size, self.high[i] - x[i])
             down = min(size, x[i] - self.low[i]) if timed or up < size else 0.0
@@ -91,6 +92,10 @@ class Space:
         slope = self._inner.slope(x[:-2])
         sizes = np.sqrt(np.maximum(np.diag(covariance)[:-2], 0.0)) * slope
         return dict(zip(self.names, sizes.tolist(), strict=True))
+
+
+def _ends(timing: Timing) -> FloatArray:
+    return np.array([timing.late - LATE, timing.ahead]) / LATE_REACH
 
 
 def effect_of(p: Vehicle, name: str) -> Applied:

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point, covariance
 from .gains import Side, gained, rollout_gains
-from .noise import CLIPPED, Noise, loss
+from .noise import Noise, loss
 from .result import (
     Cause,
     Considered,
@@ -29,8 +30,7 @@ from .result import (
 from .rows import Labels, Rows, rows_of
 from .search import Found, Named, Search, Settings
 from .significance import FEW, refit_p_value
-from .structure import groups, unexplained
-from .structure import shares as structure_shares
+from .structure import groups, shares, unexplained
 
 IMPOSTOR = 0.7
 """Share of the structure that may be left after the causes: above it they have not explained it."""
@@ -93,40 +93,47 @@ def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
 
 
 def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[str, ...]:
-    """Causes that leave as much structure, in the channels they act on, as there is without."""
+    """Causes that leave more structure, where they act, than they take away.
+
+    And as much as there is without them: a cause may stand beside another that
+    nobody knows.
+    """
     if not left:
         return ()
-    evidence = q.train.evidence
-
-    def explainable(point: Point) -> dict[str, float]:
-        r = evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
-        of = groups(evidence, point.vehicle, r, found.noise)
-        size = {c: float(np.nanmean(np.clip(y, -CLIPPED, CLIPPED)**2))
-                for g in of for c, y in zip(g.channels, g.y.T, strict=True)}
-        return {c: share * size[c] for c, share in structure_shares(of, q.settings.seed).items()}
-
-    after, out = explainable(found.point), []
+    after, out = _structure(q, found, found.point), []
     names = [n.effect for n in found.named]
     for name in names:
         without = q.search.fit(found, [n for n in names if n != name])
-        channels = {u.channel for u in left} & set(_acts_on(q, without, found.point))
-        before = explainable(without) if channels else {}
-        if any(after.get(c, 0.0) > IMPOSTOR * before.get(c, 0.0) for c in channels):
+        taken = _taken(q, without, found.point)
+        total = sum(max(t, 0.0) for t in taken.values())
+        suspect = [u.channel for u in left if taken.get(u.channel, 0.0) > MAINLY * total]
+        before = _structure(q, found, without) if suspect else {}
+        if any(after[c] > taken[c] and after[c] > IMPOSTOR * before[c] for c in suspect):
             out.append(name)
     return tuple(out)
 
 
-def _acts_on(q: Question, before: Point, after: Point) -> tuple[str, ...]:
-    """Channels in which the loss drops most: enough of them for most of the drop."""
-    rows = _rows(q, after)
-    drop = before.worth * loss(before.residual) - after.worth * loss(after.residual)
-    by_channel: dict[str, float] = {}
+def _structure(q: Question, found: Found, point: Point) -> dict[str, float]:
+    """By channel, loss that a flexible function of what the car was doing would take away."""
+    evidence, rows = q.train.evidence, _rows(q, point)
+    r = evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
+    share = shares(groups(evidence, point.vehicle, r, found.noise), q.settings.seed)
+    total = _by_channel(q, rows, point.worth * loss(point.residual))
+    return {c: share.get(c, 0.0) * total[c] for c in total}
+
+
+def _taken(q: Question, before: Point, after: Point) -> dict[str, float]:
+    """By channel, the drop of the loss."""
+    return _by_channel(q, _rows(q, after), before.worth * loss(before.residual)
+                       - after.worth * loss(after.residual))
+
+
+def _by_channel(q: Question, rows: Rows, x: FloatArray) -> dict[str, float]:
+    out: dict[str, float] = {}
     for column in np.unique(rows.channel):
         name = q.train.evidence.channel(int(column))
-        part = float(drop[rows.channel == column].sum())
-        by_channel[name] = by_channel.get(name, 0.0) + part
-    total = sum(max(d, 0.0) for d in by_channel.values())
-    return tuple(c for c, d in by_channel.items() if d > MAINLY * total)
+        out[name] = out.get(name, 0.0) + float(x[rows.channel == column].sum())
+    return out
 
 
 def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tuple[Stage, ...]:
@@ -152,8 +159,8 @@ def _cause(q: Question, found: Found, named: Named, before: Point, after: Point)
         numbers[parameter.name] = Number(float(value(after.vehicle, key)),
                                          errors.get(key, float("nan")), parameter.unit,
                                          parameter.null)
-    gain = gained(effect, *((as_logged(q, p), p) for p in (before, after)), q.train, q.test,
-                  q.settings.seed)
+    gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
+                  q.train, q.test, q.settings.seed)
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
                  _evidence(named, found, numbers, gain), gain, named.like, effect.experiment)
 

@@ -28,7 +28,8 @@ class Coordinates:
     """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x.
 
     known: standard errors by name, in SI units, where the base was measured;
-    amounts: widths by name of what moves by amounts besides AMOUNT. Raises UsageError where the base has a 0 that would have to move by factors.
+    amounts: widths by name of what moves by amounts besides AMOUNT. Raises
+    UsageError where the base has a 0 that would have to move by factors.
     """
 
     def __init__(self, base: Vehicle, names: tuple[str, ...],
@@ -73,8 +74,8 @@ class Coordinates:
     def find(self, numbers: FloatArray) -> FloatArray:
         """The x (k,) of parameters (k,) in SI units."""
         ratio = np.where(self._log, numbers / np.where(self._log, self._start, 1.0), 1.0)
-        return np.where(self._log, np.log(np.maximum(ratio, NOUGHT)),
-                        numbers - self._start) / self._width
+        return np.asarray(np.where(self._log, np.log(np.maximum(ratio, NOUGHT)),
+                                   numbers - self._start) / self._width)
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Size of d number / d x, (k,)."""
