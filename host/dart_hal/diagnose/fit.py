@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,14 @@ class Point:
         x, r = self.x + move, residual + self.jacobian @ move
         return float(self.worth @ loss(r) + (self.space.pull * x) @ x), r
 
+    def worth_of(self, names: Sequence[str]) -> float:
+        """How much the loss would rise, to second order, without some of the parameters."""
+        at = [self.space.names.index(n) for n in names]
+        weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
+        normal = weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6)
+        part = np.linalg.inv(normal)[np.ix_(at, at)]
+        return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
+
     def projected(self, direction: FloatArray) -> FloatArray:
         """What is left of a direction (N,) when all that is free may follow it."""
         weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
@@ -90,7 +98,7 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
 
 
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          tell: Callable[[], None] | None = None) -> Point:
+          rounds: int = ROUNDS) -> Point:
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
     worth = _residual(evidence, noise, space, x)[1]
     root = np.sqrt(worth)
@@ -100,15 +108,13 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        if tell is not None:
-            tell()
         data = r[:len(root)] / root
         return np.concatenate([root[:, None] * _jacobian(evidence, noise, space, z, data),
                                np.diag(pull)])
 
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     found = descend(residual, jacobian, x, space.low, space.high,
-                    robust=np.concatenate([ROBUST * root, far]), prior=1e-9, rounds=ROUNDS)
+                    robust=np.concatenate([ROBUST * root, far]), prior=1e-9, rounds=rounds)
     n = len(root)
     return Point(space, found.x, found.residual[:n] / root, worth,
                  found.jacobian[:n] / root[:, None])

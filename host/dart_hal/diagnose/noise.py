@@ -90,6 +90,9 @@ def _worth(x: FloatArray, block: NDArray[np.int64]) -> FloatArray:
     clipped = np.clip(x, -CLIPPED, CLIPPED)
     out = []
     for column in clipped.T:
+        if not column.any():  # nothing was read there
+            out.append(1.0)
+            continue
         sums = np.bincount(index, column)
         out.append(min(1.0, float(column @ column) / max(float(sums @ sums), 1e-9)))
     return np.array(out)

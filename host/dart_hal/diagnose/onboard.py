@@ -25,7 +25,7 @@ from dart_hal.vehicle.signals import through
 from .drive import STEP
 from .onboard_drive import COUNTED, HEARD, READS, Outing, counted, spread
 from .onboard_windows import told
-from .residuals import SENSORS, Residuals
+from .residuals import SENSORS, Evidence, Residuals
 
 MOTION = ("encoder", "gyro")
 UNKNOWN = (
@@ -40,7 +40,7 @@ SHOWN = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
 FEW_AT_REST = 20  # messages; 2 s
 
 
-class OnboardEvidence:
+class OnboardEvidence(Evidence):
     """Outings and how the residuals of any model on them are computed.
 
     As ``residuals.Evidence``, but motion is (n, READS * 2): encoder and gyro at

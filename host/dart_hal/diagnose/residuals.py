@@ -15,7 +15,7 @@ from dart_hal.recording.dart import Grid, savgol_derivative
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.effect import Effect, Now
 from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
@@ -78,6 +78,14 @@ class Evidence:
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
         return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+
+    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which residuals an effect must lower to be believed, (N,): see ``channel``.
+
+        Causes in the car and in the mocap must show in the motion, those of a sensor in a sensor.
+        """
+        of_sensor = effect.stage == "measurement" and "pose" not in effect.signals
+        return np.asarray((channel < 0) == of_sensor)
 
     def _motion_at(self, sample: int) -> dict[str, int]:
         first = READ.index(sample) * len(MOTION)

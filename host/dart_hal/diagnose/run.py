@@ -18,7 +18,8 @@ from .gains import Side, side_of
 from .residuals import Evidence
 from .result import Diagnosis
 from .scan import Progress
-from .search import Search, Settings
+from .search import Search
+from .selection import Settings
 from .telling import Question, told
 
 SEARCHING = 0.85  # of the time, about

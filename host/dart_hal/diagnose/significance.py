@@ -20,31 +20,25 @@ from .noise import weight
 from .scan import Trial
 
 FLIPS = 1999
-FEW = 6  # recordings from which on they are blocks as well
 
 
 def best_of_nothing(point: Point, rest: FloatArray, trials: Sequence[Trial],
-                    blocks: Sequence[NDArray[np.int64]], seed: int) -> FloatArray:
+                    block: NDArray[np.int64], seed: int) -> FloatArray:
     """Largest gain of any trial in each of FLIPS data sets without a cause, ascending.
 
     rest (N,): residuals with the best explanation taken away, so that no cause
-    is in them; blocks: labels (N,) of rows, one array for each kind of block;
-    the kind that gives the larger gains counts.
+    is in them; block (N,): labels of what turns its sign together.
     """
     w = point.worth * weight(rest)
-    rng = np.random.default_rng(seed)
-    kinds = []
-    for labels in blocks:
-        _, index = np.unique(labels, return_inverse=True)
-        signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
-        scores, sizes = [], []
-        for trial in trials:
-            d = point.projected(trial.residual.astype(np.float64) - point.residual)
-            sizes.append(max(float((w * d) @ d), 1e-12))
-            scores.append(np.bincount(index, weights=w * d * rest))
-        sums = signs @ np.stack(scores, axis=1)
-        kinds.append(np.sort(np.max(sums**2 / np.array(sizes), axis=1)))
-    return np.asarray(np.max(kinds, axis=0))
+    _, index = np.unique(block, return_inverse=True)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
+    scores, sizes = [], []
+    for trial in trials:
+        d = point.projected(trial.residual.astype(np.float64) - point.residual)
+        sizes.append(max(float((w * d) @ d), 1e-12))
+        scores.append(np.bincount(index, weights=w * d * rest))
+    sums = signs @ np.stack(scores, axis=1)
+    return np.sort(np.max(sums**2 / np.array(sizes), axis=1))
 
 
 def p_value(gain: float, nothing: FloatArray) -> float:

@@ -27,9 +27,10 @@ from .result import (
     Stage,
     Unexplained,
 )
-from .rows import Labels, Rows, rows_of
-from .search import Found, Named, Search, Settings
-from .significance import FEW, refit_p_value
+from .rows import Labels, Rows
+from .search import Found, Search
+from .selection import MANY, Named, Settings, rows_at
+from .significance import refit_p_value
 from .structure import groups, shares, unexplained
 
 IMPOSTOR = 0.7
@@ -181,13 +182,11 @@ def _evidence(named: Named, found: Found, numbers: Mapping[str, Number],
 
 def _blocks(q: Question, point: Point) -> Labels:
     rows = _rows(q, point)
-    return rows.recording if rows.recording.max() + 1 >= FEW else rows.block
+    return rows.recording if rows.recording.max() + 1 >= MANY else rows.block
 
 
 def _rows(q: Question, point: Point) -> Rows:
-    timing = point.timing
-    return rows_of(q.train.evidence,
-                   q.train.evidence.residuals(point.vehicle, timing.late, timing.ahead))
+    return rows_at(q.train.evidence, point)
 
 
 def _moved(q: Question, point: Point) -> dict[str, Moved]:

@@ -1,0 +1,163 @@
+"""One step of the search: which effect is accepted, if any, and why the others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dart_hal.vehicle.effect import Effect
+from dart_hal.vehicle.effects import catalogue
+
+from .alike import alike
+from .fit import Point
+from .noise import Noise, loss
+from .residuals import Evidence
+from .rows import Rows, rows_of
+from .scan import Scan, Trial
+from .significance import best_of_nothing, p_value, threshold
+
+TRIES = 5  # effects of one round that get a full refit
+CLOSE = 0.7  # of the largest gain: the full fit decides between these
+LEAST = 0.6  # of the small size of an effect: below that it is within what conventions do
+FIRM, FIRM_RECORDINGS, MANY = 1.0, 2.0, 6
+"""Standard errors by which data left out must like an effect: of stretches, and of recordings
+where there are many."""
+RIVAL = 0.3  # of the gain of the winner
+OWN_PART = 0.1  # of the gain must be where the effect enters
+FitWith = Callable[[Trial], Point]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a search may do: see ``diagnose``."""
+
+    free: tuple[str, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    false_alarm: float = 0.01
+    max_causes: int = 8
+    jobs: int = 1
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """An effect that was accepted: p and gain in its round, held-out gain, and its like.
+
+    rivals: what gained enough in its round to be its like, had it been there.
+    """
+
+    effect: str
+    p_value: float
+    gain: float
+    held_out: float
+    like: tuple[str, ...]
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """An effect of the last round that was not accepted."""
+
+    effect: str
+    p_value: float
+    gain: float
+    held_out: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """accepted: an effect and the fit with it, None if none is; limit: what nothing may gain."""
+
+    accepted: tuple[Named, Point] | None
+    rejected: tuple[Rejected, ...]
+    limit: float
+
+
+def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Trial],
+           fit_with: FitWith, settings: Settings) -> Step:
+    """The best effect that passes everything. trials: largest gain first."""
+    rows = rows_at(evidence, point)
+    rest = point.after(trials[0].residual.astype(np.float64))[1]
+    nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
+    limit = threshold(nothing, settings.false_alarm)
+    passed = [t for t in trials if t.gain > limit]
+    fits = {t.effect: fit_with(t) for t in passed[:TRIES] if t.gain > CLOSE * trials[0].gain}
+    order = sorted(passed, key=lambda t: -(point.loss() - fits[t.effect].loss()
+                                           if t.effect in fits else 0.0))
+    accepted, rejected = None, []
+    for i, trial in enumerate((*order, *trials[len(passed):])):
+        p, held, why = p_value(trial.gain, nothing), (np.nan, np.nan), ""
+        if trial.gain <= limit:
+            why = "gains no more than nothing at all might"
+        elif accepted is not None:
+            why = f"gains less than {accepted[0].effect}"
+        elif i >= TRIES:
+            why = "gains less than others that failed"
+        else:
+            candidate = fits.get(trial.effect) or fit_with(trial)
+            held = held_out(point, candidate, rows)
+            why = _why_not(evidence, point, candidate, trial, rows, held, limit)
+            if not why:
+                accepted = (_named(evidence, noise, point, candidate, trial, trials, rows, p,
+                                   held[0]), candidate)
+        if why:
+            rejected.append(Rejected(trial.effect, p, trial.gain, held[0], why))
+    return Step(accepted, tuple(rejected), limit)
+
+
+def rows_at(evidence: Evidence, point: Point) -> Rows:
+    """What belongs to what, of the residuals of a point."""
+    timing = point.timing
+    return rows_of(evidence, evidence.residuals(point.vehicle, timing.late, timing.ahead))
+
+
+def _named(evidence: Evidence, noise: Noise, point: Point, candidate: Point, trial: Trial,
+           trials: Sequence[Trial], rows: Rows, p: float, held: float) -> Named:
+    rivals = tuple(t.effect for t in trials
+                   if t is not trial and t.gain > max(0.0, RIVAL * trial.gain))
+    like = alike(Scan(evidence, noise, point), trial, trials, rows)
+    return Named(trial.effect, p, point.loss() - candidate.loss(), held, like, rivals)
+
+
+def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, rows: Rows,
+             held: tuple[float, float], limit: float) -> str:
+    effect = catalogue()[trial.effect]
+    gain = point.loss() - candidate.loss()
+    if gain <= limit:
+        return "the full fit does not keep what the linear one promised"
+    small = [abs(v - q.null) < LEAST * q.sizes[0]
+             for q, v in zip(effect.parameters, _values(candidate, effect), strict=True)]
+    if all(small):
+        return "smaller than what sampling and timing conventions can pretend"
+    firm = FIRM_RECORDINGS if rows.recording.max() + 1 >= MANY else FIRM
+    if held[0] <= 0.0 or held[0] < firm * held[1]:
+        return "does not surely lower the loss of data left out of the fit"
+    by_row = point.worth * loss(point.residual) - candidate.worth * loss(candidate.residual)
+    if float(by_row[evidence.entered(effect, rows.channel)].sum()) <= OWN_PART * gain:
+        return "gains only where it does not enter"
+    return ""
+
+
+def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
+    """(gain on folds that the fit did not see, its standard error)."""
+    gains = []
+    for fold in range(int(rows.fold.max()) + 1):
+        inside = rows.fold == fold
+        losses = []
+        for point in (before, after):
+            move = point.follow(point.residual, ~inside)
+            r = point.residual[inside] + point.jacobian[inside] @ move
+            losses.append(float(point.worth[inside] @ loss(r)))
+        gains.append(losses[0] - losses[1])
+    n = len(gains)
+    return float(np.sum(gains)), float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf
+
+
+def _values(point: Point, effect: Effect) -> tuple[float, ...]:
+    values: tuple[float, ...] = next(a.values for a in point.vehicle.effects
+                                     if a.name == effect.name)
+    return values
