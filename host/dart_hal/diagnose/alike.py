@@ -6,26 +6,37 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .noise import loss
+from dart_hal.types import FloatArray
+
+from .noise import loss, weight
 from .rows import Rows
 from .scan import Scan, Trial
 
 CLEAR = 2.0  # standard deviations of the difference of losses
+TOGETHER = 0.6
+"""Cosine between what two effects do to the residuals: below, they explain different parts."""
 SAME = 4.0  # loss: a difference of two standard deviations of one number
 
 
 def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
     """Effects whose loss differs from the best one's by less than its noise over blocks."""
     point = scan.point
+    w = point.worth * weight(point.residual)
 
-    def by_block(trial: Trial) -> np.ndarray:
+    def direction(trial: Trial) -> FloatArray:
+        d = point.projected(trial.residual.astype(np.float64) - point.residual)
+        return np.asarray(d * np.sqrt(w) / max(float(np.sqrt((w * d) @ d)), 1e-12))
+
+    def by_block(trial: Trial) -> FloatArray:
         _, r = point.after(trial.residual.astype(np.float64))
         return np.bincount(rows.block, weights=point.worth * loss(r))
 
-    mine = by_block(best)
+    mine, along = by_block(best), direction(best)
     out = []
     for trial in trials:
         if trial.effect == best.effect or trial.gain <= 0.5 * best.gain:
+            continue
+        if abs(float(direction(trial) @ along)) < TOGETHER:
             continue
         worse = by_block(trial) - mine
         total = float(worse.sum())

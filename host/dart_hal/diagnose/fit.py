@@ -17,7 +17,7 @@ from .residuals import Evidence
 from .space import Space, Timing
 
 ROUNDS = 15
-SWEEPS = 3  # of the box: a time that leaves it is held at its edge
+SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,6 @@ class Point:
             rest = slope[free] + normal[np.ix_(free, ~free)] @ move[~free]
             move[free] = -np.linalg.solve(normal[np.ix_(free, free)], rest)
             out = np.clip(self.x + move, self.space.low, self.space.high) - self.x
-            out[:-2] = move[:-2]  # bounds of parameters are the business of a full fit
             over = free & (out != move)
             if not over.any():
                 break

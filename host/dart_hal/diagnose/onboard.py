@@ -23,7 +23,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import through
 
 from .drive import STEP
-from .onboard_drive import COUNTED, HEARD, READS, Outing, counted, spread
+from .onboard_drive import APART, COUNTED, HEARD, READS, Outing, counted, spread
 from .onboard_windows import told
 from .residuals import SENSORS, Evidence, Residuals
 
@@ -48,8 +48,11 @@ class OnboardEvidence(Evidence):
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
 
+    drives: tuple[Outing, ...]
+
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:
-        self.drives, self.l_r, self.overlap = tuple(drives), l_r, 2.0
+        self.drives = tuple(drives)
+        self.l_r, self.overlap = l_r, READS * COUNTED / APART
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 

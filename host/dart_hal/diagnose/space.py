@@ -23,6 +23,8 @@ LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
 """s; age of a message at its stamp: the promptest arrival still waits for its line and for the
 next row of the mocap, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
+BELIEVED = 3.5
+"""Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
 STEP = 1e-3  # of the prior, one-sided
 TIMES = ("delay.", "steering_delay.", "throttle_delay.", "mocap_latency.", "clock_offset.",
@@ -50,8 +52,9 @@ class Space:
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
         self._inner = Coordinates(p, self.names, known, amounts)
         ends = (np.array([-1.0, 0.0]), np.array([1.0, AHEAD / LATE_REACH]))
-        self.low = np.concatenate([self._inner.low, ends[0]])
-        self.high = np.concatenate([self._inner.high, ends[1]])
+        reach = np.array([BELIEVED if n in known else np.inf for n in self.names])
+        self.low = np.concatenate([np.maximum(self._inner.low, -reach), ends[0]])
+        self.high = np.concatenate([np.minimum(self._inner.high, reach), ends[1]])
 
     def __len__(self) -> int:
         return len(self.names) + 2

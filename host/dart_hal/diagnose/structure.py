@@ -104,7 +104,8 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
     length = max(BLOCK, seconds / MOST_BLOCKS)
     windows, messages = evidence.blocks(length)
-    names, motion = MOTION, slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
+    names: tuple[str, ...] = MOTION
+    motion = slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
     sensors = slice(None)
     if isinstance(evidence, OnboardEvidence):
         names, motion, sensors = evidence.read_out
