@@ -29,7 +29,7 @@ def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple
 
     def by_block(trial: Trial) -> FloatArray:
         _, r = point.after(trial.residual.astype(np.float64))
-        return np.bincount(rows.block, weights=point.worth * loss(r))
+        return np.asarray(np.bincount(rows.block, weights=point.worth * loss(r)), dtype=float)
 
     mine, along = by_block(best), direction(best)
     out = []

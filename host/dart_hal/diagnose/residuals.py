@@ -125,8 +125,12 @@ class Evidence:
         q, parts = settled(p), []
         for drive in self.drives:
             g = self._grid(drive, p, q)
-            parts.append(_motion_error(p, g, drive.starts, *actuated(p, g, smooth=True)))
-        return parts
+            parts.append(_windows(g, drive.starts, *actuated(p, g, smooth=True)))
+        start, throttle, angle, seen = (np.concatenate(part, axis=-1)
+                                        for part in zip(*parts, strict=True))
+        states = rollout(p, start, throttle, angle, at=AT)[:, 3:]
+        error = _averaged(states) - seen
+        return [np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)]
 
     def _sensors(self, drive: Drive, p: Vehicle, late: float) -> FloatArray:
         q = settled(p)
@@ -151,14 +155,13 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     return (p,) if on_sensors else ("readings", settled(p).body.l_r, on_pose)
 
 
-def _motion_error(p: Vehicle, g: Grid, starts: NDArray[np.int64], throttle: FloatArray,
-                  angle: FloatArray) -> FloatArray:
+def _windows(g: Grid, starts: NDArray[np.int64], throttle: FloatArray,
+             angle: FloatArray) -> tuple[FloatArray, ...]:
+    """Of n windows: start (6, n), inputs (samples, n) twice, motion seen (len(READ), 3, n)."""
     over = starts + np.arange(AT[-1])[:, None]
     start = np.stack([g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega])[:, starts]
-    states = rollout(p, start, throttle[over], angle[over], at=AT)[:, 3:]
     seen = np.stack([g.v_x, g.v_y, g.omega])[:, starts + np.array(READ)[:, None]]
-    error = _averaged(states) - seen.swapaxes(0, 1)
-    return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
+    return start, throttle[over], angle[over], seen.swapaxes(0, 1)
 
 
 def _averaged(states: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from .noise import Noise
 from .residuals import Evidence
 
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
+PARTS = 8  # of a scan over several processes
 FAINT = 3.0  # gain; far below any threshold
 REFINE = 2  # parabola steps after the ladder
 
@@ -144,10 +145,15 @@ def scan(evidence: Evidence, noise: Noise, point: Point, names: Sequence[str] | 
 
 
 def _each(work: Scan, names: Sequence[str], jobs: int) -> Iterable[Trial]:
-    if jobs == 1 or len(names) < 2:
+    if jobs == 1 or len(names) < 2 * PARTS:
         return map(work.best, names)
     from joblib import Parallel, delayed
 
-    trials: Iterable[Trial] = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(work.best)(name) for name in names)
-    return trials
+    # in parts: what a process needs to know is much more than a name
+    parts = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_some)(work, names[i::PARTS]) for i in range(PARTS))
+    return (trial for part in parts for trial in part)
+
+
+def _some(work: Scan, names: Sequence[str]) -> list[Trial]:
+    return [work.best(name) for name in names]

@@ -61,6 +61,7 @@ class Search:
         refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
         base, first = point, tuple[Trial, ...]()
+        failed: dict[str, float] = {}
         named, rejected, limit = list[Named](), tuple[Rejected, ...](), np.inf
         while len(named) < s.max_causes or not first:
             trials = self._scan(point, noise)
@@ -68,7 +69,7 @@ class Search:
             if not trials or not s.max_causes:  # all that may be named is named
                 break
             step = select(self._evidence, noise, point, trials,
-                          partial(self._with, point, noise), s)
+                          partial(self._with, point, noise), s, failed)
             rejected, limit = step.rejected, step.limit
             if step.accepted is None:
                 break

@@ -24,6 +24,7 @@ LEAST = 0.6  # of the small size of an effect: below that it is within what conv
 FIRM, FIRM_RECORDINGS, MANY = 1.0, 2.0, 6
 """Standard errors by which data left out must like an effect: of stretches, and of recordings
 where there are many."""
+MORE = 1.5  # times what it gained when it failed
 RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
 FitWith = Callable[[Trial], Point]
@@ -78,25 +79,30 @@ class Step:
 
 
 def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Trial],
-           fit_with: FitWith, settings: Settings) -> Step:
-    """The best effect that passes everything. trials: largest gain first."""
+           fit_with: FitWith, settings: Settings, failed: dict[str, float]) -> Step:
+    """The best effect that passes everything. trials: largest gain first.
+
+    failed: gain by name of what has been tried in vain in steps before; it is
+    not tried again unless it gains more, and what fails here is added.
+    """
     rows = rows_at(evidence, point)
     rest = point.after(trials[0].residual.astype(np.float64))[1]
     nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
     limit = threshold(nothing, settings.false_alarm)
     passed = [t for t in trials if t.gain > limit]
-    fits = {t.effect: fit_with(t) for t in passed[:TRIES] if t.gain > CLOSE * trials[0].gain}
+    again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)][:TRIES]
+    fits = {t.effect: fit_with(t) for t in again if t.gain > CLOSE * again[0].gain}
     order = sorted(passed, key=lambda t: -(point.loss() - fits[t.effect].loss()
                                            if t.effect in fits else 0.0))
     accepted, rejected = None, []
-    for i, trial in enumerate((*order, *trials[len(passed):])):
+    for trial in (*order, *trials[len(passed):]):
         p, held, why = p_value(trial.gain, nothing), (np.nan, np.nan), ""
         if trial.gain <= limit:
             why = "gains no more than nothing at all might"
         elif accepted is not None:
             why = f"gains less than {accepted[0].effect}"
-        elif i >= TRIES:
-            why = "gains less than others that failed"
+        elif trial not in again:
+            why = "does not surely lower the loss of data left out of the fit, nor did it before"
         else:
             candidate = fits.get(trial.effect) or fit_with(trial)
             held = held_out(point, candidate, rows)
@@ -104,6 +110,8 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
             if not why:
                 accepted = (_named(evidence, noise, point, candidate, trial, trials, rows, p,
                                    held[0]), candidate)
+            else:
+                failed[trial.effect] = trial.gain
         if why:
             rejected.append(Rejected(trial.effect, p, trial.gain, held[0], why))
     return Step(accepted, tuple(rejected), limit)
