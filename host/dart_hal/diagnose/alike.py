@@ -28,7 +28,7 @@ def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple
         return np.asarray(d * np.sqrt(w) / max(float(np.sqrt((w * d) @ d)), 1e-12))
 
     def by_block(trial: Trial) -> FloatArray:
-        _, r = point.after(trial.residual.astype(np.float64))
+        r = point.after(trial.residual.astype(np.float64))
         return np.asarray(np.bincount(rows.block, weights=point.worth * loss(r)), dtype=float)
 
     mine, along = by_block(best), direction(best)

@@ -20,6 +20,23 @@ ROUNDS = 15
 SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
+Part = slice | NDArray[np.bool_]
+ALL = slice(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Of rows: weighted normal matrix (k, k), slope (k,), robust loss."""
+
+    normal: FloatArray
+    slope: FloatArray
+    loss: float
+
+    def after(self, move: FloatArray) -> float:
+        """The loss after a move (k,), from above: to second order, with the weights it has."""
+        return float(self.loss + 2.0 * self.slope @ move + move @ self.normal @ move)
+
+
 @dataclass(frozen=True, slots=True)
 class Point:
     """Where a space is: whitened residuals (N,), their worth (N,), and the Jacobian (N, k)."""
@@ -40,21 +57,18 @@ class Point:
 
     def loss(self) -> float:
         """Robust loss of the data with the prior."""
-        return float(self.worth @ loss(self.residual)
-                     + (self.space.pull * self.x) @ self.x)
+        return float(self.worth @ loss(self.residual)) + self.prior(np.zeros(len(self.x)))
 
-    def follow(self, residual: FloatArray, rows: NDArray[np.bool_] | None = None) -> FloatArray:
-        """Move (k,) of all that is free which suits other residuals (N,) best, to first order.
+    def sums(self, residual: FloatArray, rows: Part = ALL) -> Sums:
+        """What some rows of other residuals (N,) say about a move."""
+        jac, worth, r = self.jacobian[rows], self.worth[rows], residual[rows]
+        weighted = jac * (worth * weight(r))[:, None]
+        return Sums(weighted.T @ jac, weighted.T @ r, float(worth @ loss(r)))
 
-        rows (N,): what to look at; None = all.
-        """
-        jac, worth = self.jacobian, self.worth
-        if rows is not None:
-            jac, worth, residual = jac[rows], worth[rows], residual[rows]
-        weighted = jac * (worth * weight(residual))[:, None]
-        pull = self.space.pull
-        normal = weighted.T @ jac + np.diag(pull + 1e-9)
-        slope = weighted.T @ residual + pull * self.x
+    def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
+        """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
+        normal = normal + np.diag(self.space.pull + 1e-9)
+        slope = slope + self.space.pull * self.x
         move = np.zeros(len(self.x))
         free = np.ones(len(self.x), dtype=bool)
         for _ in range(SWEEPS):
@@ -68,11 +82,19 @@ class Point:
             free &= ~over
         return move
 
-    def after(self, residual: FloatArray) -> tuple[float, FloatArray]:
-        """(loss, residuals) of other residuals once all that is free has followed."""
-        move = self.follow(residual)
-        x, r = self.x + move, residual + self.jacobian @ move
-        return float(self.worth @ loss(r) + (self.space.pull * x) @ x), r
+    def follow(self, residual: FloatArray, rows: Part = ALL) -> FloatArray:
+        """Move (k,) of all that is free which suits other residuals (N,) best, to first order."""
+        sums = self.sums(residual, rows)
+        return self.step(sums.normal, sums.slope)
+
+    def after(self, residual: FloatArray) -> FloatArray:
+        """Other residuals (N,) once all that is free has followed."""
+        return np.asarray(residual + self.jacobian @ self.follow(residual))
+
+    def prior(self, move: FloatArray) -> float:
+        """Loss of the prior after a move (k,)."""
+        x = self.x + move
+        return float((self.space.pull * x) @ x)
 
     def worth_of(self, names: Sequence[str]) -> float:
         """How much the loss would rise, to second order, without some of the parameters."""

@@ -17,8 +17,8 @@ from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from .fit import Point
-from .noise import Noise
+from .fit import Point, Sums
+from .noise import Noise, loss
 from .residuals import Evidence
 
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
@@ -48,13 +48,29 @@ class Scan:
     def __init__(self, evidence: Evidence, noise: Noise, point: Point) -> None:
         self._evidence, self._noise, self.point = evidence, noise, point
         self._vehicle, self._timing = point.vehicle, point.timing
+        motion = len(evidence.motion_drive) * len(noise.motion)
+        self._parts = (slice(0, motion), slice(motion, None))
+        self._still = tuple(point.sums(point.residual, part) for part in self._parts)
         # what has moved to the point may move on a little: judged by the same linear answer
-        self.null, _ = point.after(point.residual)
+        self.null = self._loss(point.residual)
 
     def residual(self, p: Vehicle) -> FloatArray:
         """Whitened residuals (N,) of a vehicle at the timing of the point."""
         return self._noise.stacked(
             self._evidence.residuals(p, self._timing.late, self._timing.ahead))[0]
+
+    def _loss(self, residual: FloatArray) -> float:
+        """Once all that is free has followed; what an effect leaves as it is is known already."""
+        point, every = self.point, list[Sums]()
+        same = [np.array_equal(residual[p], point.residual[p]) for p in self._parts]
+        for part, still, unchanged in zip(self._parts, self._still, same, strict=True):
+            every.append(still if unchanged else point.sums(residual, part))
+        move = point.step(every[0].normal + every[1].normal, every[0].slope + every[1].slope)
+        total = point.prior(move)
+        for part, sums, unchanged in zip(self._parts, every, same, strict=True):
+            total += sums.after(move) if unchanged else float(point.worth[part] @ loss(
+                residual[part] + point.jacobian[part] @ move))
+        return total
 
     def best(self, name: str) -> Trial:
         """The size of an effect that takes away most."""
@@ -73,7 +89,7 @@ class Scan:
                 kept[k] = self.residual(apply(self._vehicle, effect.name, **{parameter.name: k}))
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
-            return self.null - self.point.after(kept[k])[0]
+            return self.null - self._loss(kept[k])
 
         near, far = ladder(parameter)
         gains = {k: gain(k) for k in near} | {parameter.null: 0.0}

@@ -86,7 +86,7 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     not tried again unless it gains more, and what fails here is added.
     """
     rows = rows_at(evidence, point)
-    rest = point.after(trials[0].residual.astype(np.float64))[1]
+    rest = point.after(trials[0].residual.astype(np.float64))
     nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
     limit = threshold(nothing, settings.false_alarm)
     passed = [t for t in trials if t.gain > limit]

@@ -35,7 +35,9 @@ class Side:
 
     def loss(self, p: Vehicle) -> float:
         """Robust loss by which p is worse, once all that is free has followed."""
-        return self.point.after(self.difference(p))[0]
+        r, point = self.difference(p), self.point
+        move = point.follow(r)
+        return float(point.worth @ loss(r + point.jacobian @ move)) + point.prior(move)
 
     def followed(self, p: Vehicle) -> Vehicle:
         """The base as it follows p."""
@@ -49,7 +51,7 @@ class Side:
         return self._left(x + more) - self._left(x)
 
     def _left(self, x: FloatArray) -> float:
-        return float(self.point.worth @ loss(x + self.point.jacobian @ self.point.follow(x)))
+        return float(self.point.worth @ loss(self.point.after(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
         return self.noise.stacked(self.evidence.residuals(
