@@ -35,17 +35,32 @@ def test_the_list_of_verbs(verb):
     assert "dart-hal" in verb("--version").out
 
 
-def test_demo(verb, tmp_path):
+def test_demo(verb, tmp_path, monkeypatch):
+    monkeypatch.setattr("dart_hal.cli.demo_real.excerpt", lambda: None)
     done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
     result = done.json
     assert done.code == 0
     assert set(result) >= RUN_FIELDS
-    assert set(result["summary"]) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}
-    assert 0 < result["summary"]["steering_rms_deg"] < 0.5
-    assert result["summary"]["distance_m"] > 15
+    said = result["summary"]
+    assert set(said) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}
+    assert 0 < said["steering_rms_deg"] < 0.5
+    assert said["distance_m"] > 15
     assert result["frames"] > 3000
     for path in result["files"].values():
         assert (tmp_path / path).stat().st_size > 0
+    told, (hidden,) = said["diagnosis"], said["diagnosis"]["hidden"]
+    first = told["causes"][0]
+    assert told["named"] is True
+    assert first["effect"] == hidden["effect"]
+    assert first["parameters"]["k"]["value"] == pytest.approx(
+        hidden["parameters"]["k"]["value"], rel=0.3)
+    assert first["gain"]["test_ci95"][0] > 0.0
+    page = (tmp_path / "demo" / "index.html").read_text()
+    assert hidden["effect"] in page
+    assert "diagnosis.html" in page
+    assert said["real_car"] == {"skipped": said["real_car"]["skipped"]}
+    assert "diagnosis_real" not in result["files"]
+    assert "Skipped:" in page
 
 
 def test_calibrate_steering(verb, tmp_path):

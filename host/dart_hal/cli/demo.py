@@ -1,4 +1,4 @@
-"""``dart-hal demo``: the main job, without hardware, in about half a minute."""
+"""``dart-hal demo``: the main job, without hardware, in about a minute."""
 
 from __future__ import annotations
 
@@ -14,21 +14,26 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
+from dart_hal.cli import demo_real
+from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_effect
 from dart_hal.cli.demo_page import Drive, write_page, write_summary
+from dart_hal.cli.demo_section import hidden_section, real_skipped
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.session import with_progress
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
+from dart_hal.diagnose.report import sentence, verdict
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.sim.truth import reveal, truth
+from dart_hal.sim.truth import reveal_url, truth
 
 RADIUS = 0.9
 """m of the two circles; the paper's car turns no tighter than 0.55 m."""
 SPEED = 0.6
 """m/s; 0.4 m/s2 to the side, far below what slides."""
 LAPS = 2
+SKIPPED = "skipped: its recordings come with the sources, and this installation has none"
 
 
 @click.command("demo")
@@ -38,7 +43,11 @@ LAPS = 2
               show_default=True, help="folder for page, recording and calibration")
 @json_option
 def command(url: str, out: Path, as_json: bool) -> None:
-    """Open the emulated car, calibrate its steering, drive an eight, compare with the truth."""
+    """Open the emulated car, calibrate, drive an eight, change something in it, diagnose that.
+
+    An effect= in the URL is what is changed in it; without one the seed decides. The last
+    chapter diagnoses the real car, from the recordings that come with the sources.
+    """
     parsed = Url.parse(url)
     if parsed.scheme != "sim":
         raise UsageError("the demo needs a car whose truth is known", found=url,
@@ -47,25 +56,38 @@ def command(url: str, out: Path, as_json: bool) -> None:
     if find_spec("matplotlib") is None:
         raise UsageError("the demo draws its page with matplotlib, which is not installed",
                          remedy="pip install 'dart-hal[plot]'")
+    reveal_url(parsed)  # raises what opening this car would raise, before anything is driven
     number = parsed.options.get("seed", "0")
+    healthy = without_effect(parsed)
     # the car's folder must be there, or a folder of that car elsewhere would be used
     (out / "cars" / f"sim-{number}").mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
-    result, hello, said = calibrate(url, out)
-    drive = eight(url, out)
+    result, hello, said = calibrate(healthy, out)
+    with demo_real.beside(demo_real.excerpt(), out) as real:
+        drive = eight(healthy, out)
+        told = chapter(parsed, int(number), out)
+        with progress_bar() as bar:
+            bar.add_task("the real car", total=None)
+            section, of_real = real.result() if real else (real_skipped(), {"skipped": SKIPPED})
     files = {"page": out / "index.html", "summary": out / "summary.png",
-             "recording": out / "eight.mcap", "calibration": Path(result.written or "")}
-    known = reveal(int(number))
+             "recording": out / "eight.mcap", "calibration": Path(result.written or ""),
+             **told.files, **({"diagnosis_real": out / demo_real.PAGE} if real else {})}
+    known = reveal_url(Url.parse(healthy))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
-    write_page(files["page"], url, hello, result, known, drive, numbers, said)
+    write_page(files["page"], healthy, hello, result, known, drive, numbers, said,
+               hidden_section(told) + section)
     write_summary(files["summary"], result, known, drive)
     last = drive.states[-1]
     if as_json:
         print_json({"url": url, "files": files, "duration_s": last.t, "frames": len(drive.states),
-                    "lost": last.health.lost, "summary": numbers})
+                    "lost": last.health.lost,
+                    "summary": {**numbers, "diagnosis": told.to_json(), "real_car": of_real}})
     else:
-        show(numbers, result, drive, files["page"], time.monotonic() - began)
+        show(numbers, result, drive, told)
+        console.print(f"the real car: {of_real.get('skipped') or of_real['verdict']}")
+        console.print(f"{time.monotonic() - began:.0f} s in all; open {files['page'].resolve()}",
+                      highlight=False)
 
 
 def calibrate(url: str, out: Path) -> tuple[SteeringResult, dict[str, Any], tuple[str, ...]]:
@@ -109,14 +131,14 @@ def steering_rms(result: SteeringResult, known: dict[str, Any]) -> float:
     return math.degrees(float(np.sqrt(np.mean((found - true) ** 2))))
 
 
-def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, page: Path,
-         seconds: float) -> None:
-    """Four lines and where the page is."""
+def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: Chapter) -> None:
+    """What the chapters on the emulated car came to."""
     last = drive.states[-1]
     console.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms beside the hidden truth"
                   f" (stated: {math.degrees(float(np.mean(result.angle_std))):.2f} deg)")
     console.print(f"figure of eight: {numbers['distance_m']:.1f} m, odometry off by "
-                  f"{100 * numbers['odometry_error_m']:.1f} cm at the end")
-    console.print(f"{len(drive.states)} frames decoded, {last.health.lost} lost; "
-                  f"{seconds:.0f} s in all")
-    console.print(f"open {page.resolve()}", highlight=False)
+                  f"{100 * numbers['odometry_error_m']:.1f} cm at the end; "
+                  f"{len(drive.states)} frames decoded, {last.health.lost} lost")
+    found = " ".join(map(sentence, told.diagnosis.causes)) or verdict(told.diagnosis)
+    console.print(f"diagnosis: {found}", markup=False)
+    console.print(f"what was changed: {'; '.join(map(as_hidden, told.hidden))}", markup=False)

@@ -15,6 +15,7 @@ import numpy as np
 
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.control.paths import Path as Track
+from dart_hal.diagnose.report.style import CSS
 from dart_hal.types import FloatArray, State
 
 INK, BLUE, ORANGE, GREEN = "#222222", "#0072b2", "#d55e00", "#009e73"
@@ -48,8 +49,8 @@ class Drive:
 
 def write_page(path: Path, url: str, hello: dict[str, Any], result: SteeringResult,
                known: dict[str, Any], drive: Drive, numbers: dict[str, float],
-               notices: tuple[str, ...]) -> None:
-    """Write the page. Needs matplotlib."""
+               notices: tuple[str, ...], chapters: str = "") -> None:
+    """Write the page; chapters: HTML at its end. Needs matplotlib."""
     last = drive.states[-1]
     rows = {
         "firmware": f"{hello['firmware']} ({'MockNano' if hello['mock'] else 'emulated ATmega328P'}"
@@ -63,12 +64,12 @@ def write_page(path: Path, url: str, hello: dict[str, Any], result: SteeringResu
         "beside the path": f"{100 * np.sqrt(np.mean(np.square(drive.offsets))):.1f} cm rms",
     }
     body = "".join(f"<p class=notice>{html.escape(n)}</p>" for n in notices)
-    body += "<table>" + "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>"
+    body += "<table class=facts>" + "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>"
                                 for k, v in rows.items()) + "</table>"
     for title, draw in _drawings(result, known, drive).items():
         body += f"<h2>{title}</h2><img alt='{title}' src='{_picture(draw)}'>"
-    body += SIGMA
-    path.write_text(PAGE.format(url=html.escape(url), body=body), encoding="utf-8")
+    body += SIGMA + chapters
+    path.write_text(PAGE.format(url=html.escape(url), css=CSS, body=body), encoding="utf-8")
 
 
 def _backlash(result: SteeringResult, known: dict[str, Any]) -> str:
@@ -168,17 +169,10 @@ PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>DART-HAL demo</title>
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 46rem;
-       margin: 2rem auto; padding: 0 1rem; }}
-h1 {{ margin-bottom: 0 }} h2 {{ margin-top: 2.2rem; font-size: 1.15rem }}
-img {{ max-width: 100%; height: auto }}
-table {{ border-collapse: collapse; margin: 1.5rem 0; width: 100% }}
-th {{ text-align: left; font-weight: 600; padding: .3rem 1rem .3rem 0; white-space: nowrap;
-     vertical-align: top }}
-td {{ padding: .3rem 0 }} tr + tr {{ border-top: 1px solid #ddd }}
-.notice {{ background: #fff3cd; padding: .6rem .8rem; border-radius: 6px }}
-code {{ background: #f2f2f2; padding: .1em .3em; border-radius: 4px }}
+<style>{css}
+body {{ max-width: 46rem }}
+img {{ max-width: 100%; height: auto; background: #fff }}
+.facts {{ width: 100%; font-size: 1rem }} .facts th {{ border-bottom-color: var(--rule) }}
 </style></head><body>
 <h1>A car in a box</h1>
 <p>The firmware ran in an emulated ATmega328P, its serial bytes were decoded by the HAL, commands

@@ -1,0 +1,179 @@
+"""The demo's last chapter: something is changed in the car, and the diagnosis has to name it.
+
+What it may use is what the owner of a car has: a drive from before, one from
+after, the paper's model and the servo's data sheet. What was changed stands in
+the URL, which only the simulator reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+import msgspec
+import numpy as np
+
+from dart_hal.car import Car
+from dart_hal.cli.output import progress_bar
+from dart_hal.cli.session import with_progress
+from dart_hal.config import save_model
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.report import write_page
+from dart_hal.diagnose.report.words import quantity
+from dart_hal.diagnose.result import Diagnosis, Number
+from dart_hal.diagnose.write import extended_model
+from dart_hal.identify.runs import read_run
+from dart_hal.links.base import Url
+from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effects import apply, parse
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import find_model
+
+HIDDEN: Mapping[str, tuple[float, float, bool]] = {
+    "steering_backlash": (0.05, 0.08, False), "throttle_lag": (0.08, 0.16, False),
+    "steering_trim": (0.02, 0.03, True), "steering_lag": (0.08, 0.12, False),
+    "motor_gain": (0.08, 0.12, True)}
+"""Effect: least and largest size in its own unit, and whether it has either sign. All show in
+what encoder and gyro read: a simulated car has no motion capture."""
+STANDING, SECONDS = 3.0, 60.0  # s
+TURNS, TURN_SECONDS = 0.9, (0.4, 2.0)  # steering command, s that one is held
+PULLS, PULL_SECONDS, ROLLING = (0.2, 0.3), 1.5, 0.12  # throttle, s, share of them without any
+FRAME_WAIT = 0.0115
+"""s from a command to the pulse, on average: half a frame of the PWM, and the pulse itself."""
+MOST = 3
+"""Causes: the demo has to end; ``dart-hal diagnose`` on its files looks for more."""
+SERVO_S = 0.1
+"""s from the middle to full lock: 375 us at the 6 rad/s of the servo's data sheet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """What was hidden, what the diagnosis made of it, and the files on the way, by name."""
+
+    hidden: tuple[Applied, ...]
+    diagnosis: Diagnosis
+    files: Mapping[str, Path]
+
+    @property
+    def found(self) -> bool:
+        """Whether everything hidden is named, or stands beside a named one that is like it."""
+        names = {n for c in self.diagnosis.causes for n in (c.effect, *c.cannot_be_told_from)}
+        return all(a.name in names for a in self.hidden)
+
+    def to_json(self) -> dict[str, Any]:
+        """{"hidden": [..], "verdict", "causes": as diagnose prints them, "named": bool}."""
+        return {"hidden": [{"effect": a.name,
+                            "parameters": {q.name: {"value": v, "unit": q.unit} for q, v in
+                                           zip(a.effect.parameters, a.values, strict=True)}}
+                           for a in self.hidden],
+                "verdict": self.diagnosis.verdict, "named": self.found,
+                "causes": [c.to_json() for c in self.diagnosis.causes]}
+
+
+def without_effect(url: Url) -> str:
+    """The same car before anything was changed in it."""
+    return _text(url, {k: v for k, v in url.options.items() if k != "effect"})
+
+
+def hide(url: Url, seed: int) -> tuple[str, tuple[Applied, ...]]:
+    """(URL of the changed car, what was changed): as the URL says, else drawn from its seed.
+
+    Errors: UsageError, ConfigError for an effect of the URL that there is not.
+    """
+    given = url.options.get("effect", "")
+    if not given:
+        rng = np.random.default_rng([seed, 2])
+        name = list(HIDDEN)[int(rng.integers(len(HIDDEN)))]
+        low, high, signed = HIDDEN[name]
+        size = float(rng.uniform(low, high)) * (-1.0 if signed and rng.random() < 0.5 else 1.0)
+        given = f"{name}:{size:.3g}"
+    return _text(url, {**url.options, "effect": given}), parse(given)
+
+
+def _text(url: Url, options: Mapping[str, str]) -> str:
+    tail = urlencode(options, safe=":,=/")
+    return f"{url.scheme}://{url.target}" + (f"?{tail}" if tail else "")
+
+
+def chapter(url: Url, seed: int, out: Path) -> Chapter:
+    """Drive, change the car, drive again, diagnose; the report goes to ``out``."""
+    files = {"first_drive": out / "before.mcap", "second_drive": out / "after.mcap",
+             "healthy_model": out / "healthy.toml", "diagnosis": out / "diagnosis.html"}
+    changed, hidden = hide(url, seed)
+    weave(without_effect(url), out / "cars", files["first_drive"], 1, "driving as it is")
+    healthy_model(files["first_drive"], files["healthy_model"])
+    weave(changed, out / "cars", files["second_drive"], 2, "driving, something changed")
+    found = told(files["second_drive"], files["healthy_model"])
+    write_page(found, files["diagnosis"],
+               command=f"dart-hal diagnose --model {files['healthy_model']} --no-refit "
+                       f"--max-causes {MOST} --train {files['second_drive']} "
+                       f"--html {files['diagnosis']}")
+    return Chapter(hidden, found, files)
+
+
+def weave(url: str, cars: Path, run: Path, draw: int, title: str) -> None:
+    """Steps of steering and throttle at random times, recorded; draw: which ones."""
+    rng = np.random.default_rng([draw, 3])
+    with Car.open(url, cars=cars, record=run) as car:
+        for _ in car.states(duration=STANDING):  # what sensors read at rest
+            pass
+        car.arm()
+        turn = pull = steering = throttle = 0.0
+        for i, _ in enumerate(with_progress(car.states(duration=SECONDS), SECONDS, title)):
+            t = 0.01 * i
+            if t >= pull:
+                throttle = rng.uniform(*PULLS) * (rng.random() > ROLLING)
+                pull = t + PULL_SECONDS
+            if t >= turn:
+                steering = rng.uniform(-TURNS, TURNS)
+                turn = t + rng.uniform(*TURN_SECONDS)
+            car.drive(steering=steering, throttle=throttle)
+
+
+def healthy_model(run: Path, target: Path) -> None:
+    """The paper's model with the servo's data sheet, fitted to a drive of the car as it was."""
+    file, p = find_model("paper")
+    timing = replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)
+    p = apply(replace(p, delay=timing), "steering_rate_limit", k=SERVO_S)
+    sheet = model_of(p, file)
+    with _bar("fitting the model") as tell:
+        sides = checked([read_run(run)], [], p)
+        fitted = diagnose(sheet, p, sides.train, sides.test, max_causes=0, progress=tell)
+    model = extended_model(fitted, sheet, sides.train, "dart-hal demo")
+    save_model(msgspec.structs.replace(model, name=target.stem), target)
+
+
+def told(run: Path, model: Path) -> Diagnosis:
+    """The diagnosis of a drive; its last part is only used to measure the gain."""
+    file, p = find_model(model)
+    with _bar("looking for the cause") as tell:
+        sides = checked([read_run(run)], [], p)
+        found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MOST,
+                         progress=tell)
+    return replace(found, model=model.name, notes=(*sides.notes, *found.notes))
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Callable[[float, str], None]]:
+    """A bar on standard error, moved by the ``progress`` of a diagnosis."""
+    with progress_bar() as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda share, _: bar.update(task, completed=share)
+
+
+def as_hidden(a: Applied) -> str:
+    """"steering_lag, k 0.06 s"."""
+    return f"{a.name}, {values_of(a)}"
+
+
+def values_of(a: Applied) -> str:
+    """"k 0.06 s": every parameter that is not at its null."""
+    return ", ".join(f"{q.name} {quantity(Number(v, 0.0, q.unit))}"
+                     for q, v in zip(a.effect.parameters, a.values, strict=True) if v != q.null)
+
+

@@ -1,0 +1,67 @@
+"""The demo's last chapter on the real car: what the paper's model gets wrong on the excerpt."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import dart_hal
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.report import write_page
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.identify.runs import read_any
+from dart_hal.vehicle.load import find_model
+
+MODEL = "paper"
+FOLDER = Path("tests", "recorded", "data")
+TRAIN = ("50_tire_model_data", "60_racetrack_lap_v_060", "81_throttle_ramps")
+TEST = ("91_free_driving_16_sept_2024", "steering_identification_25_sept_2024")
+"""By day: what was driven until 9 September 2024 trains, later days test."""
+PAGE = "diagnosis_real.html"
+Section = tuple[str, dict[str, Any]]
+"""What the demo's page says, and what its JSON says: plain, so that a process can send it."""
+
+
+def excerpt() -> Path | None:
+    """The committed recordings: beside the package's sources, else below this folder."""
+    roots = (Path(dart_hal.__file__).resolve().parents[2], Path.cwd())
+    found = (root / FOLDER for root in roots)
+    return next((f for f in found if all((f / n).is_dir() for n in (*TRAIN, *TEST))), None)
+
+
+def told(folder: Path, page: Path) -> Diagnosis:
+    """The diagnosis of the excerpt; its report is written to ``page``."""
+    file, p = find_model(MODEL)
+    train, test = (read_any([folder / name for name in names])[0] for names in (TRAIN, TEST))
+    sides = checked(train, test, p)
+    found = diagnose(file, p, sides.train, sides.test)
+    found = replace(found, model=MODEL, notes=(*sides.notes, *found.notes))
+    given = (f"--{side} " + " ".join(str(FOLDER / name) for name in names)
+             for side, names in (("train", TRAIN), ("test", TEST)))
+    write_page(found, page, command=f"dart-hal diagnose --model {MODEL} {' '.join(given)}")
+    return found
+
+
+@contextmanager
+def beside(folder: Path | None, out: Path) -> Iterator[Future[Section] | None]:
+    """The same in a process of its own, while the demo drives; None without recordings."""
+    if folder is None:
+        yield None
+        return
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        yield pool.submit(_section, folder, out / PAGE)
+
+
+def _section(folder: Path, page: Path) -> Section:
+    from dart_hal.cli.demo_section import real_section
+
+    found = told(folder, page)
+    gains = {k: {"test": g.test, "test_ci95": [g.low, g.high]} for k, g in found.gain.items()}
+    return real_section(found, TRAIN, TEST, page.name), {
+        "verdict": found.verdict, "gain": gains, "causes": [c.to_json() for c in found.causes]}
