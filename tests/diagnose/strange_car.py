@@ -8,6 +8,7 @@ import numpy as np
 from dart_hal.diagnose.drive import prepare
 from dart_hal.diagnose.noise import measure
 from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.space import Timing
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
@@ -103,9 +104,9 @@ def looked_at(paths, p=PAPER):
     noise = measure(evidence.residuals(p), evidence.blocks(2.0))
     ages = np.zeros(2)
     for _ in range(3):
-        here, *there = (np.clip(noise.stacked(evidence.residuals(p, *(ages + by)))[0], -5, 5)
+        here, *there = (np.clip(noise.stacked(evidence.residuals(p, Timing(*(ages + by))))[0], -5, 5)
                         for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP)))
         slopes = np.stack([(other - here) / STEP for other in there], axis=1)
         ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
-    residuals = evidence.residuals(p, *ages)
+    residuals = evidence.residuals(p, Timing(*ages))
     return evidence, p, residuals, measure(residuals, evidence.blocks(2.0))

@@ -11,6 +11,7 @@ from onboard_files import evidence, recorded
 from dart_hal.diagnose.noise import measure
 from dart_hal.diagnose.onboard import limits, unseen
 from dart_hal.diagnose.onboard_drive import READS
+from dart_hal.diagnose.space import Timing
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 
@@ -84,20 +85,20 @@ def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     old = replace(recording, messages=replace(
         m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))
     seen = evidence(old)
-    sizes = {late: size(seen.residuals(PAPER, late), GYRO) for late in (-0.01, 0.0, 0.01)}
+    sizes = {late: size(seen.residuals(PAPER, Timing(late)), GYRO) for late in (-0.01, 0.0, 0.01)}
     assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
 
 
 def test_commands_ahead_of_their_messages_are_a_shorter_delay(plain):
     shorter = replace(PAPER, delay=replace(PAPER.delay, steering_s=PAPER.delay.steering_s - 0.02,
                                            throttle_s=0.0))
-    a = plain.residuals(PAPER, 0.0, 0.02)
+    a = plain.residuals(PAPER, Timing(0.0, 0.02))
     assert size(a, GYRO) == pytest.approx(size(plain.residuals(shorter), GYRO), rel=0.02)
     assert np.abs(a.motion - plain.residuals(PAPER).motion).max() > 0.1
 
 
 def test_residuals_are_the_same_every_time(plain):
-    a, b = plain.residuals(PAPER, 0.003), plain.residuals(PAPER, 0.003)
+    a, b = plain.residuals(PAPER, Timing(0.003)), plain.residuals(PAPER, Timing(0.003))
     assert np.array_equal(a.motion, b.motion)
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
 

@@ -6,9 +6,11 @@ import pytest
 from hidden_drive import Plan, write
 
 from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.fit import refit
 from dart_hal.diagnose.noise import measure
 from dart_hal.diagnose.residuals import Evidence
 from dart_hal.diagnose.scan import scan
+from dart_hal.diagnose.space import Space, Timing
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -22,7 +24,9 @@ def scanned(tmp_path, p, seed, names=None):
     recording = read(write(tmp_path / "hidden.csv", p, seed, PLAN))
     evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
     noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
-    return scan(evidence, PAPER, noise, names)
+    exact = Space(PAPER, ())
+    point = refit(evidence, noise, exact, exact.point(Timing()))
+    return scan(evidence, noise, point, names)
 
 
 def test_nothing_hidden_is_quiet(tmp_path):

@@ -14,6 +14,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .noise import ROBUST, Noise, loss, weight
 from .residuals import Evidence
+from .rows import spread
 from .space import Space, Timing
 
 ROUNDS = 15
@@ -157,19 +158,22 @@ def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
 def _residual(evidence: Evidence, noise: Noise, space: Space,
               x: FloatArray) -> tuple[FloatArray, FloatArray]:
     vehicle, timing = space.split(np.clip(x, space.low, space.high))
-    return noise.stacked(evidence.residuals(vehicle, timing.late, timing.ahead))
+    return noise.stacked(evidence.residuals(vehicle, timing))
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
               r: FloatArray) -> FloatArray:
-    columns = []
-    for i, (up, down) in enumerate(space.steps(x)):
-        if up + down == 0.0:
-            columns.append(np.zeros(len(r)))
-            continue
+    columns, alone = [], len(space) - space.levels
+    for i, (up, down) in enumerate(space.steps(x)[:alone]):
         step = np.zeros(len(x))
         step[i] = 1.0
         above = _residual(evidence, noise, space, x + up * step)[0] if up else r
         below = _residual(evidence, noise, space, x - down * step)[0] if down else r
-        columns.append((above - below) / (up + down))
+        columns.append((above - below) / (up + down) if up + down else np.zeros(len(r)))
+    if space.levels:  # each changes its own recording alone, so one trial tells of all
+        up = space.steps(x)[-1][0]
+        every = (np.arange(len(x)) >= alone) * up
+        slope = (_residual(evidence, noise, space, x + every)[0] - r) / up
+        drive = spread(evidence.motion_drive, evidence.sensor_drive, len(noise.motion))
+        columns += [np.where(drive == k, slope, 0.0) for k in range(space.levels)]
     return np.stack(columns, axis=1)

@@ -18,7 +18,6 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect, Now
 from dart_hal.vehicle.effects import catalogue
-from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import through
 
@@ -26,6 +25,7 @@ from .drive import STEP
 from .onboard_drive import APART, COUNTED, HEARD, READS, Outing, counted, spread
 from .onboard_windows import told
 from .residuals import SENSORS, Evidence, Residuals
+from .space import EXACT, Timing
 
 MOTION = ("encoder", "gyro")
 UNKNOWN = (
@@ -48,6 +48,7 @@ class OnboardEvidence(Evidence):
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
 
+    mocap = False
     drives: tuple[Outing, ...]
 
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:
@@ -102,11 +103,9 @@ class OnboardEvidence(Evidence):
         return (label(self.motion_drive, np.concatenate([none, *(d.begin for d in self.drives)])),
                 label(self.sensor_drive, np.concatenate([none, *(d.at for d in self.drives)])))
 
-    def residuals(self, p: Vehicle, late: float = 0.0, ahead: float = 0.0) -> Residuals:
-        """Of the model p with its effects; late, ahead [s] as for ``Evidence.residuals``."""
-        d = p.delay
-        p = unchecked(p, {"delay": {"steering_s": d.steering_s - ahead,
-                                    "throttle_s": d.throttle_s - ahead}}) if ahead else p
+    def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
+        """Of the model p with its effects, as ``Evidence.residuals``; levels are not known here."""
+        p, late = timing.advanced(p), timing.late
         q = settled(p)
         parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),
                  *(_of(drive, p, q, late) for drive in self.drives)]

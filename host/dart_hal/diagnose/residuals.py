@@ -16,14 +16,14 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect, Now
-from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_motor
+from dart_hal.vehicle.motor import make_dead_band, make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.signals import late_last, through
 
 from .drive import HALF, POINTS, READ, STEP, Drive
+from .space import EXACT, Timing
 
 MOTION = ("v_x", "v_y", "omega")
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
@@ -57,10 +57,12 @@ class Residuals:
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
 
+    mocap = True
+
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
-        self._kept: OrderedDict[Hashable, list[FloatArray]] = OrderedDict()
+        self._kept: OrderedDict[Hashable, FloatArray] = OrderedDict()
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
@@ -99,47 +101,52 @@ class Evidence:
         return (label(self.motion_drive, np.concatenate([d.starts for d in self.drives])),
                 label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
 
-    def residuals(self, p: Vehicle, late: float = 0.0, ahead: float = 0.0) -> Residuals:
-        """Of the model p with its effects.
+    def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
+        """Of the model p with its effects, at the timing and the levels of the recordings."""
+        p, late = timing.advanced(p), timing.late
+        moves, levels = _moves(p), timing.levels or (0.0,) * len(self.drives)
+        return Residuals(
+            self._once((moves, levels), lambda: self._motion(moves, levels)),
+            self._once((*_reads(p), late), lambda: self._sensors(p, late)))
 
-        late [s]: sensors are that much older than stamped; ahead [s]: commands
-        acted that long before the message that tells of them.
-        """
-        d = p.delay
-        p = unchecked(p, {"delay": {"steering_s": d.steering_s - ahead,
-                                    "throttle_s": d.throttle_s - ahead}}) if ahead else p
-        return Residuals(np.concatenate(self._once(_moves(p), self._motion)),
-                         np.concatenate(self._once((*_reads(p), late), lambda _: [
-                             self._sensors(drive, p, late) for drive in self.drives])))
-
-    def _once(self, key: Any, make: Callable[[Any], list[FloatArray]]) -> list[FloatArray]:
+    def _once(self, key: Hashable, make: Callable[[], FloatArray]) -> FloatArray:
         """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
         if key not in self._kept:
-            self._kept[key] = make(key)
+            self._kept[key] = make()
             if len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _motion(self, p: Vehicle) -> list[FloatArray]:
+    def _motion(self, p: Vehicle, levels: Sequence[float]) -> FloatArray:
         q, parts = settled(p), []
-        for drive in self.drives:
+        for drive, level in zip(self.drives, levels, strict=True):
             g = self._grid(drive, p, q)
-            parts.append(_windows(g, drive.starts, *actuated(p, g, smooth=True)))
+            throttle, angle = actuated(p, g, smooth=True)
+            parts.append(_windows(g, drive.starts, strengthened(q, throttle, level), angle))
         start, throttle, angle, seen = (np.concatenate(part, axis=-1)
                                         for part in zip(*parts, strict=True))
         states = rollout(p, start, throttle, angle, at=AT)[:, 3:]
         error = _averaged(states) - seen
-        return [np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)]
+        return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
 
-    def _sensors(self, drive: Drive, p: Vehicle, late: float) -> FloatArray:
+    def _sensors(self, p: Vehicle, late: float) -> FloatArray:
         q = settled(p)
-        return _sensor_error(p, q, self._grid(drive, p, q), drive, late)
+        return np.concatenate([_sensor_error(p, q, self._grid(drive, p, q), drive, late)
+                               for drive in self.drives])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
         moved = q.body.l_r - self.l_r
         return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
+
+
+def strengthened(p: Vehicle, throttle: FloatArray, level: float) -> FloatArray:
+    """The throttle (n,) at which the motor of a settled vehicle gives 1 + level times its force."""
+    if level == 0.0:
+        return throttle
+    band = make_dead_band(p.motor.g, ARRAY)
+    return np.asarray(throttle + level * (band(throttle) - band(-throttle)))
 
 
 def _moves(p: Vehicle) -> Vehicle:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .residuals import Evidence, Residuals
+from .residuals import SENSORS, Evidence, Residuals
 
 BLOCK = 2.0  # s; disturbances of a drive are forgotten after that
 FOLDS = 5  # stretches of one recording, where there are few recordings
@@ -36,18 +36,18 @@ class Rows:
 def rows_of(evidence: Evidence, r: Residuals) -> Rows:
     """Labels in the order of ``Noise.stacked``."""
     columns, sensors = r.motion.shape[1], r.sensors.shape[1]
-
-    def spread(of: tuple[Labels, Labels]) -> Labels:
-        return np.concatenate([np.repeat(of[0], columns), np.repeat(of[1], sensors)])
-
-    recording = (evidence.motion_drive, evidence.sensor_drive)
     channel = np.concatenate([np.tile(np.arange(columns), len(r.motion)),
                               np.tile(-1 - np.arange(sensors), len(r.sensors))])
-    block = spread(evidence.blocks(BLOCK))
-    owner = spread(recording)
+    block = spread(*evidence.blocks(BLOCK), columns)
+    owner = spread(evidence.motion_drive, evidence.sensor_drive, columns)
     many = len(np.unique(owner)) >= ENOUGH
     fold = owner if many else _stretches(owner, block)
     return Rows(_numbered(block), _numbered(owner), _numbered(fold), channel)
+
+
+def spread(windows: Labels, messages: Labels, columns: int) -> Labels:
+    """Labels of windows (n,) and messages (m,) for the N stacked residuals."""
+    return np.concatenate([np.repeat(windows, columns), np.repeat(messages, len(SENSORS))])
 
 
 def _stretches(owner: Labels, block: Labels) -> Labels:

@@ -57,7 +57,7 @@ class Scan:
     def residual(self, p: Vehicle) -> FloatArray:
         """Whitened residuals (N,) of a vehicle at the timing of the point."""
         return self._noise.stacked(
-            self._evidence.residuals(p, self._timing.late, self._timing.ahead))[0]
+            self._evidence.residuals(p, self._timing))[0]
 
     def _loss(self, residual: FloatArray) -> float:
         """Once all that is free has followed; what an effect leaves as it is is known already."""

@@ -119,8 +119,7 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
 
 def rows_at(evidence: Evidence, point: Point) -> Rows:
     """What belongs to what, of the residuals of a point."""
-    timing = point.timing
-    return rows_of(evidence, evidence.residuals(point.vehicle, timing.late, timing.ahead))
+    return rows_of(evidence, evidence.residuals(point.vehicle, point.timing))
 
 
 def _named(evidence: Evidence, noise: Noise, point: Point, candidate: Point, trial: Trial,

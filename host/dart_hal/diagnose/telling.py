@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,7 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
 def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
     evidence, timing = q.train.evidence, point.timing
-    r = evidence.residuals(point.vehicle, timing.late, timing.ahead)
+    r = evidence.residuals(point.vehicle, timing)
     return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm)
 
 
@@ -117,7 +117,7 @@ def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[
 def _structure(q: Question, found: Found, point: Point) -> dict[str, float]:
     """By channel, loss that a flexible function of what the car was doing would take away."""
     evidence, rows = q.train.evidence, _rows(q, point)
-    r = evidence.residuals(point.vehicle, point.timing.late, point.timing.ahead)
+    r = evidence.residuals(point.vehicle, point.timing)
     share = shares(groups(evidence, point.vehicle, r, found.noise), q.settings.seed)
     total = _by_channel(q, rows, point.worth * loss(point.residual))
     return {c: share.get(c, 0.0) * total[c] for c in total}
@@ -146,7 +146,7 @@ def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tup
 
 def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
-    r = q.test.evidence.residuals(fitted, timing.late, timing.ahead)
+    r = q.test.evidence.residuals(fitted, replace(timing, levels=()))
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 

@@ -89,7 +89,7 @@ def gains(case, recordings):
     x = space.point(Timing(0.0, 0.02))
     for _ in range(2):
         p, timing = space.split(x)
-        noise = measure(evidence.residuals(p, timing.late, timing.ahead), evidence.blocks(2.0))
+        noise = measure(evidence.residuals(p, timing), evidence.blocks(2.0))
         point = refit(evidence, noise, space, x)
         x = point.x
     scan = Scan(evidence, noise, point)

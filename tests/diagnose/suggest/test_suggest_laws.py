@@ -48,8 +48,8 @@ def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     p = apply(PAPER, name, k=float(k)) if name else PAPER
     e = Evidence([prepare(record(p, rollouts.commands[0], SEP_24), PAPER.body.l_r, SEP_24)],
                  PAPER.body.l_r)
-    own = e.residuals(p, MIDDLE.late, MIDDLE.ahead)
-    other = e.residuals(apply(PAPER, "steering_gain", k=0.1), MIDDLE.late, MIDDLE.ahead)
+    own = e.residuals(p, MIDDLE)
+    other = e.residuals(apply(PAPER, "steering_gain", k=0.1), MIDDLE)
     assert len(own.motion) > 8
     assert np.abs(own.motion).mean() < 0.1 * np.abs(other.motion).mean()
     assert np.nanmax(np.abs(own.sensors[:, :2])) < 0.05

@@ -69,8 +69,7 @@ class Setting:
 
         What the cause does is noise to it: large effects weigh less.
         """
-        late, ahead = MIDDLE.late, MIDDLE.ahead
-        ours, theirs = (evidence.residuals(p, late, ahead) for p in (base, truth))
+        ours, theirs = (evidence.residuals(p, MIDDLE) for p in (base, truth))
         drawn, old = self.drawn(evidence, rng), self.lacking
         new = (ours.motion - theirs.motion + drawn.motion,
                ours.sensors - theirs.sensors + drawn.sensors)
@@ -91,7 +90,7 @@ class Setting:
 def setting(evidence: Any, base: Vehicle, full: Vehicle, timing: Timing,
             reference: Reference) -> Setting:
     """From the data at hand; full is the best model of them, base lacks the cause."""
-    r, lacking = (evidence.residuals(p, timing.late, timing.ahead) for p in (full, base))
+    r, lacking = (evidence.residuals(p, timing) for p in (full, base))
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
     if needs == ONBOARD and not any(drive.still.any() for drive in evidence.drives):
         quiet = AT_REST * np.random.default_rng(0).normal(size=len(r.sensors))

@@ -98,10 +98,10 @@ def _timing(diagnosis: Diagnosis, p: Vehicle) -> Timing:
     for _ in range(SETTLE):
         noise = _noise(evidence, p, timing)
         point = at(evidence, noise, bare, bare.point(timing))
-        own = noise.stacked(evidence.residuals(p, timing.late, timing.ahead))[0]
+        own = noise.stacked(evidence.residuals(p, timing))[0]
         timing = bare.split(np.clip(point.x + point.follow(own), bare.low, bare.high))[1]
     return timing
 
 
 def _noise(evidence: Any, p: Vehicle, timing: Timing) -> Noise:
-    return measure(evidence.residuals(p, timing.late, timing.ahead), evidence.blocks(BLOCK))
+    return measure(evidence.residuals(p, timing), evidence.blocks(BLOCK))

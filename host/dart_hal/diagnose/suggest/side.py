@@ -54,5 +54,4 @@ class Side:
         return float(self.point.worth @ loss(self.point.after(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
-        return self.noise.stacked(self.evidence.residuals(
-            p, self._timing.late, self._timing.ahead))[0]
+        return self.noise.stacked(self.evidence.residuals(p, self._timing))[0]
