@@ -32,7 +32,8 @@ SMOOTH = 11
 """Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
 shifts a signal by part of a sample would gain by smoothing it."""
 SENSED = {"wheel", "gyro", "accel"}  # signals that are read and change nothing
-KEPT = 6  # parts of models
+POSE, INPUTS = frozenset({"pose"}), frozenset({"throttle", "steering", "angle"})
+KEPT = 12  # parts of models
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 
 
@@ -62,7 +63,7 @@ class Evidence:
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
-        self._kept: OrderedDict[Hashable, FloatArray] = OrderedDict()
+        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
@@ -109,7 +110,7 @@ class Evidence:
             self._once((moves, levels), lambda: self._motion(moves, levels)),
             self._once((*_reads(p), late), lambda: self._sensors(p, late)))
 
-    def _once(self, key: Hashable, make: Callable[[], FloatArray]) -> FloatArray:
+    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
         if key not in self._kept:
             self._kept[key] = make()
@@ -119,16 +120,36 @@ class Evidence:
         return self._kept[key]
 
     def _motion(self, p: Vehicle, levels: Sequence[float]) -> FloatArray:
-        q, parts = settled(p), []
-        for drive, level in zip(self.drives, levels, strict=True):
-            g = self._grid(drive, p, q)
-            throttle, angle = actuated(p, g, smooth=True)
-            parts.append(_windows(g, drive.starts, strengthened(q, throttle, level), angle))
-        start, throttle, angle, seen = (np.concatenate(part, axis=-1)
-                                        for part in zip(*parts, strict=True))
+        q = settled(p)
+        on = {c: tuple(a for a in p.effects if c & set(a.effect.signals)) for c in (POSE, INPUTS)}
+        start, seen = self._once(("seen", q.body.l_r, on[POSE]), lambda: self._seen(p, q))
+        throttle, angle = self._once(
+            ("inputs", q.delay, q.steering, q.motor.g, levels, on[INPUTS]),
+            lambda: self._inputs(p, q, levels))
         states = rollout(p, start, throttle, angle, at=AT)[:, 3:]
         error = _averaged(states) - seen
         return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
+
+    def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
+        """Of all windows: start (6, n) and motion seen (len(READ), 3, n)."""
+        starts, seen = [], []
+        for drive in self.drives:
+            g, at = self._grid(drive, p, q), drive.starts
+            starts.append(np.stack([g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega])[:, at])
+            rows = np.stack([g.v_x, g.v_y, g.omega])[:, at + np.array(READ)[:, None]]
+            seen.append(rows.swapaxes(0, 1))
+        return np.concatenate(starts, axis=-1), np.concatenate(seen, axis=-1)
+
+    def _inputs(self, p: Vehicle, q: Vehicle,
+                levels: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        """Of all windows: throttle and road-wheel angle (samples, n)."""
+        parts = []
+        for drive, level in zip(self.drives, levels, strict=True):
+            over = drive.starts + np.arange(AT[-1])[:, None]
+            throttle, angle = actuated(p, drive.grid, smooth=True)
+            parts.append((strengthened(q, throttle, level)[over], angle[over]))
+        throttle, angle = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+        return throttle, angle
 
     def _sensors(self, p: Vehicle, late: float) -> FloatArray:
         q = settled(p)
@@ -160,15 +181,6 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     on_sensors = [a for a in p.effects if SENSED & set(a.effect.signals)]
     on_pose = tuple(a for a in p.effects if "pose" in a.effect.signals)
     return (p,) if on_sensors else ("readings", settled(p).body.l_r, on_pose)
-
-
-def _windows(g: Grid, starts: NDArray[np.int64], throttle: FloatArray,
-             angle: FloatArray) -> tuple[FloatArray, ...]:
-    """Of n windows: start (6, n), inputs (samples, n) twice, motion seen (len(READ), 3, n)."""
-    over = starts + np.arange(AT[-1])[:, None]
-    start = np.stack([g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega])[:, starts]
-    seen = np.stack([g.v_x, g.v_y, g.omega])[:, starts + np.array(READ)[:, None]]
-    return start, throttle[over], angle[over], seen.swapaxes(0, 1)
 
 
 def _averaged(states: FloatArray) -> FloatArray:
