@@ -76,7 +76,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
     write_page(files["page"], healthy, hello, result, known, drive, numbers, said,
-               hidden_section(told) + section)
+               hidden_section(told, known["sensors"]) + section)
     write_summary(files["summary"], result, known, drive)
     last = drive.states[-1]
     if as_json:

@@ -40,7 +40,9 @@ HIDDEN: Mapping[str, tuple[float, float, bool]] = {
     "motor_gain": (0.08, 0.12, True)}
 """Effect: least and largest size in its own unit, and whether it has either sign. All show in
 what encoder and gyro read: a simulated car has no motion capture."""
-STANDING, SECONDS = 3.0, 60.0  # s
+STANDING = 3.0  # s
+BEFORE, AFTER, UNSEEN = 80.0, 60.0, 60.0
+"""s of driving: the car as it was; changed, to find the cause in; changed, to measure the gain."""
 TURNS, TURN_SECONDS = 0.9, (0.4, 2.0)  # steering command, s that one is held
 PULLS, PULL_SECONDS, ROLLING = (0.2, 0.3), 1.5, 0.12  # throttle, s, share of them without any
 FRAME_WAIT = 0.0115
@@ -103,28 +105,32 @@ def _text(url: Url, options: Mapping[str, str]) -> str:
 def chapter(url: Url, seed: int, out: Path) -> Chapter:
     """Drive, change the car, drive again, diagnose; the report goes to ``out``."""
     files = {"first_drive": out / "before.mcap", "second_drive": out / "after.mcap",
+             "third_drive": out / "unseen.mcap",
              "healthy_model": out / "healthy.toml", "diagnosis": out / "diagnosis.html"}
     changed, hidden = hide(url, seed)
-    weave(without_effect(url), out / "cars", files["first_drive"], 1, "driving as it is")
+    cars, second, third = out / "cars", files["second_drive"], files["third_drive"]
+    weave(without_effect(url), cars, files["first_drive"], BEFORE, 1)
     healthy_model(files["first_drive"], files["healthy_model"])
-    weave(changed, out / "cars", files["second_drive"], 2, "driving, something changed")
-    found = told(files["second_drive"], files["healthy_model"])
+    weave(changed, cars, second, AFTER, 2)
+    weave(changed, cars, third, UNSEEN, 3)
+    found = told(second, third, files["healthy_model"])
     write_page(found, files["diagnosis"],
                command=f"dart-hal diagnose --model {files['healthy_model']} --no-refit "
-                       f"--max-causes {MOST} --train {files['second_drive']} "
+                       f"--max-causes {MOST} --train {second} --test {third} "
                        f"--html {files['diagnosis']}")
     return Chapter(hidden, found, files)
 
 
-def weave(url: str, cars: Path, run: Path, draw: int, title: str) -> None:
+def weave(url: str, cars: Path, run: Path, seconds: float, draw: int) -> None:
     """Steps of steering and throttle at random times, recorded; draw: which ones."""
     rng = np.random.default_rng([draw, 3])
+    title = f"drive {draw} of 3, {run.stem}"
     with Car.open(url, cars=cars, record=run) as car:
         for _ in car.states(duration=STANDING):  # what sensors read at rest
             pass
         car.arm()
         turn = pull = steering = throttle = 0.0
-        for i, _ in enumerate(with_progress(car.states(duration=SECONDS), SECONDS, title)):
+        for i, _ in enumerate(with_progress(car.states(duration=seconds), seconds, title)):
             t = 0.01 * i
             if t >= pull:
                 throttle = rng.uniform(*PULLS) * (rng.random() > ROLLING)
@@ -148,11 +154,11 @@ def healthy_model(run: Path, target: Path) -> None:
     save_model(msgspec.structs.replace(model, name=target.stem), target)
 
 
-def told(run: Path, model: Path) -> Diagnosis:
-    """The diagnosis of a drive; its last part is only used to measure the gain."""
+def told(run: Path, unseen: Path, model: Path) -> Diagnosis:
+    """The diagnosis of a drive; the gain is measured on another one."""
     file, p = find_model(model)
     with _bar("looking for the cause") as tell:
-        sides = checked([read_run(run)], [], p)
+        sides = checked([read_run(run)], [read_run(unseen)], p)
         found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MOST,
                          progress=tell)
     return replace(found, model=model.name, notes=(*sides.notes, *found.notes))

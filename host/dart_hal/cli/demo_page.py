@@ -172,7 +172,8 @@ PAGE = """<!doctype html>
 <style>{css}
 body {{ max-width: 46rem }}
 img {{ max-width: 100%; height: auto; background: #fff }}
-.facts {{ width: 100%; font-size: 1rem }} .facts th {{ border-bottom-color: var(--rule) }}
+.s {{ white-space: normal }} .facts {{ width: 100%; font-size: 1rem }}
+.facts th {{ border-bottom-color: var(--rule) }}
 </style></head><body>
 <h1>A car in a box</h1>
 <p>The firmware ran in an emulated ATmega328P, its serial bytes were decoded by the HAL, commands

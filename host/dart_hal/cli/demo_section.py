@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from dart_hal.cli.demo_diagnosis import SECONDS, Chapter, as_hidden, values_of
+from dart_hal.cli.demo_diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
 from dart_hal.diagnose.report import sentence, structure, svg, verdict
 from dart_hal.diagnose.report.along import Rows, columns, most, stages_of
 from dart_hal.diagnose.report.charts import before_after, share_gone, staircase
@@ -19,26 +21,43 @@ from dart_hal.diagnose.report.words import (
     variable,
 )
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.vehicle.effect import Applied
 
 LEFT = 2
 """Structures without a cause that are written out; the report has all."""
 
 
-def hidden_section(told: Chapter) -> Html:
-    """What was changed in the emulated car, and what was found of it."""
+BUILT = {"imu_yaw": "imu.mount_yaw", "imu_pitch": "imu.mount_pitch", "imu_roll": "imu.mount_roll"}
+"""Effects that a car of a seed has from the start, and what the truth calls their sizes [rad]."""
+
+
+def hidden_section(told: Chapter, sensors: Mapping[str, Any]) -> Html:
+    """What was changed in the emulated car, and what was found of it; sensors: their truth."""
     d = told.diagnosis
-    how = (f"The car was driven for {SECONDS:.0f} s as it was. The paper's model, with the speed "
+    true = {name: f"k {sensors[key]:.3g} rad, built so" for name, key in BUILT.items()}
+    hidden = [a.name for a in told.hidden]
+    true |= {a.name: f"{values_of(a)}, put in" for a in told.hidden}
+    how = (f"The car was driven for {BEFORE:.0f} s as it was. The paper's model, with the speed "
            "of the servo from its data sheet, was fitted to that drive: that is all that is known "
-           "of the healthy car. Then something was changed in it, and it was driven again. "
-           "The diagnosis had this second recording and that model; encoder, gyro and "
-           "accelerometer are all that it sees.")
+           "of the healthy car. Then something was changed in it. The diagnosis had that model "
+           f"and a recorded drive of {AFTER:.0f} s; what a cause is worth is measured on another "
+           f"one of {UNSEEN:.0f} s. Encoder, gyro and accelerometer are all that it sees.")
     return join([
         el("h2", "Something was changed in this car. What?"), el("p", how), answer(d),
         el("p", el("strong", "What was changed: "),
            "; ".join(as_hidden(a) for a in told.hidden), ". ",
            "Named." if told.found else "Not named: this drive did not show it well enough."),
-        _found(d, told.hidden), pictures(d), _report(told.files["diagnosis"].name)])
+        el("p", _as_built(sensors)),
+        _found(d, true, hidden), pictures(d), _report(told.files["diagnosis"].name)])
+
+
+def _as_built(sensors: Mapping[str, Any]) -> str:
+    """What else is true of this car and not in its model."""
+    turned = [math.degrees(sensors[key]) for key in BUILT.values()]
+    if max(map(abs, turned)) < 0.01:
+        return "Nothing else is different from what its model can say."
+    yaw, pitch, roll = (f"{angle:+.1f} deg" for angle in turned)
+    return ("True of this car from the start, and unknown to its model: the IMU sits askew (yaw "
+            f"{yaw}, pitch {pitch}, roll {roll}), and the ring of the encoder is uneven.")
 
 
 def real_section(d: Diagnosis, train: Sequence[str], test: Sequence[str], page: str) -> Html:
@@ -81,18 +100,21 @@ def answer(d: Diagnosis) -> Html:
     return el("div", *lines, class_="verdict " + ("good" if good else "bad"))
 
 
-def _found(d: Diagnosis, hidden: Sequence[Applied] | None = None) -> Html:
-    """One row for each cause, and for what was hidden and not named; None: nobody knows that."""
-    put_in = {a.name: values_of(a) for a in hidden or ()}
+def _found(d: Diagnosis, true: Mapping[str, str] | None = None, hidden: Sequence[str] = ()
+           ) -> Html:
+    """One row for each cause, and for what was hidden and not named; true None: nobody knows."""
+    named = [c.effect for c in d.causes]
     rows: list[tuple[str, ...]]
-    rows = [(c.effect, put_in.pop(c.effect, "-"),
+    rows = [(c.effect, (true or {}).get(c.effect, "-"),
              ", ".join(f"{name} {quantity(n)}" for name, n in c.parameters.items()),
              listed(c.cannot_be_told_from, "or") or "nothing in the catalogue",
              f"{percent(c.gain.test)} of the {channel(c.gain.channel)} error", interval(c.gain))
             for c in d.causes]
-    rows += [(name, values, "not named", "-", "-", "-") for name, values in put_in.items()]
-    head: tuple[str, ...] = ("effect", "put in", "found", "cannot be told from", "removes", "95 %")
-    if hidden is None:
+    rows += [(name, (true or {})[name], "not named", "-", "-", "-")
+             for name in hidden if name not in named]
+    head: tuple[str, ...] = ("effect", "in the car", "found", "cannot be told from", "removes",
+                             "95 %")
+    if true is None:
         head, *rows = [(row[0], *row[2:]) for row in (head, *rows)]
     return table(head, rows) if rows else Html()
 

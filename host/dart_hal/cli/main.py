@@ -15,7 +15,7 @@ from dart_hal.cli.output import console, print_json
 from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
-    "demo": "the whole system on an emulated car: calibrate, drive, compare with the truth",
+    "demo": "the whole system on an emulated car: calibrate, drive, diagnose, beside the truth",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder, and say what to type",
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
