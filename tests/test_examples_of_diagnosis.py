@@ -1,0 +1,99 @@
+"""The examples that diagnose: what was hidden is named, and knowing it is worth something.
+
+With fewer effects and controllers to choose from than as they stand; that is
+among the slow tests.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TUNE, UPGRADES = EXAMPLES / "tune_on_what_was_found.py", EXAMPLES / "what_two_upgrades_bought.py"
+LAG = "sim://?nano=mock&effect=steering_lag:0.12"
+STEERING = ("steering_lag", "steering_delay", "yaw_inertia")
+LOSSES = ("steering_backlash", "steering_trim", "battery_fade", "rolling_resistance")
+
+
+def loaded(program):
+    spec = importlib.util.spec_from_file_location(program.stem, program)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def tuned(url, short):
+    example = loaded(TUNE)
+    example.URL = url
+    if short:
+        example.ONLY, example.LOOK_AHEAD, example.PREDICTION = STEERING, (0.2, 0.3), (0.0, 0.04)
+    return example.main()
+
+
+def upgraded(seconds, only):
+    example = loaded(UPGRADES)
+    example.CARS = {k: url.replace("nano=avr", "nano=mock") for k, url in example.CARS.items()}
+    example.ONLY = only
+    return example.main(seconds)
+
+
+def test_the_extended_model_tunes_the_better_controller():
+    found, driven = tuned(LAG, short=True)
+    assert [c.effect for c in found.causes] == ["steering_lag"]
+    assert found.causes[0].parameters["k"].value == pytest.approx(0.12, rel=0.1)
+    assert driven["extended"] < 0.015
+    assert driven["extended"] < 0.2 * driven["base"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_does_on_cars_that_differ_in_more_than_that(seed):
+    found, driven = tuned(f"{LAG}&seed={seed}", short=False)
+    assert "steering_lag" in [c.effect for c in found.causes]
+    assert driven["extended"] < 0.03
+    assert driven["extended"] < 0.2 * driven["base"]
+
+
+@pytest.mark.slow
+def test_where_nothing_is_hidden_nothing_is_gained():
+    found, driven = tuned("sim://?nano=mock", short=False)
+    assert not found.causes
+    assert driven["extended"] == driven["base"] < 0.01
+
+
+def check_upgrades(seen):
+    before, after = seen["before"], seen["after"]
+    values = {c.effect: c.parameters["k"].value for c in before[0].causes}
+    assert set(values) == {"steering_backlash", "battery_fade"}
+    assert values["steering_backlash"] == pytest.approx(0.1, rel=0.1)
+    assert values["battery_fade"] == pytest.approx(-0.15, rel=0.1)
+    assert not after[0].causes
+    assert after[1] < 0.7 * before[1]
+    assert before[3] / before[2] < 0.97 * after[3] / after[2]  # speed at last by that at first
+    assert after[3] == pytest.approx(after[2], rel=0.03)
+
+
+def test_both_upgrades_are_told_from_a_drive_before_and_after():
+    check_upgrades(upgraded(32.0, LOSSES))
+
+
+@pytest.mark.slow
+def test_both_upgrades_are_told_among_all_effects():
+    check_upgrades(upgraded(60.0, ()))
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+@pytest.mark.parametrize("program", [TUNE, UPGRADES], ids=lambda p: p.stem)
+def test_it_runs_as_it_stands(program, tmp_path):
+    env = {k: v for k, v in os.environ.items() if k not in ("DART_HAL_URL", "DART_NANO")}
+    done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True,
+                          cwd=tmp_path, env=env, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "steering_" in done.stdout
