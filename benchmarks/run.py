@@ -15,6 +15,7 @@ from math import isfinite
 import bench_calibration
 import bench_clock
 import bench_decode
+import bench_diagnose
 import bench_emulation
 import bench_encoder
 import bench_estimation
@@ -55,6 +56,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "identify": bench_identify.figures,
     "evaluate": bench_evaluate.figures,
     "joint": bench_joint.figures,
+    "diagnose": bench_diagnose.figures,
 }
 
 

@@ -1,0 +1,67 @@
+"""CPU time of a whole diagnosis, from the command line: start, reading, search, gains.
+
+    python benchmarks/bench_diagnose.py
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from bench_evaluate import EXCERPT, folder
+from figures import Figure
+
+MINUTE = ("91_free_driving_16_sept_2024",)
+"""One recording of about a minute; its end is held out."""
+DAYS = (("80_", "81_throttle", "steering_identification_25", "circles_27_sept_2024_fast"),
+        ("91_free", "60_racetrack"))
+"""Folders to learn from, and other days to judge by."""
+
+
+def diagnosed(*arguments: str) -> tuple[dict[str, Any], float]:
+    """(what ``dart-hal diagnose`` says, CPU time [s])."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run = subprocess.run([sys.executable, "-m", "dart_hal.cli.main", "diagnose", "--model", "paper",
+                          *arguments, "--json"], check=True, capture_output=True, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    said: dict[str, Any] = json.loads(run.stdout)
+    return said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def figures(scale: float = 1.0) -> list[Figure]:
+    """CPU time for a minute and for many minutes, and the error on days left out."""
+    root = folder()
+    one = next(iter(sorted((root / MINUTE[0]).iterdir())))
+    diagnosed("--train", str(one), "--no-refit")  # compiles what is not there yet
+    out = []
+    for title, extra, high in (("as it is", ("--no-refit",), 5.0), ("refitted first", (), None)):
+        said, cpu = diagnosed("--train", str(one), *extra)
+        out.append(Figure(f"diagnose: a minute of recording, {title}, CPU", cpu, "s", high=high,
+                          note=f"{said['verdict']}, {len(said['causes'])} cause(s)"))
+    if root != EXCERPT and scale >= 1.0:
+        out += days(root)
+    return out
+
+
+def days(root: Path) -> list[Figure]:
+    """Everything of some days against others."""
+    train, test = ([str(f) for f in sorted(root.iterdir()) if f.name.startswith(part)]
+                   for part in DAYS)
+    said, cpu = diagnosed("--train", *train, "--test", *test)
+    pooled = said["extended"]["errors"]["1.0"]["pooled"]
+    note = ", ".join(c["effect"] for c in said["causes"])
+    return [Figure("diagnose: eleven recordings, CPU", cpu, "s", high=180.0, note=note),
+            *(Figure(f"diagnose: {channel} at 1 s on days left out", pooled[channel], unit,
+                     note=f"CTRV {said['ctrv']['1.0']['pooled'][channel]:.3g}, paper "
+                          f"{said['base']['errors']['1.0']['pooled'][channel]:.3g}")
+              for channel, unit in (("vx", "m/s"), ("yaw_rate", "rad/s"), ("position", "m"),
+                                    ("yaw_deg", "deg")))]
+
+
+if __name__ == "__main__":
+    for f in figures():
+        print(f"{f.name:58} {f.measured:>12}  {f.target:>8}  {f.note}")
