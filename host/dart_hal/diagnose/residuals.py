@@ -178,9 +178,12 @@ def _moves(p: Vehicle) -> Vehicle:
 
 def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     """What readings depend on, of a vehicle and a measured motion."""
-    on_sensors = [a for a in p.effects if SENSED & set(a.effect.signals)]
-    on_pose = tuple(a for a in p.effects if "pose" in a.effect.signals)
-    return (p,) if on_sensors else ("readings", settled(p).body.l_r, on_pose)
+    q = settled(p)
+    on_sensors = tuple(a for a in p.effects if SENSED & set(a.effect.signals))
+    on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
+    on_inputs = tuple(a for a in p.effects if INPUTS & set(a.effect.signals))
+    drive = (q.body.mass, q.motor, q.friction, q.delay, on_inputs) if on_sensors else ()
+    return ("readings", q.body, on_pose, on_sensors, drive)
 
 
 def _averaged(states: FloatArray) -> FloatArray:
