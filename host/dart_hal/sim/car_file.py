@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.sim.hidden import HiddenCar
+from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.ring import GEAR_REVOLUTION, RING_A, RING_B
 from dart_hal.vehicle import PAPER, Body
 
@@ -75,3 +75,8 @@ def car_toml(car: HiddenCar, body: Body = PAPER.body) -> str:
         inertia=body.yaw_inertia, center=car.servo.center_us, span=car.servo.span_us,
         hertz=hertz, hertz_std=hertz * CLOCK_STD, ring_a=RING_A, ring_b=RING_B,
         per_edge=per_edge, per_edge_std=TYRE_STD * per_edge)
+
+
+def typical_car_toml() -> str:
+    """That of one car, the same on every computer: what a drive is planned for without a car."""
+    return car_toml(hidden_car(0))

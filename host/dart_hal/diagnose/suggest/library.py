@@ -13,8 +13,7 @@ from dart_hal.errors import ExperimentFailed
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.make import make_plan
 from dart_hal.experiment.rehearsal import rehearse
-from dart_hal.sim.car_file import car_toml
-from dart_hal.sim.hidden import hidden_car
+from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.types import FloatArray
 
 from ..drive import STEP
@@ -122,7 +121,7 @@ def _of_the_paper(name: str, floor: Floor) -> Commands | None:
 
 def _files(model: ModelFile | None) -> CarFiles:
     """Those of the simulated car without a secret: the same on every computer."""
-    files = parse_car(car_toml(hidden_car(0)), "the simulated car")
+    files = parse_car(typical_car_toml(), "the simulated car")
     return replace(files, calibration=None, model=model)
 
 

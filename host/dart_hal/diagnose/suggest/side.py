@@ -37,7 +37,8 @@ class Side:
         """Robust loss by which p is worse, once all that is free has followed."""
         r, point = self.difference(p), self.point
         move = point.follow(r)
-        return float(point.worth @ loss(r + point.jacobian @ move)) + point.prior(move)
+        moved = point.prior(move) - point.prior(np.zeros_like(move))
+        return float(point.worth @ loss(r + point.jacobian @ move)) + moved
 
     def followed(self, p: Vehicle) -> Vehicle:
         """The base as it follows p."""
