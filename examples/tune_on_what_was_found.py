@@ -37,13 +37,13 @@ ONLY = ()  # effects that may be named; () = all
 SPEED, PATH, LOST = 1.2, figure_of_eight(0.9), 0.5  # m/s; m; m beside it: the end of a drive
 SECONDS = 2 * PATH.length / SPEED
 LOOK_AHEAD, PREDICTION = (0.15, 0.2, 0.25, 0.3, 0.4), (0.0, 0.04, 0.08, 0.12)  # m, s
-MARGIN = 0.03  # s of delay beyond the model's that a controller must stand
+MARGIN = 0.04  # s of delay beyond the model's that a controller must stand
 PULSE = 0.006  # s from a command to its pulse in the mean, as a sound car shows it
 SERVO = 375.0 * pi / 2000.0 / 6.0  # s for a command of 1: 375 us, a horn of 6 rad/s
 
 
 def known_model(name=None):
-    """(file, vehicle): a model.toml; without one the paper's car, timed as its data sheets say."""
+    """(file, vehicle): a model.toml; without one the paper's car with the timing of its parts."""
     file, p = find_model(name or "paper")
     if name:
         return file, p

@@ -35,7 +35,7 @@ SERVO = 375.0 * pi / 2000.0 / 6.0  # s for a command of 1: 375 us, a horn of 6 r
 
 
 def known_model():
-    """(file, vehicle): the paper's car with the timing of its sound electronics."""
+    """(file, vehicle): the paper's car with the timing of its parts."""
     file, p = find_model("paper")
     delay = replace(p.delay, steering_s=PULSE, throttle_s=PULSE)
     return file, apply(replace(p, delay=delay), "steering_rate_limit", k=SERVO)
