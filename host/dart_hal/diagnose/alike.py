@@ -23,8 +23,10 @@ def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple
     point = scan.point
     w = point.worth * weight(point.residual)
 
+    project = point.projection()
+
     def direction(trial: Trial) -> FloatArray:
-        d = point.projected(trial.residual.astype(np.float64) - point.residual)
+        d = project(trial.residual.astype(np.float64) - point.residual)
         return np.asarray(d * np.sqrt(w) / max(float(np.sqrt((w * d) @ d)), 1e-12))
 
     def by_block(trial: Trial) -> FloatArray:

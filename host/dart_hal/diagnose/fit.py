@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,8 @@ from .residuals import Evidence
 from .rows import spread
 from .space import Space, Timing
 
-ROUNDS = 15
+ROUNDS, QUICK = 15, 6
+AGAIN = 3  # steps for which the slopes serve
 SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
@@ -105,12 +106,12 @@ class Point:
         part = np.linalg.inv(normal)[np.ix_(at, at)]
         return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
 
-    def projected(self, direction: FloatArray) -> FloatArray:
+    def projection(self) -> Callable[[FloatArray], FloatArray]:
         """What is left of a direction (N,) when all that is free may follow it."""
         weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
         normal = weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6)
-        return np.asarray(direction - self.jacobian
-                          @ np.linalg.solve(normal, weighted.T @ direction))
+        back = np.linalg.solve(normal, weighted.T)
+        return lambda direction: np.asarray(direction - self.jacobian @ (back @ direction))
 
 
 def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
@@ -119,20 +120,46 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
     return Point(space, x, r, worth, _jacobian(evidence, noise, space, x, r))
 
 
-def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          rounds: int = ROUNDS) -> Point:
-    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
+def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
+
+    Slopes change little from step to step and cost as much as dozens of
+    residuals: they are found anew in every third step.
+    """
+    kept: list[FloatArray] = []
+
+    def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
+        if len(kept) % AGAIN == 0:
+            kept.append(_jacobian(evidence, noise, space, z, r))
+        else:
+            kept.append(kept[-1])
+        return kept[-1]
+
+    return _descend(evidence, noise, space, x, jacobian, ROUNDS)
+
+
+def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point) -> Point:
+    """The same with the slopes of a point nearby; only those that it lacks are found."""
+    r, _ = _residual(evidence, noise, space, x)
+    known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
+    columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
+               for i, name in enumerate(space.names)]
+    jac = np.column_stack([*columns, near.jacobian[:, len(near.space.names):]])
+    return _descend(evidence, noise, space, x, lambda z, r: jac, QUICK)
+
+
+def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+             slopes: Callable[[FloatArray, FloatArray], FloatArray], rounds: int) -> Point:
+    """slopes(x, r) -> Jacobian (N, k) of the whitened residuals."""
     worth = _residual(evidence, noise, space, x)[1]
-    root = np.sqrt(worth)
-    pull = np.sqrt(space.pull)
+    root, pull = np.sqrt(worth), np.sqrt(space.pull)
 
     def residual(z: FloatArray) -> FloatArray:
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        data = r[:len(root)] / root
-        return np.concatenate([root[:, None] * _jacobian(evidence, noise, space, z, data),
-                               np.diag(pull)])
+        return np.concatenate([root[:, None] * slopes(z, r[:len(root)] / root), np.diag(pull)])
 
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     found = descend(residual, jacobian, x, space.low, space.high,
@@ -163,13 +190,8 @@ def _residual(evidence: Evidence, noise: Noise, space: Space,
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
               r: FloatArray) -> FloatArray:
-    columns, alone = [], len(space) - space.levels
-    for i, (up, down) in enumerate(space.steps(x)[:alone]):
-        step = np.zeros(len(x))
-        step[i] = 1.0
-        above = _residual(evidence, noise, space, x + up * step)[0] if up else r
-        below = _residual(evidence, noise, space, x - down * step)[0] if down else r
-        columns.append((above - below) / (up + down) if up + down else np.zeros(len(r)))
+    alone = len(space) - space.levels
+    columns = [_slope(evidence, noise, space, x, r, i) for i in range(alone)]
     if space.levels:  # each changes its own recording alone, so one trial tells of all
         up = space.steps(x)[-1][0]
         every = (np.arange(len(x)) >= alone) * up
@@ -177,3 +199,15 @@ def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
         drive = spread(evidence.motion_drive, evidence.sensor_drive, len(noise.motion))
         columns += [np.where(drive == k, slope, 0.0) for k in range(space.levels)]
     return np.stack(columns, axis=1)
+
+
+def _slope(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
+           i: int) -> FloatArray:
+    """Derivative (N,) of the residuals along coordinate i; r (N,): the residuals at x."""
+    (up, down), step = space.steps(x)[i], np.zeros(len(x))
+    if up + down == 0.0:
+        return np.zeros(len(r))
+    step[i] = 1.0
+    above = _residual(evidence, noise, space, x + up * step)[0] if up else r
+    below = _residual(evidence, noise, space, x - down * step)[0] if down else r
+    return np.asarray((above - below) / (up + down))

@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, refit
+from .fit import Point, refit, refit_near
 from .noise import Noise, measure
 from .residuals import Evidence
 from .rows import BLOCK
@@ -23,7 +23,6 @@ from .space import Space, Timing
 
 PASSES = 2  # the second with the sizes of the residuals of the first
 SEVERAL = 3  # recordings from which on each has its level of the motor
-QUICK = 4  # rounds of a fit that is only to be compared
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 
@@ -121,7 +120,8 @@ class Search:
         """The full fit with one more effect, from its trial on."""
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self._space(vehicle)
-        return refit(self._evidence, noise, space, space.start(vehicle, point.timing), QUICK)
+        start = space.start(vehicle, point.timing)
+        return refit_near(self._evidence, noise, space, start, point)
 
     def _space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null."""

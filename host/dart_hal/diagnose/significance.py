@@ -33,8 +33,9 @@ def best_of_nothing(point: Point, rest: FloatArray, trials: Sequence[Trial],
     _, index = np.unique(block, return_inverse=True)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
     scores, sizes = [], []
+    project = point.projection()
     for trial in trials:
-        d = point.projected(trial.residual.astype(np.float64) - point.residual)
+        d = project(trial.residual.astype(np.float64) - point.residual)
         sizes.append(max(float((w * d) @ d), 1e-12))
         scores.append(np.bincount(index, weights=w * d * rest))
     sums = signs @ np.stack(scores, axis=1)
