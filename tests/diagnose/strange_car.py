@@ -104,8 +104,8 @@ def looked_at(paths, p=PAPER):
     noise = measure(evidence.residuals(p), evidence.blocks(2.0))
     ages = np.zeros(2)
     for _ in range(3):
-        here, *there = (np.clip(noise.stacked(
-            evidence.residuals(p, Timing(*(ages + by))))[0], -5, 5) for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP)))
+        tried = [Timing(*(ages + by)) for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP))]
+        here, *there = (np.clip(noise.stacked(evidence.residuals(p, t))[0], -5, 5) for t in tried)
         slopes = np.stack([(other - here) / STEP for other in there], axis=1)
         ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
     residuals = evidence.residuals(p, Timing(*ages))

@@ -88,12 +88,14 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     not tried again unless it gains more, and what fails here is added.
     """
     rows = rows_at(evidence, point)
-    rest = point.after(trials[0].residual.astype(np.float64))
+    first = fit_with(trials[0])
+    rest = first.residual if first.loss() < point.loss() else point.residual
     nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
     limit = threshold(nothing, settings.false_alarm)
     passed = [t for t in trials if t.gain > limit]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)][:TRIES]
-    fits = {t.effect: fit_with(t) for t in again if t.gain > CLOSE * again[0].gain}
+    fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
+            if t.gain > CLOSE * again[0].gain}
     order = sorted(passed, key=lambda t: -(point.loss() - fits[t.effect].loss()
                                            if t.effect in fits else 0.0))
     accepted, rejected = None, []
