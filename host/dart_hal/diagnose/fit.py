@@ -139,13 +139,22 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Poin
 
 
 def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-               near: Point) -> Point:
-    """The same with the slopes of a point nearby; only those that it lacks are found."""
+               near: Point, residual: FloatArray) -> Point:
+    """The same with the slopes of a point nearby; only those that it lacks are found.
+
+    residual (N,): at x, before what is free has followed.
+    """
+    x, moved = x.copy(), near.x + near.follow(residual)
+    tail = len(near.space.names)
+    for i, name in enumerate(near.space.names):
+        x[space.names.index(name)] = moved[i]
+    x[len(space.names):] = moved[tail:]
+    x = np.clip(x, space.low, space.high)
     r, _ = _residual(evidence, noise, space, x)
     known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
     columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
                for i, name in enumerate(space.names)]
-    jac = np.column_stack([*columns, near.jacobian[:, len(near.space.names):]])
+    jac = np.column_stack([*columns, near.jacobian[:, tail:]])
     return _descend(evidence, noise, space, x, lambda z, r: jac, QUICK)
 
 

@@ -121,7 +121,8 @@ class Search:
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self._space(vehicle)
         start = space.start(vehicle, point.timing)
-        return refit_near(self._evidence, noise, space, start, point)
+        return refit_near(self._evidence, noise, space, start, point,
+                          trial.residual.astype(np.float64))
 
     def _space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null."""

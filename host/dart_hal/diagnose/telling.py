@@ -97,7 +97,8 @@ def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[
     """Causes that leave more structure, where they act, than they take away.
 
     And as much as there is without them: a cause may stand beside another that
-    nobody knows.
+    nobody knows. What differs from recording to recording says nothing of a
+    cause that is the same in all.
     """
     if not left:
         return ()
@@ -107,7 +108,8 @@ def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[
         without = q.search.fit(found, [n for n in names if n != name])
         taken = _taken(q, without, found.point)
         total = sum(max(t, 0.0) for t in taken.values())
-        suspect = [u.channel for u in left if taken.get(u.channel, 0.0) > MAINLY * total]
+        suspect = [u.channel for u in left if "recording" not in u.along
+                   and taken.get(u.channel, 0.0) > MAINLY * total]
         before = _structure(q, found, without) if suspect else {}
         if any(after[c] > taken[c] and after[c] > IMPOSTOR * before[c] for c in suspect):
             out.append(name)
