@@ -28,7 +28,7 @@ lint: $(VENV)/.dev ## style, types and import floors
 bench: $(VENV)/.dev toolchain ## every figure of the README, measured here
 	@$(BIN)/python benchmarks/run.py $(ARGS)
 
-campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (an hour)
+campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (some hours)
 	@$(BIN)/python tests/hidden/campaign.py --picture docs/pictures/diagnose_confusion.png $(ARGS)
 
 docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (docs/build/index.html)

@@ -18,7 +18,7 @@ from .rows import spread
 from .space import Space, Timing
 
 ROUNDS, QUICK = 15, 6
-AGAIN = 3  # steps for which the slopes serve
+FRESH, AGAIN = 2, 3  # steps with slopes of their own; after these, every third
 SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
@@ -124,12 +124,12 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Poin
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
 
     Slopes change little from step to step and cost as much as dozens of
-    residuals: they are found anew in every third step.
+    residuals: after the first steps they are found anew in every third.
     """
     kept: list[FloatArray] = []
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        if len(kept) % AGAIN == 0:
+        if len(kept) < FRESH or len(kept) % AGAIN == 0:
             kept.append(_jacobian(evidence, noise, space, z, r))
         else:
             kept.append(kept[-1])

@@ -23,7 +23,7 @@ from .significance import best_of_nothing, p_value, threshold
 TRIES = 5  # effects of one round that get a full refit
 CLOSE = 0.7  # of the largest gain: the full fit decides between these
 LEAST = 0.6  # of the small size of an effect: below that it is within what conventions do
-FIRM, FIRM_RECORDINGS, MANY = 1.0, 2.0, 6
+FIRM, FIRM_RECORDINGS, MANY = 1.0, 1.6, 6
 """Standard errors by which data left out must like an effect: of stretches, and of recordings
 where there are many."""
 MORE = 1.5  # times what it gained when it failed

@@ -17,6 +17,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from .fit import Point, covariance
 from .gains import Side, gained, rollout_gains
 from .noise import Noise, loss
+from .report.words import removes
 from .result import (
     Cause,
     Considered,
@@ -63,7 +64,10 @@ def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
     if withdrawn:
         left = _left(q, points[-1], found.noise)
     stages = _stages(q, points, named)
-    causes = tuple(_cause(q, found, one, points[i], points[i + 1]) for i, one in enumerate(named))
+    last = points[-1]
+    stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
+    causes = tuple(_cause(q, found, one, points[i], points[i + 1], last.vehicle, stds)
+                   for i, one in enumerate(named))
     moved = _moved(q, points[-1])
     gain = rollout_gains(q.base, as_logged(q, points[-1]), q.train, q.test, q.settings.seed)
     return Diagnosis(
@@ -152,34 +156,34 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 
-def _cause(q: Question, found: Found, named: Named, before: Point, after: Point) -> Cause:
+def _cause(q: Question, found: Found, named: Named, before: Point, after: Point, final: Vehicle,
+           stds: Mapping[str, float]) -> Cause:
+    """One cause: its gain from the fit before it to the fit with it, its numbers at the end."""
     effect = catalogue()[named.effect]
-    last = found.point
-    errors = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
     numbers = {}
     for parameter in effect.parameters:
         key = f"{effect.name}.{parameter.name}"
-        numbers[parameter.name] = Number(float(value(after.vehicle, key)),
-                                         errors.get(key, float("nan")), parameter.unit,
+        numbers[parameter.name] = Number(float(value(final, key)),
+                                         stds[key], parameter.unit,
                                          parameter.null)
     gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
                   q.train, q.test, q.settings.seed)
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
-                 _evidence(named, found, numbers, gain), gain, named.like, effect.experiment)
+                 _evidence(q, named, found, numbers, gain), gain, named.like, effect.experiment)
 
 
-def _evidence(named: Named, found: Found, numbers: Mapping[str, Number],
+def _evidence(q: Question, named: Named, found: Found, numbers: Mapping[str, Number],
               gain: Gained) -> tuple[str, ...]:
     key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
                       / max(kn[1].std, 1e-12))
     away = abs(number.value - number.null) / max(number.std, 1e-12)
     return (
         f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
-        f"the best of all effects gains more than {found.threshold:.0f} in 1 case of 100",
+        f"the best of all effects gains more than {found.threshold:.0f} in "
+        f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"loss {named.held_out:.0f} lower on parts left out of the fit",
         f"{key} is {away:.0f} standard errors from its null",
-        f"{gain.measure}: {gain.channel} error {100 * gain.test:.1f} % lower on recordings "
-        "that the fit has not seen")
+        f"{gain.measure}: {removes(gain)}")
 
 
 def _blocks(q: Question, point: Point) -> Labels:
