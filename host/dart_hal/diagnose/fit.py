@@ -14,7 +14,6 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .noise import ROBUST, Noise, loss, weight
 from .residuals import Evidence
-from .rows import spread
 from .space import Space, Timing
 
 ROUNDS, QUICK = 15, 6
@@ -199,15 +198,7 @@ def _residual(evidence: Evidence, noise: Noise, space: Space,
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
               r: FloatArray) -> FloatArray:
-    alone = len(space) - space.levels
-    columns = [_slope(evidence, noise, space, x, r, i) for i in range(alone)]
-    if space.levels:  # each changes its own recording alone, so one trial tells of all
-        up = space.steps(x)[-1][0]
-        every = (np.arange(len(x)) >= alone) * up
-        slope = (_residual(evidence, noise, space, x + every)[0] - r) / up
-        drive = spread(evidence.motion_drive, evidence.sensor_drive, len(noise.motion))
-        columns += [np.where(drive == k, slope, 0.0) for k in range(space.levels)]
-    return np.stack(columns, axis=1)
+    return np.stack([_slope(evidence, noise, space, x, r, i) for i in range(len(x))], axis=1)
 
 
 def _slope(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,

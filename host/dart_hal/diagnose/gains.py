@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -113,8 +113,7 @@ def _residual_gain(name: str, column: int, before: Point, after: Point, train: S
                    seed: int) -> Gained:
     pairs = []
     for side in (train, test):
-        a, b = (_pick(side.evidence.residuals(
-            p.vehicle, p.timing if side is train else replace(p.timing, levels=())), column)
+        a, b = (_pick(side.evidence.residuals(p.vehicle, p.timing), column)
                 for p in (before, after))
         good = np.isfinite(a) & np.isfinite(b)
         labels = side.evidence.blocks(STRETCH)[0 if column >= 0 else 1]

@@ -48,7 +48,6 @@ class OnboardEvidence(Evidence):
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
 
-    mocap = False
     drives: tuple[Outing, ...]
 
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:
@@ -104,7 +103,7 @@ class OnboardEvidence(Evidence):
                 label(self.sensor_drive, np.concatenate([none, *(d.at for d in self.drives)])))
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
-        """Of the model p with its effects, as ``Evidence.residuals``; levels are not known here."""
+        """Of the model p with its effects, as ``Evidence.residuals``."""
         p, late = timing.advanced(p), timing.late
         q = settled(p)
         parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),

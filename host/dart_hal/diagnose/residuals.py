@@ -17,7 +17,7 @@ from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect, Now
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_dead_band, make_motor
+from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.signals import late_last, through
@@ -57,8 +57,6 @@ class Residuals:
 
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
-
-    mocap = True
 
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""
@@ -103,11 +101,11 @@ class Evidence:
                 label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
-        """Of the model p with its effects, at the timing and the levels of the recordings."""
+        """Of the model p with its effects, at the timing of the recordings."""
         p, late = timing.advanced(p), timing.late
-        moves, levels = _moves(p), timing.levels or (0.0,) * len(self.drives)
+        moves = _moves(p)
         return Residuals(
-            self._once((moves, levels), lambda: self._motion(moves, levels)),
+            self._once(moves, lambda: self._motion(moves)),
             self._once((*_reads(p), late), lambda: self._sensors(p, late)))
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
@@ -119,13 +117,12 @@ class Evidence:
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _motion(self, p: Vehicle, levels: Sequence[float]) -> FloatArray:
+    def _motion(self, p: Vehicle) -> FloatArray:
         q = settled(p)
         on = {c: tuple(a for a in p.effects if c & set(a.effect.signals)) for c in (POSE, INPUTS)}
         start, seen = self._once(("seen", q.body.l_r, on[POSE]), lambda: self._seen(p, q))
         throttle, angle = self._once(
-            ("inputs", q.delay, q.steering, q.motor.g, levels, on[INPUTS]),
-            lambda: self._inputs(p, q, levels))
+            ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS]), lambda: self._inputs(p))
         states = rollout(p, start, throttle, angle, at=AT)[:, 3:]
         error = _averaged(states) - seen
         return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
@@ -140,14 +137,13 @@ class Evidence:
             seen.append(rows.swapaxes(0, 1))
         return np.concatenate(starts, axis=-1), np.concatenate(seen, axis=-1)
 
-    def _inputs(self, p: Vehicle, q: Vehicle,
-                levels: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    def _inputs(self, p: Vehicle) -> tuple[FloatArray, FloatArray]:
         """Of all windows: throttle and road-wheel angle (samples, n)."""
         parts = []
-        for drive, level in zip(self.drives, levels, strict=True):
+        for drive in self.drives:
             over = drive.starts + np.arange(AT[-1])[:, None]
             throttle, angle = actuated(p, drive.grid, smooth=True)
-            parts.append((strengthened(q, throttle, level)[over], angle[over]))
+            parts.append((throttle[over], angle[over]))
         throttle, angle = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return throttle, angle
 
@@ -160,14 +156,6 @@ class Evidence:
         g = drive.without_mocap_effects(p, self.l_r)
         moved = q.body.l_r - self.l_r
         return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
-
-
-def strengthened(p: Vehicle, throttle: FloatArray, level: float) -> FloatArray:
-    """The throttle (n,) at which the motor of a settled vehicle gives 1 + level times its force."""
-    if level == 0.0:
-        return throttle
-    band = make_dead_band(p.motor.g, ARRAY)
-    return np.asarray(throttle + level * (band(throttle) - band(-throttle)))
 
 
 def _moves(p: Vehicle) -> Vehicle:

@@ -22,7 +22,6 @@ from .selection import Named, Rejected, Settings, rows_at, select
 from .space import Space, Timing
 
 PASSES = 2  # the second with the sizes of the residuals of the first
-SEVERAL = 3  # recordings from which on each has its level of the motor
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 
@@ -51,15 +50,13 @@ class Search:
         self._evidence, self._settings, self._progress = evidence, settings, progress
         self._base = base
         self._done = 0.0
-        several = evidence.mocap and len(evidence.drives) >= SEVERAL
-        self._levels = len(evidence.drives) if settings.free and several else 0
 
     def run(self) -> Found:
         """Search until nothing passes."""
         s = self._settings
         space = self._space(self._base)
         point, noise = self._settle(space, Timing())
-        fixed = Space(self._base, (), levels=self._levels)
+        fixed = Space(self._base, ())
         refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
         base, first = point, tuple[Trial, ...]()
@@ -130,7 +127,7 @@ class Search:
         for a in vehicle.effects:
             if a.name not in {b.name for b in p.effects}:
                 p = apply(p, a.name)
-        return Space(p, self._settings.free, self._settings.known, self._levels)
+        return Space(p, self._settings.free, self._settings.known)
 
     def _go_back(self, point: Point, noise: Noise, named: list[Named], limit: float
                  ) -> tuple[Point, Noise, list[Named]]:

@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 
 from .alike import alike
 from .fit import Point
-from .noise import Noise, loss, weight
+from .noise import Noise, loss
 from .residuals import Evidence
 from .rows import Rows, rows_of
 from .scan import Scan, Trial
@@ -154,10 +152,7 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
 
 
 def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
-    """(gain on folds that the fit did not see, its standard error).
-
-    A recording that was left out has a motor level of its own, which no other tells.
-    """
+    """(gain on folds that the fit did not see, its standard error)."""
     gains = []
     for fold in range(int(rows.fold.max()) + 1):
         inside = rows.fold == fold
@@ -165,22 +160,10 @@ def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
         for point in (before, after):
             move = point.follow(point.residual, ~inside)
             r = point.residual[inside] + point.jacobian[inside] @ move
-            r = _levelled(point, r, rows, fold, inside)
             losses.append(float(point.worth[inside] @ loss(r)))
         gains.append(losses[0] - losses[1])
     n = len(gains)
     return float(np.sum(gains)), float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf
-
-
-def _levelled(point: Point, r: FloatArray, rows: Rows, fold: int,
-              inside: NDArray[np.bool_]) -> FloatArray:
-    """Residuals of a fold that is a recording, at the motor level that suits it."""
-    levels = point.space.levels
-    if levels != rows.fold.max() + 1:
-        return r
-    column = point.jacobian[inside, len(point.x) - levels + fold]
-    w = point.worth[inside] * weight(r)
-    return np.asarray(r - column * float((w * column) @ r) / (float((w * column) @ column) + 1.0))
 
 
 def _values(point: Point, effect: Effect) -> tuple[float, ...]:

@@ -1,9 +1,8 @@
 """What may move while a cause is tested: base parameters, effects found so far, and nuisances.
 
 Nuisances are of the recordings and not of the car: how old a sensor message is
-when it is stamped, how long before its message a command was already acting,
-and, where there are several recordings, the level of the motor in each, which
-goes with its battery. Within what they may do nothing is named.
+when it is stamped, and how long before its message a command was already
+acting. Within what they may do nothing is named.
 """
 
 from __future__ import annotations
@@ -23,9 +22,6 @@ LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
 """s; age of a message at its stamp: the promptest arrival still waits for its line and for the
 next row of the mocap, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
-LEVEL, LEVEL_REACH = 0.08, 0.4
-"""Of the force of the motor, from recording to recording: a full and a half empty battery differ
-by 15 %."""
 BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
@@ -38,14 +34,10 @@ NONE: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message.
-
-    levels: by how much the motor is stronger in each recording, relative; () = nowhere.
-    """
+    """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message."""
 
     late: float = LATE
     ahead: float = 0.0
-    levels: tuple[float, ...] = ()
 
     def advanced(self, p: Vehicle) -> Vehicle:
         """The vehicle with delays counted from the messages of its commands."""
@@ -59,22 +51,16 @@ EXACT = Timing(late=0.0)
 
 
 class Space:
-    """Points x (k,) in prior standard deviations: parameters by name, late, ahead, levels."""
+    """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
 
     def __init__(self, p: Vehicle, free: Sequence[str],
-                 known: Mapping[str, float] = NONE, levels: int = 0) -> None:
-        """free: names of base parameters; those of the effects of p are free as well.
-
-        levels: number of recordings whose motors have a level each, or 0.
-        """
+                 known: Mapping[str, float] = NONE) -> None:
+        """free: names of base parameters; those of the effects of p are free as well."""
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
         self._inner = Coordinates(p, self.names, known, amounts)
-        self.levels = levels
-        far = np.full(levels, LEVEL_REACH / LEVEL)
-        ends = (np.concatenate([[-1.0, 0.0], -far]),
-                np.concatenate([[1.0, AHEAD / LATE_REACH], far]))
+        ends = (np.array([-1.0, 0.0]), np.array([1.0, AHEAD / LATE_REACH]))
         reach = np.array([BELIEVED if n in known else np.inf for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), ends[0]])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), ends[1]])
@@ -85,24 +71,22 @@ class Space:
     @property
     def pull(self) -> FloatArray:
         """(k,) how hard the prior pulls to 0; not at all at the age of commands: it has bounds."""
-        return np.concatenate([np.ones(len(self.names)), [(LATE_REACH / LATE_SPREAD)**2, 0.0],
-                               np.ones(self.levels)])
+        return np.concatenate([np.ones(len(self.names)), [(LATE_REACH / LATE_SPREAD)**2, 0.0]])
 
     def split(self, x: FloatArray) -> tuple[Vehicle, Timing]:
         """The vehicle and the timing at a point."""
         n = len(self.names)
         return self._inner.vehicle(x[:n]), Timing(
-            float(LATE + x[n] * LATE_REACH), float(x[n + 1] * LATE_REACH),
-            tuple((x[n + 2:] * LEVEL).tolist()))
+            float(LATE + x[n] * LATE_REACH), float(x[n + 1] * LATE_REACH))
 
     def point(self, timing: Timing) -> FloatArray:
         """The base with that timing."""
-        return np.concatenate([np.zeros(len(self.names)), self._ends(timing)])
+        return np.concatenate([np.zeros(len(self.names)), _ends(timing)])
 
     def start(self, vehicle: Vehicle, timing: Timing) -> FloatArray:
         """The point of a vehicle that differs from the base in what is free."""
         inner = self._inner.find(np.array([value(vehicle, n) for n in self.names]))
-        return np.asarray(np.clip(np.concatenate([inner, self._ends(timing)]), self.low, self.high))
+        return np.asarray(np.clip(np.concatenate([inner, _ends(timing)]), self.low, self.high))
 
     def steps(self, x: FloatArray) -> list[tuple[float, float]]:
         """(up, down) by which each coordinate is varied for its derivative, within bounds."""
@@ -114,7 +98,7 @@ class Space:
             up = min(size, self.high[i] - x[i])
             down = min(size, x[i] - self.low[i]) if timed or up < size else 0.0
             out.append((float(up), float(down)))
-        return out + [(STEP, 0.0)] * self.levels
+        return out
 
     def standard_errors(self, x: FloatArray, covariance: FloatArray) -> dict[str, float]:
         """By name in SI units, from a covariance (k, k) of x."""
@@ -122,7 +106,6 @@ class Space:
         sizes = np.sqrt(np.maximum(np.diag(covariance)[:n], 0.0)) * self._inner.slope(x[:n])
         return dict(zip(self.names, sizes.tolist(), strict=True))
 
-    def _ends(self, timing: Timing) -> FloatArray:
-        levels = np.array(timing.levels or [0.0] * self.levels)
-        return np.concatenate([np.array([timing.late - LATE, timing.ahead]) / LATE_REACH,
-                               levels / LEVEL])
+
+def _ends(timing: Timing) -> FloatArray:
+    return np.array([timing.late - LATE, timing.ahead]) / LATE_REACH

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -152,7 +152,7 @@ def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tup
 
 def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
-    r = q.test.evidence.residuals(fitted, replace(timing, levels=()))
+    r = q.test.evidence.residuals(fitted, timing)
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 
