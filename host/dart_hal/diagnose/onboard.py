@@ -48,6 +48,7 @@ class OnboardEvidence(Evidence):
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
 
+    late = 0.0  # everything is on the clock of the messages
     drives: tuple[Outing, ...]
 
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:

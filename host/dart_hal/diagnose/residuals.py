@@ -23,7 +23,7 @@ from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.signals import late_last, through
 
 from .drive import HALF, POINTS, READ, STEP, Drive
-from .space import EXACT, Timing
+from .space import EXACT, LATE, Timing
 
 MOTION = ("v_x", "v_y", "omega")
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
@@ -57,6 +57,8 @@ class Residuals:
 
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
+
+    late = LATE
 
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""

@@ -55,8 +55,8 @@ class Search:
         """Search until nothing passes."""
         s = self._settings
         space = self._space(self._base)
-        point, noise = self._settle(space, Timing())
-        fixed = Space(self._base, ())
+        point, noise = self._settle(space, Timing(self._evidence.late))
+        fixed = Space(self._base, (), late=self._evidence.late)
         refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
         base, first = point, tuple[Trial, ...]()
@@ -127,7 +127,7 @@ class Search:
         for a in vehicle.effects:
             if a.name not in {b.name for b in p.effects}:
                 p = apply(p, a.name)
-        return Space(p, self._settings.free, self._settings.known)
+        return Space(p, self._settings.free, self._settings.known, self._evidence.late)
 
     def _go_back(self, point: Point, noise: Noise, named: list[Named], limit: float
                  ) -> tuple[Point, Noise, list[Named]]:

@@ -19,8 +19,8 @@ from dart_hal.vehicle.flat import unchecked, value
 from dart_hal.vehicle.parameters import Vehicle
 
 LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
-"""s; age of a message at its stamp: the promptest arrival still waits for its line and for the
-next row of the mocap, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
+"""s; age of a message at its stamp, beside mocap: the promptest arrival still waits for its line
+and for the next row, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
 BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
@@ -54,8 +54,12 @@ class Space:
     """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
 
     def __init__(self, p: Vehicle, free: Sequence[str],
-                 known: Mapping[str, float] = NONE) -> None:
-        """free: names of base parameters; those of the effects of p are free as well."""
+                 known: Mapping[str, float] = NONE, late: float = LATE) -> None:
+        """free: names of base parameters; those of the effects of p are free as well.
+
+        late: what the age of the messages is expected to be [s].
+        """
+        self._late = late
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
@@ -77,16 +81,16 @@ class Space:
         """The vehicle and the timing at a point."""
         n = len(self.names)
         return self._inner.vehicle(x[:n]), Timing(
-            float(LATE + x[n] * LATE_REACH), float(x[n + 1] * LATE_REACH))
+            float(self._late + x[n] * LATE_REACH), float(x[n + 1] * LATE_REACH))
 
     def point(self, timing: Timing) -> FloatArray:
         """The base with that timing."""
-        return np.concatenate([np.zeros(len(self.names)), _ends(timing)])
+        return np.concatenate([np.zeros(len(self.names)), self._ends(timing)])
 
     def start(self, vehicle: Vehicle, timing: Timing) -> FloatArray:
         """The point of a vehicle that differs from the base in what is free."""
         inner = self._inner.find(np.array([value(vehicle, n) for n in self.names]))
-        return np.asarray(np.clip(np.concatenate([inner, _ends(timing)]), self.low, self.high))
+        return np.asarray(np.clip(np.concatenate([inner, self._ends(timing)]), self.low, self.high))
 
     def steps(self, x: FloatArray) -> list[tuple[float, float]]:
         """(up, down) by which each coordinate is varied for its derivative, within bounds."""
@@ -106,6 +110,5 @@ class Space:
         sizes = np.sqrt(np.maximum(np.diag(covariance)[:n], 0.0)) * self._inner.slope(x[:n])
         return dict(zip(self.names, sizes.tolist(), strict=True))
 
-
-def _ends(timing: Timing) -> FloatArray:
-    return np.array([timing.late - LATE, timing.ahead]) / LATE_REACH
+    def _ends(self, timing: Timing) -> FloatArray:
+        return np.array([timing.late - self._late, timing.ahead]) / LATE_REACH
