@@ -15,12 +15,12 @@ from .fit import Point
 from .noise import Noise, loss
 from .residuals import Evidence
 from .rows import Rows, rows_of
-from .scan import Scan, Trial
+from .scan import Scan, Trial, scanned
 from .significance import best_of_nothing, p_value, threshold
 
 TRIES = 5  # effects of one round that get a full refit
 CLOSE = 0.7  # of the largest gain: the full fit decides between these
-LEAST = 0.6  # of the small size of an effect: below that it is within what conventions do
+LEAST = 0.8  # of the small size of an effect: below that it is within what conventions do
 FIRM, FIRM_RECORDINGS, MANY = 1.0, 1.6, 6
 """Standard errors by which data left out must like an effect: of stretches, and of recordings
 where there are many."""
@@ -138,9 +138,8 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
     gain = point.loss() - candidate.loss()
     if gain <= limit:
         return "the full fit does not keep what the linear one promised"
-    small = [abs(v - q.null) < LEAST * q.sizes[0]
-             for q, v in zip(effect.parameters, _values(candidate, effect), strict=True)]
-    if all(small):
+    values = dict(zip(effect.parameters, _values(candidate, effect), strict=True))
+    if all(abs(values[q] - q.null) < LEAST * q.sizes[0] for q in scanned(effect)):
         return "smaller than what sampling and timing conventions can pretend"
     firm = FIRM_RECORDINGS if rows.recording.max() + 1 >= MANY else FIRM
     if held[0] <= 0.0 or held[0] < firm * held[1]:
