@@ -6,7 +6,7 @@ import pytest
 from hidden_drive import Plan
 from strange_car import CARS, looked_at, write
 
-from dart_hal.diagnose.structure import explainable, groups, structure, unexplained
+from dart_hal.diagnose.structure import groups, shares, structure, unexplained
 
 PLAN = Plan(seconds=120.0)
 
@@ -25,9 +25,9 @@ def test_a_strange_car_is_flagged_where_it_is_strange(tmp_path, monkeypatch, nam
     assert right[0].share > 0.1
 
 
-def test_explainable_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, monkeypatch):
+def test_the_share_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, monkeypatch):
     wrap, *_ = CARS["carpet"]
-    share = explainable(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)]))
+    share = shares(groups(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)])))
     assert share["v_x"] > 0.3
     assert max(share[name] for name in ("encoder", "gyro", "accel_x", "accel_y")) < 0.1
 

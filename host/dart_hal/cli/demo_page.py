@@ -18,7 +18,7 @@ from dart_hal.control.paths import Path as Track
 from dart_hal.diagnose.report.style import CSS
 from dart_hal.types import FloatArray, State
 
-INK, BLUE, ORANGE, GREEN = "#222222", "#0072b2", "#d55e00", "#009e73"
+INK, BLUE, ORANGE = "#222222", "#0072b2", "#d55e00"
 NINETY = 1.645
 
 @dataclass

@@ -88,17 +88,6 @@ def unexplained(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noi
     return structure(groups(evidence, p, residuals, noise), seed, level)
 
 
-def explainable(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
-                seed: int = 0) -> dict[str, float]:
-    """Share of the variance of each channel that functions of the features predict, 0 to 1.
-
-    What the best of them predicts where it was not fitted, less what the best of
-    them does by chance: a lower bound, lower for the fewer windows. To compare
-    before and after a cause, multiply by the variance of the residual.
-    """
-    return shares(groups(evidence, p, residuals, noise), seed)
-
-
 def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -> list[Group]:
     """Motion after 0.5 s, and the sensors."""
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
@@ -153,7 +142,11 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
 
 
 def shares(of: list[Group], seed: int = 0) -> dict[str, float]:
-    """``explainable`` for residuals that are at hand."""
+    """Share of the variance of each channel that functions of the features predict, 0 to 1.
+
+    What the best of them predicts where it was not fitted, less what the best of
+    them does by chance: a lower bound, lower for the fewer windows.
+    """
     out = {channel: 0.0 for group in of for channel in group.channels}
     found = _search(of, seed, 49)
     if found is None:
