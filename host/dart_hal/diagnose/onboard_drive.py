@@ -83,7 +83,10 @@ def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
     step = float(np.median(np.diff(recording.messages.t)))
     coarse = recording if step > 0.8 * COUNTED else read_run(recording.path, FRAMES)
-    return coarse, finer(coarse).messages
+    fine = finer(coarse).messages
+    # a run says what was commanded up to a stamp, and here a command holds from its stamp on
+    begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
+    return coarse, replace(fine, t=begun, arrival=begun)
 
 
 def _outing(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
