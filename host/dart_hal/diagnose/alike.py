@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.types import FloatArray
 
-from .noise import loss, weight
+from .noise import loss
 from .rows import Rows
 from .scan import Scan, Trial
 
@@ -21,8 +21,7 @@ SAME = 4.0  # loss: a difference of two standard deviations of one number
 def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
     """Effects whose loss differs from the best one's by less than its noise over blocks."""
     point = scan.point
-    w = point.worth * weight(point.residual)
-
+    w = point.weights
     project = point.projection()
 
     def direction(trial: Trial) -> FloatArray:
