@@ -1,4 +1,4 @@
-"""A stranger's car that has driven before drives as a new one: no filter waits for the old clock."""
+"""A stranger's car that has driven before drives as a new one: filters begin anew."""
 
 from __future__ import annotations
 
