@@ -132,7 +132,8 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
     return Point(space, x, r, worth, _jacobian(evidence, noise, space, x, r))
 
 
-def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+          rounds: int = ROUNDS) -> Point:
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
 
     Slopes change little from step to step and cost as much as dozens of
@@ -147,12 +148,12 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Poin
             kept.append(kept[-1])
         return kept[-1]
 
-    return _descend(evidence, noise, space, x, jacobian, ROUNDS)
+    return _descend(evidence, noise, space, x, jacobian, rounds)
 
 
-def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
                near: Point, residual: FloatArray) -> Point:
-    """The same with the slopes of a point nearby; only those that it lacks are found.
+    """``refit_near`` for a space with more in it than that of the point nearby.
 
     residual (N,): at x, before what is free has followed.
     """
@@ -163,7 +164,14 @@ def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
     moved_along[len(space.names):] = moved[tail:]
     x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
             key=lambda z: _loss(evidence, noise, space, z))
+    return refit_near(evidence, noise, space, x, near)
+
+
+def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point) -> Point:
+    """The same with the slopes of a point nearby; only those that it lacks are found."""
     r, _ = _residual(evidence, noise, space, x)
+    tail = len(near.space.names)
     known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
     columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
                for i, name in enumerate(space.names)]

@@ -188,8 +188,9 @@ def _actuated(p: Vehicle, drive: Drive) -> tuple[FloatArray, FloatArray]:
     q = settled(p)
     g = drive.commanded(q.delay.throttle_s, q.delay.steering_s)
     if g is None:
-        return actuated(q, drive.grid, smooth=True)
-    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}), g)
+        return actuated(q, drive.grid, smooth=True, means=True)
+    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}), g,
+                    means=True)
 
 
 def _velocities(states: FloatArray) -> FloatArray:
