@@ -22,11 +22,10 @@ from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.diagnose import drive as prepared
 from dart_hal.diagnose import scan as scanning
+from dart_hal.diagnose import search as searching
 from dart_hal.diagnose.readings import SENSORS
 from dart_hal.diagnose.run import standard_errors
 from dart_hal.diagnose.scan import scan
-from dart_hal.diagnose.selection import rows_at
-from dart_hal.diagnose.significance import best_of_nothing, threshold
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -184,7 +183,6 @@ def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     assert trial.gain < 0.05 * right.gain
 
 
-@pytest.mark.xfail(strict=True, reason="a scan ends at 2.2 medium sizes, where this goes on rising")
 @pytest.mark.parametrize(("name", "k"), [("encoder_scale", 0.04), ("encoder_scale", 0.08)])
 def test_a_size_beyond_the_last_rung_is_reached(name, k):
     """Else a relative that gets there gains more, and nothing says that the two are alike."""
@@ -203,7 +201,7 @@ def test_what_one_recording_has_is_no_cause(recordings):
     found = search(*drives, names=["gyro_bias"], false_alarm=0.5)
     assert names(found) == []
     one, = found.rejected
-    assert one.gain > max(found.threshold, 9.0), "three standard deviations where it was fitted"
+    assert one.gain > 9.0, "three standard deviations where it was fitted"
     assert one.held_out < 0.5 * one.gain
     assert "left out" in one.why
 
@@ -217,19 +215,23 @@ def test_what_all_recordings_have_is_one():
 
 # 7: the threshold belongs to the noise
 
-def test_the_threshold_grows_with_the_disturbance():
-    """Sizes of a quiet drive held against a rough one: all gains grow, and so does the limit."""
-    quiet, rough = (evidence(drive(seed=9, habits=Habits(push=p))) for p in (0.12, 0.6))
-    noise, point = fitted(quiet)
-    limits, best = [], []
-    for seen, at in ((quiet, (noise, point)), (rough, fitted(rough, noise=noise)),
-                     (rough, fitted(rough))):
-        trials = scan(seen, *at, list(catalogue())[::3])
-        nothing = best_of_nothing(at[1], at[1].residual, trials, rows_at(seen, at[1]).block, 0)
-        limits.append((threshold(nothing, 0.01), float(np.median(nothing))))
-        best.append(trials[0].gain)
-    assert best[0] < limits[0][0]
-    assert best[1] > 2.0 * limits[0][0], "a limit that does not grow would be passed by nothing"
-    assert limits[1][0] > 3.0 * limits[0][0]
-    assert limits[1][1] > 5.0 * limits[0][1]
-    assert best[2] < limits[2][0], "measured anew, the noise takes care of itself"
+SOME = tuple(catalogue())[::3]
+
+
+@pytest.mark.parametrize("push", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
+def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
+    """Sizes of a quiet drive held against a rough one: all gains grow, and nothing is named."""
+    quiet, rough = (drive(seed=9, habits=Habits(push=p)) for p in (0.06, push))
+    sizes = fitted(evidence(quiet))[0]
+    least = search(quiet, names=SOME)
+    monkeypatch.setattr(searching, "measure", lambda *given: sizes)
+    frozen = search(rough, names=SOME)
+    assert names(least) == names(frozen) == []
+    assert frozen.ranking[0].gain > 4.0 * least.ranking[0].gain
+    assert frozen.ranking[0].gain > QUIET, "a limit that stood still would be passed by nothing"
+
+
+def test_the_same_cause_counts_for_less_in_a_rougher_drive():
+    gains = [search(drive(("grip", -0.1), seed=9, habits=Habits(push=p)), names=("grip",)
+                    ).ranking[0].gain for p in (0.12, 0.36)]
+    assert gains[1] < 0.4 * gains[0]
