@@ -82,6 +82,6 @@ def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes)
          "19/<b>.csv": {"role": "test", "sha256": "cd" * 32, "used": 1234, "dropped": 5,
                         "why": []}},
         ("The last 40 % of each training recording is held out.",), 7, 3.25,
-        None, ("mass",) if causes else (), 37.25, 0.01,
+        None, ("mass",) if causes else (), 0.01,
         {n: 400.0 / (i + 1)**2 for i, n in enumerate(catalogue())})
     return replace(base, **changes)

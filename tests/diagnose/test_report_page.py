@@ -164,7 +164,7 @@ def test_the_same_diagnosis_gives_the_same_page(whole):
 def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
     d = made.diagnosis("nothing_wrong", 0, False)
     nothing = replace(d, stages=tuple(replace(s, horizons={}) for s in d.stages), ctrv={},
-                      considered=(), refitted={}, files={}, threshold=math.nan)
+                      considered=(), refitted={}, files={})
     path = write_page(nothing, tmp_path / "new" / "report.html")
     reader = Reader(path.read_text(encoding="utf-8"))
     assert "No prediction could be judged" in reader.text

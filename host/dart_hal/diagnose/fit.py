@@ -17,7 +17,6 @@ from .residuals import Evidence
 from .space import Space, Timing
 
 ROUNDS, QUICK = 15, 6
-FRESH, AGAIN = 2, 3  # steps with slopes of their own; after these, every third
 SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
@@ -134,21 +133,9 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
 
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
           rounds: int = ROUNDS) -> Point:
-    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
-
-    Slopes change little from step to step and cost as much as dozens of
-    residuals: after the first steps they are found anew in every third.
-    """
-    kept: list[FloatArray] = []
-
-    def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        if len(kept) < FRESH or len(kept) % AGAIN == 0:
-            kept.append(_jacobian(evidence, noise, space, z, r))
-        else:
-            kept.append(kept[-1])
-        return kept[-1]
-
-    return _descend(evidence, noise, space, x, jacobian, rounds)
+    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
+    return _descend(evidence, noise, space, x,
+                    lambda z, r: _jacobian(evidence, noise, space, z, r), rounds)
 
 
 def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,

@@ -19,7 +19,6 @@ from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from .drive import STEP
 from .onboard_drive import APART, COUNTED, HEARD, READS, Outing, counted
 from .onboard_windows import told
 from .readings import SENSORS, at_rest
@@ -91,14 +90,8 @@ class OnboardEvidence(Evidence):
         known = {int(c): self.channel(int(c)) for c in np.unique(channel)}
         return np.isin(channel, [c for c, name in known.items() if name in shown])
 
-    def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""
-        def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:
-            return np.asarray(drive * 100_000 + (sample * STEP // length).astype(np.int64))
-
-        none = np.empty(0)  # a folder may hold nothing that can be used
-        return (label(self.motion_drive, np.concatenate([none, *(d.begin for d in self.drives)])),
-                label(self.sensor_drive, np.concatenate([none, *(d.at for d in self.drives)])))
+    def _begins(self) -> Sequence[FloatArray]:
+        return [d.begin for d in self.drives]
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
         """Of the model p with its effects, as ``Evidence.residuals``."""

@@ -32,6 +32,7 @@ SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
 """By signal that is only read: channels of the residuals in which an effect on it shows."""
 POSE, INPUTS = frozenset({"pose"}), frozenset({"throttle", "steering", "angle"})
 KEPT = 16  # parts of models
+ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / STEP
@@ -91,12 +92,21 @@ class Evidence:
         return {name: first + i for i, name in enumerate(MOTION)}
 
     def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,)."""
-        def label(drive: NDArray[np.int64], sample: FloatArray) -> NDArray[np.int64]:
-            return np.asarray(drive * 100_000 + (sample * STEP // length).astype(np.int64))
+        """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,).
 
-        return (label(self.motion_drive, np.concatenate([d.starts for d in self.drives])),
-                label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
+        Messages of a standing car have nothing in common but what is looked for.
+        """
+        none = np.empty(0)  # a folder may hold nothing that can be used
+        windows = np.concatenate([none, *self._begins()]) * STEP // length
+        messages = np.concatenate([none, *(d.at for d in self.drives)]) * STEP // length
+        still = self.sensor_still
+        messages[still] = ALONE + np.arange(still.sum())
+        return (self.motion_drive * MANY_BLOCKS + windows.astype(np.int64),
+                self.sensor_drive * MANY_BLOCKS + messages.astype(np.int64))
+
+    def _begins(self) -> Sequence[FloatArray]:
+        """When the windows of each drive start [samples]."""
+        return [d.starts.astype(np.float64) for d in self.drives]
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
         """Of the model p with its effects, at the timing of the recordings.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -147,9 +146,8 @@ class Stage:
 class Diagnosis:
     """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals.
 
-    threshold: drop of the loss that noise alone stays below, but for a share
-    ``false_alarm`` of data sets (NaN: there is no single one); ranking: that drop
-    for every effect alone, before anything was named.
+    false_alarm: share of data sets in which anything is named where nothing is
+    missing; ranking: drop of the loss for every effect alone, before anything was named.
     """
 
     verdict: str
@@ -168,7 +166,6 @@ class Diagnosis:
     runtime_s: float = 0.0
     written: str | None = None
     withdrawn: tuple[str, ...] = field(default_factory=tuple)
-    threshold: float = math.nan
     false_alarm: float = 0.01
     ranking: Mapping[str, float] = field(default_factory=dict)
 
@@ -193,5 +190,5 @@ class Diagnosis:
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
             "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
-            "seed": self.seed, "threshold": self.threshold, "false_alarm": self.false_alarm,
+            "seed": self.seed, "false_alarm": self.false_alarm,
             "ranking": dict(self.ranking)}

@@ -53,10 +53,10 @@ def _stretches(owner: Labels, block: Labels, still: NDArray[np.bool_]) -> Labels
     """Every recording in FOLDS stretches; a car at rest, where it may be but once, in all."""
     out = np.zeros(len(block), dtype=np.int64)
     for which in np.unique(owner):
-        mine = owner == which
-        inside = block[mine] - block[mine].min()
-        out[mine] = which * FOLDS + np.minimum(inside * FOLDS // (inside.max() + 1), FOLDS - 1)
-        rest = mine & still
+        mine, rest = ((owner == which) & part for part in (~still, still))
+        if mine.any():
+            inside = block[mine] - block[mine].min()
+            out[mine] = which * FOLDS + np.minimum(inside * FOLDS // (inside.max() + 1), FOLDS - 1)
         out[rest] = which * FOLDS + np.arange(rest.sum()) // len(SENSORS) % FOLDS
     return out
 

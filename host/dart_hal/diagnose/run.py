@@ -11,6 +11,7 @@ from dart_hal.identify.evaluation.cases import prepare as prepare_cases
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 
 from .drive import APART, EVERY, MANY, READ, STEP, prepare
@@ -45,7 +46,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     began = time.monotonic()
     l_r = settled(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
-    settings = Settings(free=free_names(vehicle, tuple(FREE)) if refit else (), known=known,
+    settings = Settings(free=_estimated(vehicle, known) if refit else (), known=known,
                         names=tuple(only), false_alarm=false_alarm, max_causes=max_causes,
                         jobs=jobs, seed=seed)
     files: dict[str, dict[str, Any]] = {}
@@ -69,6 +70,16 @@ def standard_errors(model: ModelFile) -> dict[str, float]:
     return {f"{group}.{key}": float(entry.std) for group in FREE
             for key, entry in getattr(model, group).items()
             if isinstance(entry, Quantity) and entry.std}
+
+
+def _estimated(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[str, ...]:
+    """Parameters that a refit moves.
+
+    A delay or lag of 0 without a standard error is none: a model that has no lag
+    has no parameter for it, and if the car has one, that is a cause with a name.
+    """
+    return tuple(name for name in free_names(vehicle, tuple(FREE))
+                 if name in known or value(vehicle, name) != 0.0)
 
 
 def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,

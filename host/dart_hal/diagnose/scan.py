@@ -99,6 +99,8 @@ class Scan:
         gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
         if _promises(gains, parameter):
             gains |= {k: gain(k) for k in far}
+        while (k := _beyond(gains, parameter)) is not None:
+            gains[k] = gain(k)
         for _ in range(REFINE):
             k = _peak(gains, parameter)
             if k is None:
@@ -134,6 +136,15 @@ def _promises(gains: Mapping[float, float], p: Parameter) -> bool:
         return True
     curve = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
     return not curve[0] < 0.0 or -curve[1]**2 / (4.0 * curve[0]) > FAINT
+
+
+def _beyond(gains: Mapping[float, float], p: Parameter) -> float | None:
+    """Twice the best size, where that is the last of the ladder; None else."""
+    best = max(gains, key=lambda k: gains[k])
+    if best not in (min(gains), max(gains)) or abs(best - p.null) < LADDER[-1] * p.sizes[1]:
+        return None
+    further = float(np.clip(p.null + 2.0 * (best - p.null), p.low, p.high))
+    return None if further in gains else further
 
 
 def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:

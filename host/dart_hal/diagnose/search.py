@@ -39,7 +39,6 @@ class Found:
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
-    threshold: float
     refit_loss: float
 
 
@@ -62,7 +61,7 @@ class Search:
             - point.loss()
         base, first = point, tuple[Trial, ...]()
         failed: dict[str, float] = {}
-        named, rejected, limit = list[Named](), tuple[Rejected, ...](), np.inf
+        named, rejected = list[Named](), tuple[Rejected, ...]()
         while len(named) < s.max_causes or not first:
             trials = self._scan(point, noise)
             first = first or tuple(trials)
@@ -70,15 +69,15 @@ class Search:
                 break
             step = select(self._evidence, noise, point, trials,
                           partial(self._with, point, noise), s, failed)
-            rejected, limit = step.rejected, step.limit
+            rejected = step.rejected
             new = step.accepted[:s.max_causes - len(named)]
             if not new:
                 break
             fitted = self._joined([candidate for _, candidate in new])
             point, noise = self._settle(*fitted)
-            point, noise, named = self._go_back(point, noise, named, [one for one, _ in new], limit)
+            point, noise, named = self._go_back(point, noise, named, [one for one, _ in new])
         named = self._likes(point, noise, named)
-        return Found(base, point, noise, tuple(named), rejected, first, limit, refit_loss)
+        return Found(base, point, noise, tuple(named), rejected, first, refit_loss)
 
     def fit(self, found: Found, effects: Sequence[str]) -> Point:
         """The base with some of the effects that were found, fitted anew."""
@@ -142,16 +141,16 @@ class Search:
                 p = apply(p, a.name)
         return Space(p, self._settings.free, self._settings.known, self._evidence.late)
 
-    def _go_back(self, point: Point, noise: Noise, named: list[Named], new: list[Named],
-                 limit: float) -> tuple[Point, Noise, list[Named]]:
+    def _go_back(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
+                 ) -> tuple[Point, Noise, list[Named]]:
         """Add the new ones, drop what the best of them has made superfluous."""
         doubted, named = [*named, *new[1:]], [*named, *new]
         for one in doubted:
             mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
-            if point.worth_of(mine) > NEEDED * limit:
+            if point.worth_of(mine) > NEEDED * one.threshold:
                 continue
             without = self._without(point, noise, one.effect)
-            if without.loss() - point.loss() < limit:
+            if without.loss() - point.loss() < one.threshold:
                 point, noise = self._settle(without.space, without.timing, without.x)
                 named = [n for n in named if n.effect != one.effect]
         return point, noise, named

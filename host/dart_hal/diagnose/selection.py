@@ -17,7 +17,7 @@ from .noise import Noise, loss
 from .residuals import Evidence
 from .rows import Rows, rows_of
 from .scan import Scan, Trial, scanned
-from .significance import best_of_nothing, p_value, threshold
+from .significance import nothing_missing
 
 TRIES = 5  # effects of one round that may fail after a full refit
 APART, AS_MUCH = 0.1, 0.5
@@ -50,6 +50,7 @@ class Settings:
 class Named:
     """An effect that was accepted: p and gain in its round, held-out gain, and its like.
 
+    threshold: what it had to gain in that round.
     rivals: what gained enough in its round to be its like, had it been there.
     """
 
@@ -57,6 +58,7 @@ class Named:
     p_value: float
     gain: float
     held_out: float
+    threshold: float
     like: tuple[str, ...]
     rivals: tuple[str, ...] = ()
 
@@ -74,11 +76,10 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """accepted: effects and the fit with each; limit: what nothing may gain."""
+    """accepted: effects and the fit with each."""
 
     accepted: tuple[tuple[Named, Point], ...]
     rejected: tuple[Rejected, ...]
-    limit: float
 
 
 def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Trial],
@@ -92,9 +93,9 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     rows = rows_at(evidence, point)
     first = fit_with(trials[0])
     rest = first.residual if first.loss() < point.loss() else point.residual
-    nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
-    limit = threshold(nothing, settings.false_alarm)
-    passed = [t for t in trials if t.gain > limit]
+    nothing = nothing_missing(point, rest, trials, rows.block, settings.seed)
+    limits = {t.effect: nothing.needed(t.effect, settings.false_alarm) for t in trials}
+    passed = [t for t in trials if t.gain > limits[t.effect]]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
             if t.gain > CLOSE * again[0].gain}
@@ -103,8 +104,9 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
                                            if t.effect in fits else 0.0))
     accepted, rejected, failures = list[tuple[Named, Point]](), list[Rejected](), 0
     taken: list[FloatArray] = []
-    for trial in (*order, *trials[len(passed):]):
-        p, held, why = p_value(trial.gain, nothing), HeldOut(), ""
+    for trial in (*order, *(t for t in trials if t not in passed)):
+        limit = limits[trial.effect]
+        p, held, why = nothing.p_value(trial.effect, trial.gain), HeldOut(), ""
         if trial.gain <= limit:
             why = "gains no more than nothing at all might"
         elif accepted and (trial.gain < AS_MUCH * trials[0].gain or any(
@@ -119,15 +121,16 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
             held = held_out(point, candidate, rows)
             why = _why_not(evidence, point, candidate, trial, rows, held, limit)
             if not why:
-                accepted.append((_named(evidence, noise, point, candidate, trial, trials, rows, p,
-                                        held.gain), candidate))
+                one = Named(trial.effect, p, point.loss() - candidate.loss(), held.gain, limit,
+                            *_likes(evidence, noise, point, trial, trials, rows))
+                accepted.append((one, candidate))
                 taken.append(direction(trial))
             else:
                 failed[trial.effect] = trial.gain
                 failures += 1
         if why:
             rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why))
-    return Step(tuple(accepted), tuple(rejected), limit)
+    return Step(tuple(accepted), tuple(rejected))
 
 
 def rows_at(evidence: Evidence, point: Point) -> Rows:
@@ -135,12 +138,12 @@ def rows_at(evidence: Evidence, point: Point) -> Rows:
     return rows_of(evidence, evidence.residuals(point.vehicle, point.timing))
 
 
-def _named(evidence: Evidence, noise: Noise, point: Point, candidate: Point, trial: Trial,
-           trials: Sequence[Trial], rows: Rows, p: float, held: float) -> Named:
+def _likes(evidence: Evidence, noise: Noise, point: Point, trial: Trial,
+           trials: Sequence[Trial], rows: Rows) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(what an effect cannot be told from, what gains enough to be that later)."""
     rivals = tuple(t.effect for t in trials
                    if t is not trial and t.gain > max(0.0, RIVAL * trial.gain))
-    like = alike(Scan(evidence, noise, point), trial, trials, rows)
-    return Named(trial.effect, p, point.loss() - candidate.loss(), held, like, rivals)
+    return alike(Scan(evidence, noise, point), trial, trials, rows), rivals
 
 
 def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, rows: Rows,
@@ -173,12 +176,12 @@ class HeldOut:
 
 def held_out(before: Point, after: Point, rows: Rows) -> HeldOut:
     """How data left out of the fit, fold by fold, like what came between two points."""
-    gains = []
+    gains, settled = [], [p.follow(p.residual) for p in (before, after)]
     for fold in range(int(rows.fold.max()) + 1):
         inside = rows.fold == fold
         losses = []
-        for point in (before, after):
-            move = point.follow(point.residual, ~inside)
+        for point, rest in zip((before, after), settled, strict=True):
+            move = point.follow(point.residual, ~inside) - rest  # a fit ends a little off its best
             r = point.residual[inside] + point.jacobian[inside] @ move
             losses.append(float(point.worth[inside] @ loss(r)))
         gains.append(losses[0] - losses[1])

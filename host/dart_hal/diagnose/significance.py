@@ -3,12 +3,15 @@
 Nothing at all has residuals without a side: turning the sign of whole blocks
 of them gives as many data sets without a cause as one wants, with the same
 disturbance and its memory. What counts is the best of all effects in each, so
-a threshold holds for the family and not for one name.
+a threshold holds for the family and not for one name. Effects are made
+comparable first: each by what it gains itself where nothing is missing, for
+residuals are larger and remember longer where the motion is quick.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +23,41 @@ from .noise import weight
 from .scan import Trial
 
 FLIPS = 1999
+FAINT = 1e-6  # square of a change of the residuals: what changes nothing has rounding errors
 
 
-def best_of_nothing(point: Point, rest: FloatArray, trials: Sequence[Trial],
-                    block: NDArray[np.int64], seed: int) -> FloatArray:
-    """Largest gain of any trial in each of FLIPS data sets without a cause, ascending.
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """What effects gain where nothing is missing.
+
+    inflation: by effect, how much more it gains there than independent residuals
+    would give it; best (FLIPS,): the largest gain of any effect over its
+    inflation, in each data set without a cause, ascending.
+    """
+
+    inflation: Mapping[str, float]
+    best: FloatArray
+
+    def p_value(self, effect: str, gain: float) -> float:
+        """Share of the data sets without a cause in which something gains as much."""
+        return p_value(gain / self.inflation.get(effect, 1.0), self.best)
+
+    def needed(self, effect: str, false_alarm: float) -> float:
+        """Gain that only this share of the data sets without a cause exceeds.
+
+        Never less than Gaussian numbers give for as many effects: few blocks
+        have few combinations of signs.
+        """
+        from scipy.stats import chi2
+
+        gaussian = float(chi2.isf(false_alarm / max(len(self.inflation), 1), 1))
+        limit = max(float(np.quantile(self.best, 1.0 - false_alarm)), gaussian)
+        return self.inflation.get(effect, 1.0) * limit
+
+
+def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
+                    block: NDArray[np.int64], seed: int) -> Nothing:
+    """From the signs of blocks.
 
     rest (N,): residuals with the best explanation taken away, so that no cause
     is in them; block (N,): labels of what turns its sign together.
@@ -32,25 +65,25 @@ def best_of_nothing(point: Point, rest: FloatArray, trials: Sequence[Trial],
     w = point.worth * weight(rest)
     _, index = np.unique(block, return_inverse=True)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
-    scores, sizes = [], []
+    inflation, scores = {}, []
     project = point.projection()
     for trial in trials:
         d = project(trial.residual.astype(np.float64) - point.residual)
-        sizes.append(max(float((w * d) @ d), 1e-12))
-        scores.append(np.bincount(index, weights=w * d * rest))
-    sums = signs @ np.stack(scores, axis=1)
-    return np.sort(np.max(sums**2 / np.array(sizes), axis=1))
+        size = float((w * d) @ d)
+        if size < FAINT:
+            continue
+        sums = np.bincount(index, weights=w * d * rest)
+        square = float(sums @ sums)
+        inflation[trial.effect] = max(1.0, square / size)
+        scores.append(sums / np.sqrt(max(square, 1e-300)))
+    best = np.max((signs @ np.stack(scores, axis=1))**2, axis=1) if scores else np.zeros(FLIPS)
+    return Nothing(inflation, np.sort(best))
 
 
 def p_value(gain: float, nothing: FloatArray) -> float:
     """Share of the data sets without a cause in which something gains as much."""
     above = len(nothing) - int(np.searchsorted(nothing, gain, side="left"))
     return (1.0 + above) / (1.0 + len(nothing))
-
-
-def threshold(nothing: FloatArray, false_alarm: float) -> float:
-    """Gain that only this share of the data sets without a cause reaches."""
-    return float(np.quantile(nothing, 1.0 - false_alarm))
 
 
 def refit_p_value(point: Point, drop: float, block: NDArray[np.int64], seed: int) -> float:

@@ -75,7 +75,7 @@ def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
         causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, runtime_s=time.monotonic() - began,
-        threshold=found.threshold, false_alarm=q.settings.false_alarm,
+        false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
 
@@ -169,17 +169,17 @@ def _cause(q: Question, found: Found, named: Named, before: Point, after: Point,
     gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
                   q.train, q.test, q.settings.seed)
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
-                 _evidence(q, named, found, numbers, gain), gain, named.like, effect.experiment)
+                 _evidence(q, named, numbers, gain), gain, named.like, effect.experiment)
 
 
-def _evidence(q: Question, named: Named, found: Found, numbers: Mapping[str, Number],
+def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
               gain: Gained) -> tuple[str, ...]:
     key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
                       / max(kn[1].std, 1e-12))
     away = abs(number.value - number.null) / max(number.std, 1e-12)
     return (
         f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
-        f"the best of all effects gains more than {found.threshold:.0f} in "
+        f"that or the like of another effect is more than {named.threshold:.0f} in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"loss {named.held_out:.0f} lower on parts left out of the fit",
         f"{key} is {away:.0f} standard errors from its null",

@@ -81,10 +81,10 @@ def _steps(name: str, errors: FloatArray, held: float, horizon: str) -> Html:
 
 
 def ranking(d: Diagnosis) -> Html:
-    """Drop of the loss of every effect alone, on a logarithmic scale; the threshold as a line."""
+    """Drop of the loss of every effect alone, on a logarithmic scale."""
     named = {c.effect for c in d.causes}
     shown = sorted(_alone(d).items(), key=lambda e: (-e[1], e[0]))[:MOST]
-    top = max([loss for _, loss in shown] + [d.threshold if math.isfinite(d.threshold) else 0.0])
+    top = max((loss for _, loss in shown), default=0.0)
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
     frame = svg.Frame((0.0, 1.15 * math.log10(max(top, 10.0))), (0.0, 1.0), height=height,
                       left=145.0)
@@ -97,9 +97,6 @@ def ranking(d: Diagnosis) -> Html:
                           "after" if effect in named else "other"),
                   svg.text(frame.left - 6, y + 12, effect, "end"),
                   svg.text(end + 5, y + 12, significant(loss))]
-    if math.isfinite(d.threshold):
-        x = frame.at(_log(d.threshold), 0.0)[0]
-        parts += [svg.line((x, svg.TOP), (x, height - svg.BOTTOM), "limit")]
     return svg.picture("Drop of the loss by effect", parts, height=height)
 
 

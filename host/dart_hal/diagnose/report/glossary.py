@@ -21,9 +21,9 @@ TERMS = {
     "loss": "Squared residuals in standard deviations, growing only linearly for wild ones, each "
             "counted for as many independent values as it is worth. A drop of 1 is one squared "
             "standard deviation of one independent residual.",
-    "p-value, threshold": "How often the best effect of the whole catalogue would lower the loss "
-                          "as much if nothing were there, by the disturbance of these very "
-                          "recordings. The threshold holds for the catalogue as a family.",
+    "p-value": "How often the best effect of the whole catalogue would lower the loss as much if "
+               "nothing were there, by the disturbance of these very recordings: each effect is "
+               "measured by what it gains itself in such data, and all of them are one family.",
     "gain": "1 - RMSE after / RMSE before on the test recordings, cause by cause in the order in "
             "which they were named. Its 95 % interval is a bootstrap over blocks, since samples in "
             "a row are not independent.",

@@ -110,13 +110,9 @@ def _ranking(d: Diagnosis) -> Html:
     if not d.causes and not d.considered:
         return el("p", "No effect was tried.")
     key = svg.legend([("after", "named"), ("other", "not named")])
-    limit = np.isfinite(d.threshold)
     said = (("Each effect alone, before anything was named: relatives of a cause gain nearly as "
              "much, until it is in the model. " if d.ranking else "")
-            + (f"Dashed: the threshold of {d.threshold:.3g}, which the best of all effects exceeds "
-               f"in {100.0 * d.false_alarm:g} % of such data sets with nothing missing; it is that "
-               "of the last round." if limit else
-               "Significance is judged effect by effect, see the p-values below."))
+            + "How much counts differs from effect to effect, see the p-values below.")
     return join([ranking(d), key, el("p", said, class_="soft")])
 
 
