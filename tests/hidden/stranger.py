@@ -18,6 +18,7 @@ import numpy as np
 
 H = 0.002
 G = 9.81
+STANDS = 0.01  # m/s
 PER_DEGREE = 180.0 / math.pi
 FRONT, REAR, SIDE_FRONT, SIDE_REAR, X, Y, MOMENT = range(7)
 """Where a force hook finds what it may change: drive and side force of both axles [N] in the
@@ -165,7 +166,8 @@ def drive(car: Car, driver: Callable[[float, Now], tuple[float, float]],
         hold = v * v / (v * v + 0.0025)  # friction keeps a standing car where it is
         px, py, pm = (hold * p for p in pushes[i])
         fx, fy, dw, pull = _forces(car, now, px, py, pm)
-        now.ax, now.ay = fx / car.m, fy / car.m
+        still = v < STANDS  # tyres of a standing car hold it, steered or not
+        now.ax, now.ay = (fx / car.m, 0.0 if still else fy / car.m)
         rows.append((t, x, y, yaw, v, side, turn, now.ax, now.ay, pull, u, s))
         half = 0.5 * H
         dv, ds = _slide(car, now, fx, fy)
@@ -179,6 +181,8 @@ def drive(car: Car, driver: Callable[[float, Now], tuple[float, float]],
         now.way += H * now.v
         now.yaw = yaw + H * now.turn
         now.v, now.side, now.turn = v + H * dv, side + H * ds, turn + H * dw
+        if still:
+            now.side = now.turn = 0.0
     return Truth(*np.array(rows).T)
 
 

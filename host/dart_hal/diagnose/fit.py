@@ -150,7 +150,7 @@ def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
         moved_along[space.names.index(name)] = moved[i]
     moved_along[len(space.names):] = moved[tail:]
     x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
-            key=lambda z: _loss(evidence, noise, space, z))
+            key=lambda z: loss_at(evidence, noise, space, z))
     return refit_near(evidence, noise, space, x, near)
 
 
@@ -202,7 +202,8 @@ def _residual(evidence: Evidence, noise: Noise, space: Space,
     return noise.stacked(evidence.residuals(vehicle, timing))
 
 
-def _loss(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
+def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
+    """Robust loss of the data with the prior, at x."""
     r, worth = _residual(evidence, noise, space, x)
     return float(worth @ loss(r)) + float((space.pull * x) @ x)
 

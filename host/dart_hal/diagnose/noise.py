@@ -36,6 +36,11 @@ class Noise:
         sensors = np.nan_to_num(r.sensors / self.sensors, nan=0.0)
         return np.clip(motion, -WILD, WILD), np.clip(sensors, -WILD, WILD)
 
+    def with_motion(self, other: Noise) -> Noise:
+        """The same with the motion of another."""
+        c = len(self.motion)
+        return Noise(other.motion, self.sensors, np.concatenate([other.worth[:c], self.worth[c:]]))
+
     def stacked(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
         """(residuals in standard deviations, what each is worth), (N,) both."""
         motion, sensors = self.whiten(r)

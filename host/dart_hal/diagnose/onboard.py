@@ -45,6 +45,7 @@ class OnboardEvidence(Evidence):
     """
 
     late = 0.0  # everything is on the clock of the messages
+    exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Outing, ...]
 
     def __init__(self, drives: Sequence[Outing], l_r: float) -> None:

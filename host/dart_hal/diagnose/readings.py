@@ -21,6 +21,7 @@ from dart_hal.vehicle.signals import late_last, through
 from .drive import POINTS, STEP, Drive, between
 
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
+AROUND = 25  # samples to each side over which a standing car is seen to turn
 WINDOW = 10  # samples over which the encoder counts
 SMOOTH = 11
 """Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
@@ -75,16 +76,18 @@ def driven(p: Vehicle, m: Measured, drive: Drive, late: float) -> FloatArray:
     return np.stack(said, axis=1) - read
 
 
-def at_rest(drive: Drive, p: Vehicle) -> FloatArray:
+def at_rest(drive: Drive, p: Vehicle, seen: bool = False) -> FloatArray:
     """What gyro and accelerometer say of a standing car, minus what they said; (k, 4).
 
-    The accelerometer in units of its noise while driving; nothing of the encoder.
+    seen: by motion capture, which knows how slowly it turns all the same. The
+    accelerometer in units of its noise while driving; nothing of the encoder.
     """
     at = drive.at[drive.still]
     zero, g = np.zeros(len(at)), drive.grid
     sample = np.arange(len(g))
     now = Now(np.interp(at, sample, g.t), zero, zero, zero, np.interp(at, sample, g.yaw))
-    gyro = through(p, "gyro", zero, now, STEP)
+    turning = (between(g.yaw, at + AROUND) - between(g.yaw, at - AROUND)) / (2 * AROUND * STEP)
+    gyro = through(p, "gyro", turning if seen else zero, now, STEP)
     a_x, a_y = through(p, "accel", (zero, zero), now, STEP)
     out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.read[drive.still]
     out[:, 0] = np.nan

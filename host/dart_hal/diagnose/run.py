@@ -46,12 +46,12 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     began = time.monotonic()
     l_r = settled(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
-    settings = Settings(free=_estimated(vehicle, known) if refit else (), known=known,
-                        names=tuple(only), false_alarm=false_alarm, max_causes=max_causes,
-                        jobs=jobs, seed=seed)
     files: dict[str, dict[str, Any]] = {}
     sides = [_side(role, recordings, l_r, reference, files)
              for role, recordings in (("train", train), ("test", test))]
+    free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
+    settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
+                        max_causes=max_causes, jobs=jobs, seed=seed)
 
     def tell(share: float, what: str) -> None:
         if progress is not None:
@@ -72,14 +72,16 @@ def standard_errors(model: ModelFile) -> dict[str, float]:
             if isinstance(entry, Quantity) and entry.std}
 
 
-def _estimated(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[str, ...]:
+def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tuple[str, ...]:
     """Parameters that a refit moves.
 
     A delay or lag of 0 without a standard error is none: a model that has no lag
     has no parameter for it, and if the car has one, that is a cause with a name.
+    Without motion capture (not ``exact``) it is: a lag of a tenth of a second cannot
+    be told from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
-                 if name in known or value(vehicle, name) != 0.0)
+                 if not exact or name in known or value(vehicle, name) != 0.0)
 
 
 def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,

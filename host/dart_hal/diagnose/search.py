@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, refit, refit_near, refit_with
+from .fit import Point, loss_at, refit, refit_near, refit_with
 from .noise import Noise, measure
 from .residuals import Evidence
 from .rows import BLOCK
@@ -21,6 +21,7 @@ from .scan import Progress, Scan, Trial, scan
 from .selection import Named, Rejected, Settings, rows_at, select
 from .space import Space, Timing
 
+AGES = (0.0, 0.02, 0.04, 0.06, 0.08)  # s, of commands before their message
 PASSES = 2  # the second with the sizes of the residuals of the first
 LAST = 2  # rounds with slopes of their own, of a fit that begins near its end
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
@@ -30,6 +31,9 @@ NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 class Found:
     """base: the fitted base; point: with all effects named; ranking: trials of the first round.
 
+    noise: that of the motion as the base left it. The search measures it anew with
+    every cause, to see smaller ones; but to weigh by what a fit has left makes the
+    next one follow what fits already, and a cause in a sensor would move the car.
     refit_loss: by how much the fit of the base lowered the loss.
     """
 
@@ -49,7 +53,7 @@ class Search:
                  progress: Progress | None = None) -> None:
         self._evidence, self._settings, self._progress = evidence, settings, progress
         self._base = base
-        self._done = 0.0
+        self._done, self._dropped = 0.0, False
 
     def run(self) -> Found:
         """Search until nothing passes."""
@@ -59,7 +63,7 @@ class Search:
         fixed = Space(self._base, (), late=self._evidence.late)
         refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
             - point.loss()
-        base, first = point, tuple[Trial, ...]()
+        base, sizes, first = point, noise, tuple[Trial, ...]()
         failed: dict[str, float] = {}
         named, rejected = list[Named](), tuple[Rejected, ...]()
         while len(named) < s.max_causes or not first:
@@ -77,6 +81,9 @@ class Search:
             point, noise = self._settle(*fitted)
             point, noise, named = self._go_back(point, noise, named, [one for one, _ in new])
         named = self._likes(point, noise, named)
+        if named:
+            noise = noise.with_motion(sizes)
+            point = refit(self._evidence, noise, point.space, point.x)
         return Found(base, point, noise, tuple(named), rejected, first, refit_loss)
 
     def fit(self, found: Found, effects: Sequence[str]) -> Point:
@@ -95,7 +102,7 @@ class Search:
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
         """Fit and measure the residuals, until both suit each other; once from a fit on."""
         passes = PASSES if x is None else 1
-        x = space.point(timing) if x is None else x
+        x = self._begun(space, timing) if x is None else x
         for _ in range(passes):
             vehicle, timing = space.split(x)
             noise = measure(self._evidence.residuals(vehicle, timing),
@@ -103,6 +110,15 @@ class Search:
             point = refit(self._evidence, noise, space, x)
             x = point.x
         return point, noise
+
+    def _begun(self, space: Space, timing: Timing) -> FloatArray:
+        """The base at the best of some ages of commands: in steps by chance a fit finds the
+        nearest that suits it, not the best."""
+        points = [space.point(Timing(timing.late, ahead)) for ahead in AGES]
+        vehicle, _ = space.split(points[0])
+        noise = measure(self._evidence.residuals(vehicle, timing), self._evidence.blocks(BLOCK),
+                        self._evidence.overlap)
+        return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
 
     def _scan(self, point: Point, noise: Noise) -> list[Trial]:
         def tell(share: float, name: str) -> None:
@@ -152,7 +168,9 @@ class Search:
             without = self._without(point, noise, one.effect)
             if without.loss() - point.loss() < one.threshold:
                 point, noise = self._settle(without.space, without.timing, without.x)
-                named = [n for n in named if n.effect != one.effect]
+                named = [replace(n, rivals=(*n.rivals, one.effect)) for n in named
+                         if n.effect != one.effect]
+                self._dropped = True
         return point, noise, named
 
     def _without(self, point: Point, noise: Noise, name: str) -> Point:
@@ -163,7 +181,7 @@ class Search:
 
     def _likes(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
         """What each cause cannot be told from, beside all the others that were found."""
-        if len(named) < 2:
+        if len(named) < 2 and not self._dropped:
             return named
         out = []
         for one in named:

@@ -28,6 +28,7 @@ LEAST = 0.8  # of the small size of an effect: below that it is within what conv
 FIRM = 1.0  # standard errors by which data left out must like an effect
 MANY = 6  # recordings from which on they are the unit: no single one may be all the gain
 MORE = 1.5  # times what it gained when it failed
+PER_PARAMETER = 2.0  # of the loss; of two that gain the same, the simpler is the cause
 RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
 FitWith = Callable[[Trial], Point]
@@ -93,15 +94,15 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     rows = rows_at(evidence, point)
     first = fit_with(trials[0])
     rest = first.residual if first.loss() < point.loss() else point.residual
-    nothing = nothing_missing(point, rest, trials, rows.block, settings.seed)
+    nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, evidence.exact)
     limits = {t.effect: nothing.needed(t.effect, settings.false_alarm) for t in trials}
     passed = [t for t in trials if t.gain > limits[t.effect]]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
             if t.gain > CLOSE * again[0].gain}
     direction = directions(point)
-    order = sorted(passed, key=lambda t: -(point.loss() - fits[t.effect].loss()
-                                           if t.effect in fits else 0.0))
+    order = sorted(passed, key=lambda t: PER_PARAMETER * len(catalogue()[t.effect].parameters)
+                   - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)
     accepted, rejected, failures = list[tuple[Named, Point]](), list[Rejected](), 0
     taken: list[FloatArray] = []
     for trial in (*order, *(t for t in trials if t not in passed)):

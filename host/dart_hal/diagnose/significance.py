@@ -56,9 +56,11 @@ class Nothing:
 
 
 def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
-                    block: NDArray[np.int64], seed: int) -> Nothing:
+                    block: NDArray[np.int64], seed: int, apart: bool = True) -> Nothing:
     """From the signs of blocks.
 
+    apart: each effect by its own inflation; else all by the largest gain of any,
+    where residuals have errors of the method in them that signs do not show.
     rest (N,): residuals with the best explanation taken away, so that no cause
     is in them; block (N,): labels of what turns its sign together.
     """
@@ -74,8 +76,8 @@ def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
             continue
         sums = np.bincount(index, weights=w * d * rest)
         square = float(sums @ sums)
-        inflation[trial.effect] = max(1.0, square / size)
-        scores.append(sums / np.sqrt(max(square, 1e-300)))
+        inflation[trial.effect] = max(1.0, square / size) if apart else 1.0
+        scores.append(sums / np.sqrt(max(square, 1e-300) if apart else size))
     best = np.max((signs @ np.stack(scores, axis=1))**2, axis=1) if scores else np.zeros(FLIPS)
     return Nothing(inflation, np.sort(best))
 

@@ -225,8 +225,11 @@ def _considered(found: Found, withdrawn: Sequence[str]) -> tuple[Considered, ...
 
 def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained]) -> str:
+    good = [c for c in causes if not c.gain.high < 0.0]
+    if good:
+        return "partly_explained" if left or len(good) < len(causes) else "explained"
     if causes:
-        return "partly_explained" if left else "explained"
+        return "unexplained"  # what surely makes predictions worse explains nothing
     if left:
         return "unexplained"
     if q.refit:
