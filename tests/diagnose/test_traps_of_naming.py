@@ -56,7 +56,6 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
     assert sorted(names(found)) == left
 
 
-@pytest.mark.xfail(strict=True, reason="it counts from beside a relative that was dropped since")
 def test_what_is_said_of_a_cause_counts_from_the_fit_without_it():
     """Named second and left alone: its gain, and what it is like, are those of the first round."""
     found = search(drive(("yaw_damping", 0.03), seconds=60.0, seed=14))

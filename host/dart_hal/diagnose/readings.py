@@ -21,7 +21,7 @@ from dart_hal.vehicle.signals import late_last, through
 from .drive import POINTS, STEP, Drive, between
 
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
-AROUND = 25  # samples to each side over which a standing car is seen to turn
+AROUND = 10  # samples to each side over which a standing car is seen to turn
 WINDOW = 10  # samples over which the encoder counts
 SMOOTH = 11
 """Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever

@@ -75,13 +75,14 @@ def standard_errors(model: ModelFile) -> dict[str, float]:
 def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tuple[str, ...]:
     """Parameters that a refit moves.
 
-    A delay or lag of 0 without a standard error is none: a model that has no lag
-    has no parameter for it, and if the car has one, that is a cause with a name.
-    Without motion capture (not ``exact``) it is: a lag of a tenth of a second cannot
-    be told from commands that are logged with the next message.
+    All of them, where the file states no standard error at all. Where it does, a
+    delay or lag of 0 without one is none: a model that has no lag has no parameter
+    for it, and if the car has one, that is a cause with a name. Without motion
+    capture (not ``exact``) it moves even so: a lag of a tenth of a second cannot be
+    told from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
-                 if not exact or name in known or value(vehicle, name) != 0.0)
+                 if not (exact and known) or name in known or value(vehicle, name) != 0.0)
 
 
 def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,
