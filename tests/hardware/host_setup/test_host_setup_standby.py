@@ -32,7 +32,7 @@ from dart_hal.links.notify import notify
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
 
-CARS = Path(__file__).parents[2] / "cars"
+CARS = Path(__file__).parents[3] / "cars"
 NEUTRAL = 307
 PATIENCE = 20.0
 
