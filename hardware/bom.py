@@ -152,7 +152,8 @@ def main() -> int:
     from bom_page import page  # beside this file: python hardware/bom.py
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 on a difference")
+    parser.add_argument("--check", action="store_true",
+                        help="write nothing; exit 1 on a difference")
     args = parser.parse_args()
     try:
         text = page(load(), load_tools())

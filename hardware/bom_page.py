@@ -27,14 +27,16 @@ def _prices(rows: list[Row]) -> str:
     lines = ["| | EUR |", "|---|---:|"]
     lines += [f"| {TITLES[t]} (`{t}`) | {tier[t]} |" for t in TIERS]
     lines += [f"| **smallest car that runs** | **{smallest}** |",
-              f"| car of the paper, complete (`paper` + `needed`) | {tier['paper'] + tier['needed']} |",
+              "| car of the paper, complete (`paper` + `needed`) "
+              f"| {tier['paper'] + tier['needed']} |",
               f"| full car, every option, cut-off L4 | {total([r for r in rows if r.full])} |"]
     return "## What it costs\n\n" + "\n".join(lines) + "\n\n" + SMALLEST
 
 
 def _counts(rows: list[Row]) -> str:
     cars = {"smallest": [r for r in rows if r.smallest],
-            "of the paper, complete": [r for r in rows if r.tier != "optional"], "full": [r for r in rows if r.full]}
+            "of the paper, complete": [r for r in rows if r.tier != "optional"],
+            "full": [r for r in rows if r.full]}
     cut, printed, missing = UPSTREAM_PARTS
     lines = ["| car | cut parts | printed parts | solder joints |", "|---|---:|---:|---:|"]
     for name, some in cars.items():
@@ -75,19 +77,22 @@ def _tools(tools: list[Tool]) -> str:
 HEAD = """\
 # Bill of materials
 
-Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of the tier `paper` are those of the paper
-(2024). All others are **assumed**, rounded, without postage: whoever orders corrects them in the file. `in kit` and the like mean that
-another row pays for the part. Steps are those of the [build guide](build_guide/01_parts.md).
+Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of
+the tier `paper` are those of the paper (2024). All others are **assumed**, rounded, without
+postage: whoever orders corrects them in the file. *in `kit`* and the like mean that another row
+pays for the part. Steps are those of the [build guide](build_guide/01_parts.md).
 """
 
 SMALLEST = """\
-*Smallest car that runs*: kit, striped ring with its infrared sensor, IMU, Nano, base plate, cells. Stock servo, motor fed by the cells of
-the board, no lidar, no camera bracket. It calibrates, drives and records; everything else can be added later. The row `plates` counts in
-full although it carries only one of the three.
+*Smallest car that runs*: kit, striped ring with its infrared sensor, IMU, Nano, base plate, cells.
+Stock servo, motor fed by the cells of the board, no lidar, no camera bracket. It calibrates, drives
+and records; everything else can be added later. The row `plates` counts in full although this car
+carries only one of the three.
 """
 
 UPSTREAM = """\
-Upstream is the published design (Lorenzo-Lyons/DART, build instructions), counted per car. Its Hall holder is named in the text but is in no
-published file: the `+ 1`. Its instructions solder nothing, and neither does this car without options; the IMU named there (Adafruit 2472)
-comes with loose pins, four joints, which is why `imu` here asks for one with a plug.
+Upstream is the published design (Lorenzo-Lyons/DART, build instructions), counted per car. Its Hall
+holder is named in the text but is in no published file: the `+ 1`. Its instructions solder nothing,
+and neither does this car without options; the IMU named there (Adafruit 2472) comes with loose
+pins, four joints [assumed: look at yours], which is why `imu` here asks for one with a plug.
 """

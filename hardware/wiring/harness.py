@@ -59,7 +59,8 @@ def wires(name: str, folder: Path = HERE) -> list[Wire]:
     data = load(name, folder)
     found = []
     for start, cable, end in data["connections"]:
-        (a, pins_a), (w, numbers), (b, pins_b) = (next(iter(x.items())) for x in (start, cable, end))
+        (a, pins_a), (w, numbers), (b, pins_b) = (
+            next(iter(link.items())) for link in (start, cable, end))
         lists = [_spread(x) for x in (pins_a, numbers, pins_b)]
         if len({len(x) for x in lists}) != 1:
             raise WiringError(f"{name}.yml, {w}: {[len(x) for x in lists]} pins and wires, "

@@ -203,7 +203,7 @@ def test_a_typing_error_says_what_exists(copy):
 
 
 def test_a_name_that_is_nowhere_says_what_exists(copy):
-    with pytest.raises(harness.WiringError, match="'NANNO'.*one of NANO, "):
+    with pytest.raises(harness.WiringError, match=r"'NANNO'.*one of NANO, "):
         harness.wires("minimal", copy("minimal.yml", "{NANO: [D7", "{NANNO: [D7"))
 
 
