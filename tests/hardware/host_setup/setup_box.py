@@ -13,8 +13,8 @@ PASSED_ON = ("install", "mv", "rm", "ln", "touch", "mkdir", "env")
 """Fakes that note the call and hand it to the real command."""
 FAKES = (*PASSED_ON, "sudo", "uname", "id", "getconf", "df", "modinfo", "modprobe", "dpkg-query",
          "apt-get", "getent", "groupadd", "usermod", "raspi-config", "curl", "udevadm", "systemctl")
-TOOLS = ("sh", "dirname", "basename", "grep", "sed", "tr", "head", "tail", "cat", "awk", "wc", "cut",
-         "readlink", "sha256sum", "cmp", "mktemp", "cp", "chmod", "flock")
+TOOLS = ("sh", "dirname", "basename", "grep", "sed", "tr", "head", "tail", "cat", "awk", "wc",
+         "cut", "readlink", "sha256sum", "cmp", "mktemp", "cp", "chmod", "flock")
 DATA = ".local/share/dart-hal"
 CALM = {"uname", "id", "getconf", "df", "modinfo", "dpkg-query", "getent"}
 """Commands that only look."""
