@@ -16,6 +16,7 @@ check_all() {
     check_processor
     check_system
     check_glibc
+    check_clock
     check_sudo
     check_space
     check_i2c
@@ -63,6 +64,15 @@ check_glibc() { # numpy and scipy are built for 2.27, the one of JetPack 4
         2.[0-9]*) [ "${minor%%.*}" -lt 27 ] || { good glibc "$found"; return 0; } ;;
     esac
     bad glibc "${found:-none}: Python's packages need 2.27" "JetPack 4.2 or later, or Bookworm"
+}
+
+check_clock() { # without a battery it starts years ago, and then no certificate is valid yet
+    if [ "$(date +%Y)" -ge 2025 ]; then
+        good clock "$(date '+%Y-%m-%d %H:%M')"
+    else
+        bad clock "$(date '+%Y-%m-%d %H:%M'): no certificate is valid yet" \
+            "connect the network and wait a minute, or: sudo date -s '2030-01-31 12:00'"
+    fi
 }
 
 check_sudo() {

@@ -11,12 +11,13 @@ ROOT = Path(__file__).parents[3]
 SETUP = ROOT / "host" / "setup"
 PASSED_ON = ("install", "mv", "rm", "ln", "touch", "mkdir", "env")
 """Fakes that note the call and hand it to the real command."""
-FAKES = (*PASSED_ON, "sudo", "uname", "id", "getconf", "df", "modinfo", "modprobe", "dpkg-query",
-         "apt-get", "getent", "groupadd", "usermod", "raspi-config", "curl", "udevadm", "systemctl")
+FAKES = (*PASSED_ON, "sudo", "uname", "id", "date", "getconf", "df", "modinfo", "modprobe",
+         "dpkg-query", "apt-get", "getent", "groupadd", "usermod", "raspi-config", "curl",
+         "udevadm", "systemctl")
 TOOLS = ("sh", "dirname", "basename", "grep", "sed", "tr", "head", "tail", "cat", "awk", "wc",
          "cut", "readlink", "sha256sum", "cmp", "mktemp", "cp", "chmod", "flock")
 DATA = ".local/share/dart-hal"
-CALM = {"uname", "id", "getconf", "df", "modinfo", "dpkg-query", "getent"}
+CALM = {"uname", "id", "date", "getconf", "df", "modinfo", "dpkg-query", "getent"}
 """Commands that only look."""
 
 
@@ -92,14 +93,14 @@ class Box:
 
     # -- running -----------------------------------------------------------
 
-    def run(self, *options: str, script: Path | None = None,
+    def run(self, *options: str, script: Path | None = None, timeout: float = 60.0,
             **environment: str) -> subprocess.CompletedProcess[str]:
         """The script in a process group of its own; the calls are noted anew."""
         (self.folder / "calls").write_text("")
         script = script or self.checkout / "host" / "setup" / "setup.sh"
         return subprocess.run(
-            ["sh", str(script), *options], capture_output=True, text=True, timeout=60, check=False,
-            stdin=subprocess.DEVNULL, start_new_session=True, cwd=self.folder,
+            ["sh", str(script), *options], capture_output=True, text=True, timeout=timeout,
+            check=False, stdin=subprocess.DEVNULL, start_new_session=True, cwd=self.folder,
             env={"PATH": f"{self.folder}/bin:{self.folder}/tools", "HOME": str(self.home),
                  "DESTDIR": str(self.root), "BOX": str(self.folder), "LC_ALL": "C", **environment})
 

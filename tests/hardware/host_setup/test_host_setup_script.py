@@ -243,6 +243,7 @@ def test_a_command_line_that_cannot_be_meant(box: Box, options: list[str], said:
     ({"UNAME_M": "x86_64"}, "STOP  processor", "make setup"),
     ({"UNAME_M": "armv7l"}, "32-bit", "64-bit"),
     ({"GLIBC": "2.23"}, "STOP  glibc", "JetPack 4.2"),
+    ({"YEAR": "1970"}, "no certificate", "date -s"),
     ({"GLIBC": "2.4"}, "STOP  glibc", "JetPack 4.2"),
     ({"SUDO_N": "1"}, "STOP  sudo", "sudoers"),
     ({"FREE_KB": "300000"}, "292 MB free", "apt-get clean"),
