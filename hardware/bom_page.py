@@ -49,19 +49,25 @@ def _counts(rows: list[Row]) -> str:
 
 
 def _tier(tier: str, rows: list[Row]) -> str:
-    lines = [f"## {TITLES[tier]}\n",
-             "| id | part | quantity | EUR each | EUR | search for | instead | step |",
-             "|---|---|---:|---:|---:|---|---|---|"]
+    lines = [f"## {TITLES[tier]}\n", "| id | part | quantity | EUR | search for | step |",
+             "|---|---|---:|---:|---|---|"]
     for r in rows:
-        price = f"in `{r.source[5:]}`" if r.source.startswith("paid:") else f"{r.price:.2f}"
-        cost = "" if r.source.startswith("paid:") else f"{r.cost:.2f}"
-        note = f"; {r.note}" if r.note else ""
+        kind = f" ({r.custom})" if r.ours else ""
+        note = f"<br>{r.note}" if r.note else ""
+        search = "<br>".join(x for x in (r.search_for, f"or: {r.alternatives}") if x not in
+                             ("", "or: "))
         quantity = str(r.quantity) if r.unit == "piece" else f"{r.quantity} {r.unit}"
-        kind = "" if r.custom == "bought" or not r.ours else f" ({r.custom})"
-        lines.append(f"| `{r.id}` | {r.part}{kind}{note} | {quantity} | {price} | {cost} "
-                     f"| {r.search_for} | {r.alternatives} | {', '.join(r.used_in)} |")
-    lines.append(f"| | **sum** | | | **{total(rows)}** | | | |\n")
+        lines.append(f"| `{r.id}` | **{r.part}**{kind}: {r.purpose}{note} | {quantity} "
+                     f"| {_price(r)} | {search} | {', '.join(r.used_in)} |")
+    lines.append(f"| | **sum** | | **{total(rows)}** | | |\n")
     return "\n".join(lines)
+
+
+def _price(row: Row) -> str:
+    if row.source.startswith("paid:"):
+        return f"in `{row.source[5:]}`"
+    each = f" ({row.price:.2f} each)" if row.quantity > 1 else ""
+    return f"{row.cost:.2f}{each}"
 
 
 def _tools(tools: list[Tool]) -> str:

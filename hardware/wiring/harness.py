@@ -99,18 +99,21 @@ def _label(data: dict[str, Any], device: str, pin: str, name: str) -> str:
 def table(name: str, folder: Path = HERE) -> str:
     """The wires as a Markdown table, in the order in which they are plugged.
 
-    A cable with plugs at both ends is one row.
+    A cable with plugs at both ends is one row; a device is named where its wires begin.
     """
     data, known = load(name, folder), parts(folder)["connectors"]
     lines = ["| from | pin | to | pin | colour |", "|---|---|---|---|---|"]
+    last = ("", "", "")
     for wire in wires(name, folder):
         (a, p), (b, q) = wire.start, wire.end
         cable, colour = data["cables"][wire.cable], WORDS[wire.colour]
         if cable.get("notes") == PLUGGED:
             p, q, colour = "plug", "plug", f"`{cable['pn']}`"
-        line = f"| {_say(known, a)} | {p} | {_say(known, b)} | {q} | {colour} |"
-        if line != lines[-1]:
-            lines.append(line)
+        again = (a, b, wire.cable) == last
+        names = ("", "") if again else (_say(known, a), _say(known, b))
+        if not again or cable.get("notes") != PLUGGED:
+            lines.append(f"| {names[0]} | {p} | {names[1]} | {q} | {colour} |")
+        last = (a, b, wire.cable)
     return "\n".join(lines)
 
 
