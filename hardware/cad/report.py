@@ -1,0 +1,152 @@
+"""The table of what was built, and the differences between two of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+import drawings
+from assembly import balance, item_mesh, items, placements
+from collisions import lidar_view, overlaps
+from geometry import Bore, Part
+from parameters import Parameters
+
+VOLUME = 1e-3  # share of the volume by which a rebuilt part may differ
+LENGTH = 0.01  # mm
+
+
+def rounded(values: Any, digits: int = 4) -> list[float]:
+    return [round(float(v), digits) + 0.0 for v in values]
+
+
+def hole_row(bore: Bore) -> dict[str, Any]:
+    row = {"at": rounded(bore.at), "axis": rounded(bore.axis),
+           "diameter": round(bore.diameter, 4), "length": round(bore.length, 4),
+           "screw": bore.screw, "use": bore.use}
+    if bore.slot:
+        row |= {"slot": round(bore.slot, 4), "slot_axis": rounded(bore.slot_axis)}
+    return row
+
+
+def part_row(p: Parameters, part: Part) -> dict[str, Any]:
+    """Volume, box, holes and mass of one part in its own frame."""
+    box, volume = part.solid.bounding_box(), part.solid.volume
+    centre = part.solid.center()
+    density = (p.printer.density * p.printer.fill if part.process == "printed"
+               else p.sheet.density)
+    return {"process": part.process, "wall_min": part.wall_min, "colour": part.colour,
+            "volume_mm3": round(volume, 2), "box_mm": [rounded(box.min), rounded(box.max)],
+            "mass_g": round(volume * density / 1000, 3), "centre_mm": rounded(centre, 3),
+            "holes": [hole_row(b) for b in part.bores]}
+
+
+def table(p: Parameters, made: list[Part], stl: Path) -> dict[str, Any]:
+    """Everything the tests and the pictures need; meshes are read back from the folder `stl`."""
+    rows = {part.name: part_row(p, part) for part in made}
+    placed = [{"name": q.name, "part": q.part, "step": q.step, "lift_mm": list(q.lift),
+               "matrix": [rounded(r, 6) for r in q.matrix]} for q in placements(p)]
+    bought = items(p)
+    bodies = {i.name: item_mesh(i) for i in bought}
+    weighed = [(i.mass, bodies[i.name]) for i in bought]
+    for q in placed:
+        mesh = trimesh.load_mesh(stl / f"{q['part']}.stl")
+        mesh.apply_transform(np.array(q["matrix"]))
+        bodies[q["name"]] = [mesh]
+        weighed.append((rows[q["part"]]["mass_g"], [mesh]))
+    lidar = lidar_view(bodies, (p.lidar.axis_x, 0.0), p.lidar.scan_z)
+    return {"parts": rows, "placements": placed,
+            "items": [{"name": i.name, "bom": i.bom, "mass_g": i.mass, "step": i.step,
+                       "shapes": list(i.shapes)} for i in bought],
+            "assembly": balance(weighed) | {"rear_axle_x_mm": p.car.rear_axle_x,
+                                            "wheelbase_mm": p.car.wheelbase},
+            "overlaps_mm3": overlaps(bodies), "lidar": lidar}
+
+
+def dump(report: dict[str, Any]) -> str:
+    """JSON with one line per part, hole, placement and shape, so that changes can be read."""
+    def short(value: Any) -> str:
+        return json.dumps(value)
+
+    lines = ["{"]
+    parts = []
+    for name, row in report["parts"].items():
+        head = short({k: v for k, v in row.items() if k != "holes"})[:-1]
+        holes = ",\n    ".join(short(h) for h in row["holes"])
+        parts.append(f'  {short(name)}: {head}, "holes": [' + (f"\n    {holes}]" if holes else "]")
+                     + "}")
+    lines.append('"parts": {\n' + ",\n".join(parts) + "},")
+    lines.append('"placements": [\n' + ",\n".join("  " + short(q) for q in report["placements"])
+                 + "],")
+    things = []
+    for item in report["items"]:
+        head = short({k: v for k, v in item.items() if k != "shapes"})[:-1]
+        shapes = ",\n    ".join(short(s) for s in item["shapes"])
+        things.append(f'  {head}, "shapes": [\n    {shapes}]}}')
+    lines.append('"items": [\n' + ",\n".join(things) + "],")
+    lines.append(",\n".join(f'"{key}": {short(report[key])}'
+                            for key in ("assembly", "overlaps_mm3", "lidar")))
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def differences(old: dict[str, Any], new: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Rows (part, what, committed, rebuilt) for everything outside the tolerances."""
+    found = []
+    for name in sorted(set(old["parts"]) | set(new["parts"])):
+        a, b = old["parts"].get(name), new["parts"].get(name)
+        if a is None or b is None:
+            found.append((name, "part", "missing" if a is None else "there",
+                          "missing" if b is None else "there"))
+            continue
+        if abs(a["volume_mm3"] - b["volume_mm3"]) > VOLUME * b["volume_mm3"]:
+            found.append((name, "volume mm3", f"{a['volume_mm3']}", f"{b['volume_mm3']}"))
+        if np.abs(np.subtract(a["box_mm"], b["box_mm"])).max() > LENGTH:
+            found.append((name, "bounding box mm", f"{a['box_mm']}", f"{b['box_mm']}"))
+        found += [(name, f"hole {n}", str(x), str(y)) for n, (x, y) in
+                  enumerate(_pairs(a["holes"], b["holes"])) if x != y]
+    old_at = {q["name"]: q for q in old["placements"]}
+    new_at = {q["name"]: q for q in new["placements"]}
+    found += [(name, "placement", str(old_at.get(name)), str(new_at.get(name)))
+              for name in sorted(set(old_at) | set(new_at)) if old_at.get(name) != new_at.get(name)]
+    found += [("assembly", key, str(old.get(key)), str(new.get(key)))
+              for key in ("assembly", "lidar") if old.get(key) != new.get(key)]
+    return found
+
+
+def _pairs(a: list[Any], b: list[Any]) -> list[tuple[Any, Any]]:
+    n = max(len(a), len(b))
+    return list(zip(a + [None] * (n - len(a)), b + [None] * (n - len(b)), strict=True))
+
+
+def stl_differences(old: Path, new: Path) -> list[tuple[str, str, str, str]]:
+    """Meshes whose volume or box differs, or that exist on one side only."""
+    found = []
+    for name in sorted({f.name for d in (old, new) for f in d.glob("*.stl")}):
+        if not (old / name).is_file() or not (new / name).is_file():
+            found.append((name, "file", _there(old / name), _there(new / name)))
+            continue
+        a, b = trimesh.load_mesh(old / name), trimesh.load_mesh(new / name)
+        if abs(a.volume - b.volume) > VOLUME * abs(b.volume):
+            found.append((name, "volume mm3", f"{a.volume:.1f}", f"{b.volume:.1f}"))
+        if np.abs(a.bounds - b.bounds).max() > LENGTH:
+            found.append((name, "bounding box mm", str(a.bounds.tolist()), str(b.bounds.tolist())))
+    return found
+
+
+def dxf_differences(old: Path, new: Path) -> list[tuple[str, str, str, str]]:
+    """Drawings whose outlines or holes differ, or that exist on one side only."""
+    found = []
+    for name in sorted({f.name for d in (old, new) for f in d.glob("*.dxf")}):
+        if not (old / name).is_file() or not (new / name).is_file():
+            found.append((name, "file", _there(old / name), _there(new / name)))
+            continue
+        a, b = drawings.entities(old / name), drawings.entities(new / name)
+        found += [(name, "entity", str(x)[:70], str(y)[:70]) for x, y in _pairs(a, b) if x != y]
+    return found
+
+
+def _there(path: Path) -> str:
+    return "there" if path.is_file() else "missing"
