@@ -38,7 +38,7 @@ case $name in
     getent) has "$2" known_groups ;;
     groupadd) echo "$2" >>"$BOX/state/known_groups" ;;
     usermod) echo "$2" >>"$BOX/state/groups" ;;
-    raspi-config) : >"$BOX/root/dev/i2c-1" ;;
+    raspi-config) : >"$BOX/system/dev/i2c-1" ;;
     curl)
         [ -z "${OFFLINE:-}" ] || exit 6
         while [ "$1" != -o ]; do shift; done

@@ -28,7 +28,7 @@ class Box:
     """
 
     def __init__(self, folder: Path, *, board: str = "NVIDIA Jetson Nano Developer Kit") -> None:
-        self.folder, self.root, self.home = folder, folder / "root", folder / "home"
+        self.folder, self.root, self.home = folder, folder / "system", folder / "home"
         self.checkout, self.state = folder / "checkout", folder / "state"
         self._copy_checkout()
         for path in (self.root / "dev", self.home, self.state):

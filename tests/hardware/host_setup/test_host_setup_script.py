@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from setup_box import DATA, ROOT, SETUP, Box, announced
 
-RULES = "root/etc/udev/rules.d/80-dart.rules"
-UNIT = "root/etc/systemd/system/dart-hal.service"
-ENVIRONMENT = "root/etc/dart-hal.env"
+RULES = "system/etc/udev/rules.d/80-dart.rules"
+UNIT = "system/etc/systemd/system/dart-hal.service"
+ENVIRONMENT = "system/etc/dart-hal.env"
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def second_run_does_nothing(box: Box) -> None:
 def nothing_half(box: Box, whole: dict[str, str]) -> None:
     """After any interruption: files are whole or absent, the environment in use is whole."""
     now = box.tree()
-    for name in (RULES, UNIT, ENVIRONMENT, "root/etc/profile.d/dart-hal.sh"):
+    for name in (RULES, UNIT, ENVIRONMENT, "system/etc/profile.d/dart-hal.sh"):
         assert now.get(name) in (None, whole[name]), f"{name} is half"
     link = box.home / DATA / "current"
     if link.is_symlink():
@@ -238,7 +238,7 @@ def test_a_command_line_that_cannot_be_meant(box: Box, options: list[str], said:
 @pytest.mark.parametrize(("environment", "said", "try_"), [
     ({"UNAME_S": "Darwin"}, "runs Darwin", "make setup"),
     ({"ID_U": "0"}, "not as root", "setup.sh"),
-    ({"HOME": "/home/a b"}, "'/home/a b'", "mv it"),
+    ({"HOME": "/srv/a b"}, "'/srv/a b'", "mv it"),
     ({"HOME": ""}, "the path ''", "mv it"),
     ({"UNAME_M": "x86_64"}, "STOP  processor", "make setup"),
     ({"UNAME_M": "armv7l"}, "32-bit", "64-bit"),

@@ -15,12 +15,12 @@ from dart_hal.actuation.standby import LOOK_EVERY
 from dart_hal.cli.main import VERBS
 
 TEXT = (SETUP / "dart-hal.service").read_text()
-DATA = "/home/driver/.local/share/dart-hal"
+DATA = "/srv/driver/.local/share/dart-hal"
 
 
 def filled(text: str = TEXT, data: str = DATA, user: str = "root") -> str:
     return (text.replace("@USER@", user).replace("@DATA@", data)
-            .replace("@CHECKOUT@", "/home/driver/dart-hal"))
+            .replace("@CHECKOUT@", "/srv/driver/dart-hal"))
 
 
 def read(text: str) -> RawConfigParser:
@@ -87,7 +87,7 @@ def test_what_the_script_installs_is_this_unit_and_the_settings_that_it_reads(
     assert box.run().returncode == 0
     installed = (box.root / "etc/systemd/system/dart-hal.service").read_text()
     data = str(box.home / ".local/share/dart-hal")
-    assert installed == filled(data=data, user="driver").replace("/home/driver/dart-hal",
+    assert installed == filled(data=data, user="driver").replace("/srv/driver/dart-hal",
                                                                  str(box.checkout))
     settings = read(installed)["Service"]["EnvironmentFile"]
     assert (box.root / settings.lstrip("/")).is_file()
