@@ -1,13 +1,14 @@
 """Bill of materials: reads bom.csv and tools.csv, checks them, writes docs/bom.md.
 
-    python hardware/bom.py            write the page
-    python hardware/bom.py --check    exit 1 if the committed page differs
+    python hardware/bom.py            write the page, and the table of screws in the guide
+    python hardware/bom.py --check    exit 1 if a committed page differs
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import re
 import sys
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -15,6 +16,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "bom.md"
+DECK = HERE.parent / "docs" / "build_guide" / "05_deck.md"
 TIERS = ("paper", "needed", "optional")
 CUSTOM = ("printed", "cut", "bought")
 SKILLS = ("none", "screws", "glue", "solder")
@@ -147,26 +149,42 @@ def total(rows: list[Row]) -> Decimal:
     return sum((r.cost for r in rows), Decimal(0)).quantize(Decimal("0.01"))
 
 
-def main() -> int:
-    """Write the page, or compare it."""
-    from bom_page import page  # beside this file: python hardware/bom.py
+def with_screws(text: str, table: str) -> str:
+    """A page of the guide with its table of screws replaced."""
+    block = f"<!-- screws -->\n{table}\n<!-- end of screws -->"
+    return re.sub(r"<!-- screws -->\n.*?<!-- end of screws -->", lambda _: block, text,
+                  flags=re.DOTALL)
 
+
+def generated() -> dict[Path, str]:
+    """Each page and what it should hold. Raises BomError."""
+    import screws  # beside this file: python hardware/bom.py
+    from bom_page import page
+
+    deck = DECK.read_text(encoding="utf-8")
+    return {PAGE: page(load(), load_tools()),
+            DECK: with_screws(deck, screws.table(screws.load()))}
+
+
+def main() -> int:
+    """Write the pages, or compare them."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--check", action="store_true",
                         help="write nothing; exit 1 on a difference")
-    args = parser.parse_args()
+    check = parser.parse_args().check
     try:
-        text = page(load(), load_tools())
+        pages = generated()
     except BomError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    if not args.check:
-        PAGE.write_text(text, encoding="utf-8")
-        return 0
-    if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-        return 0
-    sys.stderr.write(f"{PAGE.name} is not what bom.csv says; python hardware/bom.py writes it\n")
-    return 1
+    old = [p for p, text in pages.items()
+           if not p.is_file() or p.read_text(encoding="utf-8") != text]
+    for path in old:
+        if check:
+            sys.stderr.write(f"{path.name} is not what the tables say: python hardware/bom.py\n")
+        else:
+            path.write_text(pages[path], encoding="utf-8")
+    return 1 if check and old else 0
 
 
 if __name__ == "__main__":
