@@ -73,8 +73,7 @@ def test_the_bill_buys_them():
 
 def test_the_step_of_a_screw_names_screws():
     steps = {s.id: s for s in guide.steps()}
-    assert [s.step for s in screws.load() if not s.step.startswith("W")
-            and "screws" not in steps[s.step].parts] == []
+    assert [s.step for s in screws.load() if "screws" not in steps[s.step].parts] == []
 
 
 def test_parts_of_the_cad_are_those_of_the_bill():
