@@ -83,8 +83,10 @@ def summary(screws: list[Screw]) -> str:
 
 def table(screws: list[Screw]) -> str:
     """Markdown for the guide."""
-    lines = ["| step | screw | pieces | through | into | |", "|---|---|---:|---|---|---|"]
+    lines = ["| step | screw | pieces | where |", "|---|---|---:|---|"]
     for s in screws:
-        through = ", ".join(dict.fromkeys(f"`{part}`" for part, _ in s.holes))
-        lines.append(f"| {s.step} | {s.name} | {s.pieces} | {through} | {s.end} | {s.note} |")
-    return "\n".join(lines)
+        parts = ", ".join(dict.fromkeys(f"`{part}`" for part, _ in s.holes))
+        end = " + nut" if s.end == "nut" and s.length else ""
+        note = f": {s.note}" if s.note else ""
+        lines.append(f"| {s.step} | {s.name}{end} | {s.pieces} | {parts}{note} |")
+    return "\n".join(lines).replace(" x ", "\u00a0x\u00a0")
