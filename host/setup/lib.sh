@@ -4,6 +4,7 @@
 # shellcheck shell=sh disable=SC2034,SC2154
 
 changes=0
+failed=''
 notes=''
 
 say() { printf '== %s\n' "$*"; }
@@ -14,6 +15,7 @@ note() { notes="$notes   $*
 fail() { # SENTENCE [what to type]: ends the run
     printf 'error: %s\n' "$1" >&2
     [ $# -lt 2 ] || printf '  try: %s\n' "$2" >&2
+    failed=''
     exit 1
 }
 
@@ -25,7 +27,10 @@ wrong() { # a command line that cannot be meant
 run() { # COMMAND...: print it, and do it unless this is a dry run
     changes=$((changes + 1))
     printf '   $ %s\n' "$*"
-    [ "$dry" = yes ] || "$@"
+    [ "$dry" = no ] || return 0
+    failed=$*
+    "$@" || return
+    failed=''
 }
 
 as_root() { run sudo "$@"; }
@@ -50,8 +55,10 @@ write_file() { # FILE [MARK]: standard input becomes FILE, at once and whole; MA
     if [ "$dry" = yes ]; then
         sed 's/^/     | /' "$new"
     else
+        failed="writing $1"
         sudo install -D -m 0644 "$new" "$1.new"
         sudo mv -f "$1.new" "$1"
+        failed=''
     fi
     rm -f "$new"
 }
@@ -72,8 +79,15 @@ single_run() { # one at a time, and a word when it is interrupted
         exec 9>"$state/lock"
         flock -n 9 || fail "another run of this script is under way" "wait for it to end"
     fi
-    trap 'printf "\ninterrupted: what is done stays; the same command again goes on\n" >&2
+    trap 'failed=""
+          printf "\ninterrupted: what is done stays; the same command again goes on\n" >&2
           exit 130' INT TERM HUP
+    trap 'ended $?' EXIT
+}
+
+ended() { # STATUS: a command that nobody had a word for ends the run with one
+    [ "$1" -eq 0 ] || [ -z "$failed" ] || fail "this did not succeed: $failed" \
+        "see what it says above; then the same command again: what is done stays"
 }
 
 on_linux() {

@@ -36,11 +36,12 @@ class Box:
         self.put("etc/os-release", 'ID=ubuntu\nVERSION_ID="18.04"\nPRETTY_NAME="Ubuntu 18.04"\n')
         self.put("proc/device-tree/model", board + "\0")
         self.put("dev/i2c-1", "")
+        self.put("run/udev/control", "")
         self.plug("1a86", "7523")
         self.set("drivers", "ch341", "ftdi_sio")
         self.set("packages", "curl")
         self.set("groups", "driver", "sudo")
-        self.set("known_groups", "i2c", "dialout")
+        self.set("known_groups", "dialout")
         self._make_commands()
 
     def _copy_checkout(self) -> None:
