@@ -210,3 +210,29 @@ def test_a_name_that_is_nowhere_says_what_exists(copy):
 def test_a_wire_too_few_is_said(copy):
     with pytest.raises(harness.WiringError, match="W_IR"):
         harness.wires("minimal", copy("minimal.yml", "{W_IR: [1, 2, 3]}", "{W_IR: [1, 2]}"))
+
+
+def said_in_the_guide(text: str) -> set[tuple[str, str]]:
+    """(what, pin) of sentences: "VCC to D7", "red D4", "blue A4"."""
+    return set(re.findall(r"\b(VCC|OUT) to ([DA]\d)\b", text)) | set(
+        re.findall(r"\b(red|blue|yellow|white) ([DA]\d)\b", text))
+
+
+def test_the_sentences_of_the_guide_name_the_same_pins():
+    told: set[tuple[str, str]] = set()
+    for page in sorted(build.GUIDE.parent.glob("*.md")):
+        told |= said_in_the_guide(page.read_text(encoding="utf-8"))
+    true = {(w.end[1], w.start[1]) for w in harness.wires("minimal") if w.end[0] == "IR"}
+    true |= {(harness.WORDS[w.colour], w.start[1]) for w in harness.wires("minimal")
+             if w.end[0] == "IMU"}
+    assert told <= true
+    assert {("VCC", "D7"), ("OUT", "D2"), ("red", "D4"), ("blue", "A4"), ("yellow", "A5")} <= told
+    assert not said_in_the_guide("red D4, blue A5") <= true, "the control: a swapped pin"
+
+
+def test_the_table_of_the_hardware_page_names_the_same_pins():
+    text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
+    table = text.split("## Wiring of the Nano")[1].split("##")[0]
+    pins = re.findall(r"\b[DA]\d\b", " ".join(re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)))
+    firmware = {p for name, p in firmware_pins().items() if name != "kLed"}
+    assert sorted(pins) == sorted(firmware)
