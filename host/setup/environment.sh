@@ -10,8 +10,15 @@
 python_version=3.11
 installer=https://astral.sh/uv/install.sh
 
+name_environment() { # changes when the environment must be made anew
+    hash=$({ cat "$checkout/pyproject.toml" "$here/constraints.txt"
+        printf '%s' "$checkout" "$python_version"; } | sha256sum | cut -c 1-12)
+    venv=$data/venv-$hash
+}
+
 step_uv() {
     say "uv, which brings Python $python_version"
+    [ ! -e "$venv/.complete" ] || return 0
     uv=$given_uv
     [ -n "$uv" ] || [ ! -x "$data/bin/uv" ] || uv=$data/bin/uv
     [ -n "$uv" ] || uv=$(command -v uv) || uv=''
@@ -40,17 +47,11 @@ has_python() {
 
 step_python() {
     say "Python $python_version"
-    has_python || in_home python install "$python_version"
-}
-
-wanted() { # changes when the environment must be made anew
-    { cat "$checkout/pyproject.toml" "$here/constraints.txt"; printf '%s' "$checkout" \
-        "$python_version"; } | sha256sum | cut -c 1-12
+    [ -e "$venv/.complete" ] || has_python || in_home python install "$python_version"
 }
 
 step_package() {
     say "dart-hal in an environment of its own"
-    venv=$data/venv-$(wanted)
     if [ ! -e "$venv/.complete" ]; then
         [ ! -e "$venv" ] || run rm -rf "$venv"
         in_home venv --quiet --python "$python_version" "$venv"

@@ -90,6 +90,7 @@ single_run
 step_packages
 step_i2c
 step_groups
+name_environment
 step_uv
 step_python
 step_package

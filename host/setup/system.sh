@@ -110,7 +110,7 @@ $filled
 END
     systemctl is-enabled --quiet dart-hal.service 2>/dev/null || mark service
     marked service || return 0
-    as_root systemctl daemon-reload
+    reload_units
     as_root systemctl enable dart-hal.service
     if [ -e "$root/dev/dart-nano" ]; then
         as_root systemctl restart dart-hal.service ||
@@ -119,13 +119,19 @@ END
     unmark service
 }
 
+reload_units() { # where systemd does not run (an image), it reads them at the next start
+    [ ! -d "$root/run/systemd/system" ] || as_root systemctl daemon-reload
+}
+
 remove_all() {
     say "removing dart-hal from this computer"
     if [ -e "$unit" ]; then
-        as_root systemctl disable --now dart-hal.service ||
-            fail "the service does not end" "systemctl status dart-hal"
+        if [ -d "$root/run/systemd/system" ]; then
+            as_root systemctl stop dart-hal.service
+        fi
+        as_root systemctl disable dart-hal.service
         as_root rm -f "$unit"
-        as_root systemctl daemon-reload
+        reload_units
     fi
     if [ -e "$rules" ]; then
         as_root rm -f "$rules"

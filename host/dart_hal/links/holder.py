@@ -30,7 +30,7 @@ def port_of(url: Url) -> str | None:
 def holder(device: str, locks: Path = LOCKS) -> int | None:
     """Process id of who holds the port ``device``; None = nobody does.
 
-    0: a process of another container, whose number the kernel does not tell.
+    0: one whose number the kernel does not tell, as of another container.
     """
     try:
         node = os.stat(device)

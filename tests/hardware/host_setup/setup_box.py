@@ -37,6 +37,7 @@ class Box:
         self.put("proc/device-tree/model", board + "\0")
         self.put("dev/i2c-1", "")
         self.put("run/udev/control", "")
+        self.put("run/systemd/system/.keep", "")
         self.plug("1a86", "7523")
         self.set("drivers", "ch341", "ftdi_sio")
         self.set("packages", "curl")

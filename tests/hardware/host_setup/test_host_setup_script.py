@@ -162,6 +162,7 @@ def test_a_uv_that_is_there_is_used(box: Box) -> None:
     done = box.run("--uv", str(box.folder / "uv"))
     assert done.returncode == 0, done.stderr
     assert not [c for c in box.calls if c.startswith("curl")]
+    second_run_does_nothing(box)
 
 
 def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
@@ -174,11 +175,21 @@ def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
     assert not [c for c in box.calls if c.startswith("raspi-config")]
 
 
-def test_an_image_without_udev_has_its_rules_from_the_next_start(box: Box) -> None:
-    (box.root / "run/udev/control").unlink()
+def test_an_image_that_does_not_run_has_all_of_it_from_its_first_start(box: Box) -> None:
+    shutil.rmtree(box.root / "run")
     assert "next start" in box.run().stdout
-    assert not [c for c in box.calls if c.startswith("udevadm")]
+    assert not [c for c in box.calls if c.startswith("udevadm") or "daemon-reload" in c]
+    assert "systemctl enable dart-hal.service" in box.calls
     assert box.tree()[RULES]
+    assert box.run("--remove").returncode == 0
+    assert "systemctl stop dart-hal.service" not in box.calls
+
+
+def test_remove_ends_the_service_first(box: Box) -> None:
+    box.run()
+    box.run("--remove")
+    done = [c for c in box.calls if c.startswith(("systemctl", "rm"))]
+    assert done[0] == "systemctl stop dart-hal.service", "and ExecStopPost leaves neutral"
 
 
 def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
