@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-
 from bought import Item, deck_items, roof_low
-from chassis import axle_z, chassis_items, shock
+from chassis import axle_z, chassis_items, magnets_face, shock
 from geometry import Matrix, frame
 from parameters import Parameters
 from shapes import body
@@ -60,19 +59,18 @@ def encoder(p: Parameters) -> list[Placement]:
     c, z = p.car, axle_z(p)
     left, up = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     web = c.gear_web / 2
-    ring_face = c.gear_x - web - p.rings.magnet_floor - p.rings.magnet_depth
     slit = c.gear_x + c.gear_width / 2 + p.gate.to_gear
     return [
         Placement("striped_ring", "striped_ring", frame((c.gear_x + web, 0, z), left, up), "S03",
-                  (22, 0, -110)),
+                  (22, 0, -55)),
         Placement("magnet_ring", "magnet_ring",
-                  frame((c.gear_x - web, 0, z), left, (0.0, 0.0, -1.0)), "S03", (-22, 0, -110)),
+                  frame((c.gear_x - web, 0, z), left, (0.0, 0.0, -1.0)), "S03", (-22, 0, -55)),
         Placement("sensor_gate", "sensor_gate",
                   frame((slit + p.gate.depth, p.gate.slit_x, c.floor_z + p.gate.height),
-                        (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0)), "S04", (48, 0, -110)),
+                        (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0)), "S04", (48, 0, -55)),
         Placement("hall_holder", "hall_holder",
-                  frame((ring_face - p.hall.face_to_ring, 0, z), left, up), "S05",
-                  (-45, 0, -110)),
+                  frame((magnets_face(p) - p.hall.face_to_ring, 0, z), left, up), "S05",
+                  (-45, 0, -55)),
     ]
 
 

@@ -69,9 +69,9 @@ def jetson(p: Parameters) -> Item:
                for i in range(10)]
     shapes += [cylinder((61.5, y, z - 27.4), (61.5, y, z - 24), 20, DARK, inner=18.5),
                cylinder((61.5, y, z - 27.4), (61.5, y, z - 24), 7, DARK)]
-    for at, wide, high, colour in ((41, 12, 3.5, SILVER), (24, 17, 13.5, SILVER),
-                                   (4, 15, 16, BLUE), (-13, 15, 16, BLUE), (-30, 12, 12, SILVER),
-                                   (-43, 9, 11, BLACK)):
+    for at, wide, high, colour in ((38, 9, 3.5, SILVER), (24, 16, 13.5, SILVER),
+                                   (7, 14, 16, BLUE), (-9, 14, 16, BLUE), (-24, 13, 12, SILVER),
+                                   (-38, 9, 11, BLACK)):  # micro-USB ... DC jack
         shapes.append(box(15, 31, y + at - wide / 2, y + at + wide / 2, z - high, z, colour))
     shapes.append(box(38.5, 89, y + 45, y + 50, z - 8.5, z, BLACK))
     return Item("jetson", "jetson", p.mass.jetson, "S10", tuple(shapes))

@@ -28,7 +28,6 @@ FOLDERS = (("stl", ".stl"), ("dxf", ".dxf"), ("pictures", ".png"))
 def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
     """Writes stl/, dxf/, cad/built.json and pictures/ below `out`; returns the table."""
     import build123d as bd  # slow to import: after the parameters were found possible
-
     import drawings
     import families
     import report
@@ -38,7 +37,7 @@ def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
     made = families.all_parts(p)
     for part in made:
         bd.export_stl(part.solid, out / "stl" / f"{part.name}.stl", tolerance=0.01,
-                      angular_tolerance=0.3)
+                      angular_tolerance=0.1 if part.process == "printed" else 0.2)
         if part.sheet is not None:
             drawings.write(part.sheet, out / "dxf" / f"{part.name}.dxf")
         print(f"  {part.name:20} {part.process:8} {part.solid.volume:9.1f} mm3")
@@ -47,6 +46,7 @@ def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
     if pictures:
         import pictures as painter
         painter.paint(table, out / "stl", out / "pictures")
+        print(f"  {len(list((out / 'pictures').glob('*.png')))} pictures")
     return table
 
 

@@ -26,10 +26,12 @@ def camera_bracket(p: Parameters) -> Part:
                (d - 5, jaw + slot + jaw), (0, jaw + slot + jaw), (0, jaw + slot),
                (d, jaw + slot), (d, jaw), (0, jaw)]
     if c.hood == 0:
-        profile = profile[:3] + [(d + c.wall, top + roof)] + profile[5:]
+        profile = [*profile[:3], (d + c.wall, top + roof), *profile[5:]]
     body = prism(polygon(profile[::-1]), 0, w)
     body -= block(d, d + c.wall + 1, -1, lens - 3.2, w / 2 - 12.5, w / 2 + 12.5)
-    body -= block(d - 6, d + c.wall + 1, deck + 4.2, lens + 10, w / 2 - 8.0, w / 2 + 8.0)
+    body -= block(d - 6, d + c.wall + 1, deck + 4.2, lens + 6.2, w / 2 - 8.0, w / 2 + 8.0)
+    # Bar before the cable: guards it and carries the upper leg while it prints.
+    body += block(d + c.wall - 1.8, d + c.wall, 0, 2.4, w / 2 - 13, w / 2 + 13)
     bores = [screw_bore(p, "M2", (d + c.wall / 2, lens + v, w / 2 + s * c.pitch_u / 2), X,
                         c.wall, "camera") for v in (0, c.pitch_v) for s in (-1, 1)]
     reach = d - (p.upper.outline_left[-2] - p.upper.camera_x)  # screw from the inner end

@@ -46,7 +46,7 @@ def axle(p: Parameters, front: bool) -> list[Shape]:
     z, s = axle_z(p), 1 if front else -1
     inner = x - 15 * s
     low, high = sorted((inner, x + 17 * s))
-    shapes = [box(low, high, -16, 16, z - 13, z + 11, PLASTIC)]
+    shapes = [box(low, high, -16, 16, z - 13, z + 11, PLASTIC)] if front else []
     tower = sorted((x + 4.5 * s, x + 2 * s))
     shapes += [box(*tower, -36, 36, z + 11.5, z + 17, DARK)]
     for y in (-1, 1):
@@ -79,7 +79,8 @@ def rolling_chassis(p: Parameters) -> Item:
         for side in (-1, 1):
             shapes += wheel(x, side * c.track / 2, z, c.wheel_radius)
     gear = c.gear_x + c.gear_width / 2
-    shapes += [cylinder((rear + 16, 0, z), (front - 15, 0, z), 2, SILVER, sides=24),
+    shapes += [cylinder((magnets_face(p) - p.hall.face_to_ring, 0, z), (front - 15, 0, z), 2,
+                        SILVER, sides=24),
                cylinder((gear + 4, -17, z + 6.7), (gear + 35, -17, z + 6.7), 12, SILVER),
                cylinder((gear - 5, -17, z + 6.7), (gear + 4, -17, z + 6.7), 1.2, SILVER),
                box(28, 58, 14, 40, f, f + 22, RED)]
@@ -87,7 +88,34 @@ def rolling_chassis(p: Parameters) -> Item:
     shapes += [cylinder((p.base_holes.clear_front_x, y, f),
                         (p.base_holes.clear_front_x, y, c.board_z - 1.6), 2.5, WHITE, sides=6)
                for y in p.base_holes.clear_front_y]
-    return Item("chassis", "kit", p.mass.chassis, "S01", tuple(shapes))
+    return Item("chassis", "kit", 0.9 * p.mass.chassis, "S01", tuple(shapes))
+
+
+def magnets_face(p: Parameters) -> float:
+    """X of the magnet ring's face, flush with the magnets, mm."""
+    return p.car.gear_x - p.car.gear_web / 2 - p.rings.magnet_floor - p.rings.magnet_depth
+
+
+def rear_gearbox(p: Parameters) -> Item:
+    """Box behind the main gear; the Hall holder sits on its front face around the boss."""
+    x, z, face = p.car.rear_axle_x, axle_z(p), magnets_face(p) - p.hall.face_to_ring
+    shapes = [box(x - 17, face, -16, 16, z - 13, z + 11, PLASTIC)]
+    if p.hall.boss_length:
+        shapes.append(cylinder((face, 0, z), (face + p.hall.boss_length, 0, z), p.hall.boss / 2,
+                               PLASTIC, inner=2.1))
+    return Item("rear_gearbox", "kit", 0.1 * p.mass.chassis, "S02", tuple(shapes))
+
+
+def magnets(p: Parameters) -> Item:
+    """Discs in the ring behind the gear, the same pole to the switch."""
+    r, x, z = p.rings, magnets_face(p), axle_z(p)
+    shapes = []
+    for k in range(r.magnets):
+        a = 2 * math.pi * k / r.magnets
+        y, up = r.magnet_radius * math.cos(a), z - r.magnet_radius * math.sin(a)
+        shapes.append(cylinder((x, y, up), (x + 1.0, y, up), r.magnet_diameter / 2, SILVER,
+                               sides=24))
+    return Item("magnets", "magnets", 0.1, "S03", tuple(shapes))
 
 
 def main_gear(p: Parameters) -> Item:
@@ -112,7 +140,8 @@ def electronics(p: Parameters) -> list[Item]:
     c, f = p.car, p.car.floor_z
     top, z = c.board_z, axle_z(p)
     board = [box(0, 138, -40.5, 40.5, top - 1.6, top, "#17304f"),
-             box(60, 76, -40, -28, top, top + 9, SILVER), box(20, 32, -39, -25, top, top + 6, WHITE),
+             box(60, 76, -40, -28, top, top + 9, SILVER),
+             box(20, 32, -39, -25, top, top + 6, WHITE),
              box(44, 66, 27, 38, top, top + 8, BLACK), box(82, 108, 5, 30, top, top + 3, BLACK)]
     cells = [cylinder((60, y, top - 11.2), (125, y, top - 11.2), 9.25, "#3d7a4b")
              for y in (-30, -10, 10, 30)]
@@ -140,8 +169,7 @@ def electronics(p: Parameters) -> list[Item]:
 def hall_sensor(p: Parameters, z: float) -> Item:
     """Switch in its pocket, opposite the circle of the magnets."""
     h, r = p.hall, p.rings.magnet_radius
-    ring = p.car.gear_x - p.car.gear_web / 2 - p.rings.magnet_floor - p.rings.magnet_depth
-    x = ring - h.air_gap
+    x = magnets_face(p) - h.air_gap
     shapes = [box(x - h.sensor_z, x, r - h.sensor_y / 2, r + h.sensor_y / 2,
                   z - h.sensor_x / 2, z + h.sensor_x / 2, BLACK)]
     shapes += [box(x - 0.8, x - 0.3, r + h.sensor_y / 2, r + 14, z + k - 0.25, z + k + 0.25, SILVER)
@@ -150,4 +178,5 @@ def hall_sensor(p: Parameters, z: float) -> Item:
 
 
 def chassis_items(p: Parameters) -> list[Item]:
-    return [rolling_chassis(p), main_gear(p), bumper(p), *electronics(p)]
+    return [rolling_chassis(p), rear_gearbox(p), main_gear(p), magnets(p), bumper(p),
+            *electronics(p)]

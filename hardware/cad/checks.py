@@ -77,14 +77,14 @@ def fits(p: Parameters) -> Iterator[str]:
                          p.sheet.thickness + p.holders.hole, "lower holes of the back plate")
     used = p.stack.standoff_lower + p.stack.jetson_pcb + p.stack.standoff_upper
     yield from at_most(p, "stack.standoff_lower, standoff_upper, jetson_pcb", used,
-                       p.stack.gap + p.holders.oblong / 2, "standoffs and Jetson between the plates")
+                       p.stack.gap + p.holders.oblong / 2, "standoffs and Jetson in the gap")
     yield from at_most(p, "lidar.top_z", p.lidar.top_z,
                        p.sheet.thickness + p.stack.gap - p.camera.jaw - 2.0,
                        "lidar below the camera bracket")
     yield from at_least(p, "lidar.scan_z", p.lidar.scan_z,
                         p.sheet.thickness + p.lidar.pillar + 5, "scan plane above the lidar's body")
-    yield from at_most(p, "hall.air_gap", p.hall.air_gap, 1.9 if p.rings.magnet_depth < 1.5 else 2.3,
-                       "air gap for 35 mT")
+    reach = 1.9 if p.rings.magnet_depth < 1.5 else 2.3  # one magnet, two stacked
+    yield from at_most(p, "hall.air_gap", p.hall.air_gap, reach, "air gap for 35 mT")
     notch = p.upper.outline_left[-1] - p.upper.outline_right[1]
     yield from at_most(p, "camera.width", p.camera.width, notch - 0.3, "bracket in the notch")
     b = p.base

@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import ezdxf
-
 from layout import Sheet
 from outlines import Outline
 
@@ -40,7 +39,7 @@ def entities(path: Path) -> list[tuple[object, ...]]:
     found = []
     for e in ezdxf.readfile(path).modelspace():
         if e.dxftype() == "CIRCLE":
-            numbers = [*e.dxf.center[:2], e.dxf.radius]
+            numbers = [e.dxf.center.x, e.dxf.center.y, e.dxf.radius]
         elif e.dxftype() == "LWPOLYLINE":
             numbers = [v for point in e.get_points("xyb") for v in point]
         else:

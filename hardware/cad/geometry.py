@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import build123d as bd
 import numpy as np
-from numpy.typing import NDArray
-
 from layout import ISO_273_FINE, Sheet
+from numpy.typing import NDArray
 from outlines import Outline, middle, segments
 from parameters import Parameters
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import build123d as bd
-
-from geometry import X, Z, Part, block, drill, prism, screw_bore
+from geometry import Part, X, Z, block, drill, prism, screw_bore
 from outlines import polygon
 from parameters import Parameters
 
@@ -21,7 +20,7 @@ def angle(p: Parameters, name: str, size: float, hole: float, slot: float) -> Pa
     body += bd.Pos(0, -half + h.web, 0) * web
     bores = [screw_bore(p, "M3", (hole, 0, h.leg / 2), Z, h.leg, "plate"),
              screw_bore(p, "M3", (h.leg / 2, 0, hole), X, h.leg, "back_plate", slot, Z)]
-    return Part(name, drill(body, bores), tuple(bores), "printed", min(h.web, h.leg), "#d9822b")
+    return Part(name, drill(body, bores), tuple(bores), "printed", p.printer.wall_min, "#d9822b")
 
 
 def shock_ring(p: Parameters) -> Part:

@@ -109,7 +109,8 @@ def base_holes(p: Parameters) -> list[Hole]:
         *screw_holes("M2.5", grid(p.jetson.x, p.jetson.y), "jetson", "jetson.x, jetson.y"),
         *screw_holes("M2.5", grid(p.board_posts.x, p.board_posts.y), "expansion_board",
                      "board_posts.x, board_posts.y"),
-        *screw_holes("M3", lidar_points(p), "lidar", "lidar.front_x, front_half, rear_x, rear_half"),
+        *screw_holes("M3", lidar_points(p), "lidar",
+                     "lidar.front_x, front_half, rear_x, rear_half"),
         *screw_holes("M3", grid((h.bracket_x,), sides), "board_holder",
                      "base_holes.bracket_x, bracket_half"),
         *screw_holes("M3", grid((h.mount_x,), h.mount_y), "nano_imu_mount",
@@ -149,7 +150,7 @@ def upper_plate(p: Parameters) -> Sheet:
     u, h = p.upper, p.base_holes
     flat = list(u.outline_left) + list(u.outline_right)
     points = list(zip(flat[::2], flat[1::2], strict=True))
-    points = [(0.0, u.outline_left[1])] + points[1:]
+    points = [(0.0, u.outline_left[1]), *points[1:]]
     holes = [
         *screw_holes("M2.5", grid(p.jetson.x, p.jetson.y), "jetson", "jetson.x, jetson.y"),
         *screw_holes("M3", grid((u.bracket_x,), (h.bracket_half, -h.bracket_half)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import build123d as bd
-
 from geometry import Part, Z, drill, screw_bore
 from layout import lidar_points
 from parameters import Parameters

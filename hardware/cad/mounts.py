@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import build123d as bd
-
 from geometry import Part, Z, block, drill, prism, screw_bore
 from layout import arrow, cutoff_points, imu_points
 from outlines import polygon, rectangle
@@ -48,7 +47,7 @@ def nano_imu_mount(p: Parameters) -> Part:
         body += bd.Pos(x, y, top / 2) * bd.Cylinder(3.0, top)
         bores.append(screw_bore(p, "M2.5", (x, y, top / 2), Z, top, "imu"))
     body = drill(body, bores)
-    mark = [(h.imu_x - 2 + 1.2 * x, -22 + 1.2 * y, b) for x, y, b in arrow(0.0, 0.0)]
+    mark = [(h.imu_x + 1.2 * x, -22 + 1.2 * y, b) for x, y, b in arrow(0.0, 0.0)]
     body -= prism(tuple(mark), m.floor - 0.6, m.floor + 1)
     return Part("nano_imu_mount", body, tuple(bores), "printed", p.printer.wall_min, "#d9822b")
 

@@ -14,9 +14,8 @@ import numpy as np
 import pyvista as pv
 import trimesh
 from PIL import Image
-from vtkmodules.vtkCommonCore import vtkLogger
-
 from shapes import body
+from vtkmodules.vtkCommonCore import vtkLogger
 
 vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # it warns of the missing X server
 CLEAR = "base_plate", "upper_plate", "back_plate"
@@ -45,8 +44,8 @@ def add(scene: pv.Plotter, mesh: trimesh.Trimesh, colour: str, opacity: float = 
     """One body with its sharp edges drawn, so that flat shading reads as a drawing."""
     poly = surface(mesh)
     shaded = poly.compute_normals(split_vertices=True, feature_angle=35)
-    scene.add_mesh(shaded, color=colour, opacity=opacity, smooth_shading=True, ambient=0.3,
-                   diffuse=0.75, specular=0.15, specular_power=20)
+    scene.add_mesh(shaded, color=colour, opacity=opacity, smooth_shading=True, ambient=0.27,
+                   diffuse=0.7, specular=0.15, specular_power=20)
     edges = poly.clean().extract_feature_edges(32, boundary_edges=False, non_manifold_edges=False)
     if edges.n_points:
         scene.add_mesh(edges, color=INK, line_width=width, opacity=min(1.0, opacity + 0.3),
@@ -99,16 +98,23 @@ VIEWS = {"camera_bracket": (1.2, 0.9, 0.9), "sensor_gate": (-0.7, -1.4, 1.3),
 def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
     """A part as it lies on the printer's bed or the cutter's table."""
     scene = stage((1500, 1200))
-    add(scene, trimesh.load_mesh(stl / f"{name}.stl"), row["colour"], width=2.5)
+    mesh = trimesh.load_mesh(stl / f"{name}.stl")
+    add(scene, mesh, row["colour"] if name != "striped_ring" else "#c9ccc6", width=2.5)
+    for mark in row["marks"]:
+        points = [(x, y, mesh.bounds[1][2] + 0.05) for x, y, _ in [*mark, mark[0]]]
+        scene.add_mesh(pv.MultipleLines(np.array(points)), color="#b3261e", line_width=3)
     default = (-1.0, -1.2, 1.5) if row["process"] == "printed" else (-0.25, -0.6, 2.4)
     look(scene, VIEWS.get(name, default))
     save(scene, path)
 
 
+BELOW = ("chassis", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
+         "board_posts", "antennas", "shock_ring")
 ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
               "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
               "cutoff_board": (0, 0, 200), "standoffs_lower": (0, 0, 40),
-              "standoffs_upper": (0, 0, 115), "hall_sensor": (-45, 0, -55), "gear": (0, 0, -55),
+              "standoffs_upper": (0, 0, 115), "hall_sensor": (-45, 0, -55),
+              "magnets": (-22, 0, -55), "gear": (0, 0, -55),
               "ir_module": (75, 0, -55)}
 
 
@@ -129,7 +135,7 @@ def exploded(every: list[Thing], path: Path) -> None:
     """Deck and encoder pulled apart, without the chassis."""
     scene = stage((1900, 1900))
     for thing in every:
-        if thing.shift == (0.0, 0.0, 0.0) or thing.name.startswith("shock_ring"):
+        if thing.name.startswith(BELOW):
             continue
         mesh = thing.mesh.copy()
         mesh.apply_translation(thing.shift)
@@ -160,4 +166,3 @@ def paint(report: dict[str, Any], stl: Path, out: Path) -> None:
     car(every, out / "car_side.png", (0.0, 1.0, 0.06))
     for step in steps.STEPS:
         steps.step_picture(every, step, out / f"step_{step.name}.png")
-    print("  pictures painted")

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import drawings
 import numpy as np
 import trimesh
-
-import drawings
 from assembly import balance, item_mesh, items, placements
 from collisions import lidar_view, overlaps
 from geometry import Bore, Part
@@ -41,6 +40,7 @@ def part_row(p: Parameters, part: Part) -> dict[str, Any]:
     return {"process": part.process, "wall_min": part.wall_min, "colour": part.colour,
             "volume_mm3": round(volume, 2), "box_mm": [rounded(box.min), rounded(box.max)],
             "mass_g": round(volume * density / 1000, 3), "centre_mm": rounded(centre, 3),
+            "marks": [[rounded(q) for q in m] for m in (part.sheet.marks if part.sheet else ())],
             "holes": [hole_row(b) for b in part.bores]}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import build123d as bd
-
 import layout
 from geometry import Bore, Part, Z, drill, from_sheet
 from parameters import Parameters

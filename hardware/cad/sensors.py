@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import build123d as bd
-
 from geometry import Part, block, prism, rod
 from outlines import polygon
 from parameters import Parameters

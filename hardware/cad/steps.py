@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pictures import Thing, add, look, save, stage
 
-GREY, PALE = "#d4d6d8", "#e6e7e9"
+GREY = "#d4d6d8"
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Step:
     """What a step shows. Names match bodies by their beginning.
 
     `bounds` frames the picture (x0, x1, y0, y1, z0, z1 in mm of the deck frame); `moved` shifts
-    bodies, mm; `ghost` bodies are transparent.
+    bodies, mm; `ghost` bodies can be seen through.
     """
 
     name: str
@@ -27,23 +27,22 @@ class Step:
     moved: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
-BELOW = ("chassis", "bumper", "servo")
+BELOW = ("chassis", "rear_gearbox", "bumper", "servo")
 BOARD = ("expansion_board", "cells", "board_posts")
 DECK = ("base_plate", "lidar", "standoffs_lower")
-ENCODER = (-8.0, 62.0, -26.0, 26.0, -50.0, -14.0)
 
 STEPS = (
     Step("S01", (*BELOW, *BOARD), (), (1.25, 1.0, 0.75)),
-    Step("S03", ("striped_ring", "magnet_ring", "gear"), (), (1.3, 1.0, 0.5),
-         moved={"striped_ring": (14, 0, 0), "magnet_ring": (-14, 0, 0)}),
-    Step("S04", ("sensor_gate", "ir_module"), ("gear", "striped_ring"), (-0.7, 1.2, 0.9),
-         ENCODER),
-    Step("S05", ("hall_holder", "hall_sensor"), ("gear", "magnet_ring"), (-0.5, 1.2, 0.7),
-         (0.0, 30.0, -18.0, 26.0, -50.0, -16.0)),
+    Step("S03", ("striped_ring", "magnet", "gear"), (), (1.0, 1.3, 0.5),
+         moved={"striped_ring": (16, 0, 0), "magnet": (-16, 0, 0)}),
+    Step("S04", ("sensor_gate", "ir_module", "striped_ring"), ("gear",), (-1.0, 0.9, 0.8),
+         (14.0, 70.0, -20.0, 20.0, -50.0, -18.0), ghost=("gear",)),
+    Step("S05", ("hall_holder", "hall_sensor", "magnet"), ("gear", "rear_gearbox"),
+         (-0.8, 1.0, 0.6), (-2.0, 26.0, -22.0, 26.0, -50.0, -16.0), ghost=("rear_gearbox",)),
     Step("S08", ("base_plate", "lidar_mount", "lidar", "standoffs_lower", "lidar_adapter"),
          (*BELOW, *BOARD), (1.25, 1.0, 0.8)),
     Step("S10", ("jetson",), (*BELOW, *BOARD, *DECK, "lidar_adapter", "antennas"),
-         (-1.2, 0.9, 0.75)),
+         (-1.2, 0.75, 0.35)),
     Step("S11", ("camera", "camera_bracket"), ("upper_plate",), (1.2, 0.9, 0.7),
          (78.0, 150.0, -36.0, 36.0, 50.0, 90.0)),
     Step("S12", ("upper_plate", "back_plate", "board_holder", "small_board_holder",
@@ -73,6 +72,7 @@ def step_picture(every: list[Thing], step: Step, path: Path) -> None:
                 mesh = mesh.copy()
                 mesh.apply_translation(shift)
         colour = thing.colour if new else GREY
-        add(scene, mesh, colour, 0.45 if thing.clear else 1.0, width=2.0 if new else 1.0)
+        seen_through = thing.clear or names(thing, step.ghost)
+        add(scene, mesh, colour, 0.4 if seen_through else 1.0, width=2.0 if new else 1.0)
     look(scene, step.view, step.bounds)
     save(scene, path)
