@@ -41,7 +41,7 @@ def deck(p: Parameters) -> list[Placement]:
         Placement("base_plate", "base_plate", frame((0, 0, 0)), "S08", (0, 0, 0)),
         Placement("lidar_mount", "lidar_mount",
                   frame((0, 0, t + p.lidar.pillar), y=(0.0, -1.0, 0.0)), "S08", (60, 0, 20)),
-        Placement("nano_imu_mount", "nano_imu_mount", frame((0, 0, t)), "S13", (0, 0, 22)),
+        Placement("nano_imu_mount", "nano_imu_mount", frame((0, 0, t)), "S08", (0, 0, 22)),
         Placement("upper_plate", "upper_plate", frame((0, 0, roof)), "S12", (0, 0, 140)),
         Placement("camera_bracket", "camera_bracket",
                   frame((p.upper.outline_left[-2] - c.depth, c.width / 2, slot_low - c.jaw),

@@ -118,7 +118,7 @@ def imu(p: Parameters) -> Item:
               box(x - 2.6, x + 2.6, -1.9, 1.9, z + 1.6, z + 2.7, BLACK)]
     shapes += [cylinder((hx, hy, z + 1.6), (hx, hy, z + 3.4), 2.25, SILVER)
                for hx, hy in imu_points(p)]
-    return Item("imu", "imu", p.mass.imu, "S13", tuple(shapes))
+    return Item("imu", "imu", p.mass.imu, "S08", tuple(shapes))
 
 
 def camera(p: Parameters) -> Item:

@@ -52,15 +52,15 @@ def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
 
 def compare(out: Path, pictures: bool) -> list[tuple[str, str, str, str]]:
     """Rows (file, what, committed, rebuilt) where the committed files are not what was built."""
-    import report
+    import compare as comparison
 
     old = HARDWARE / TABLE
     if not old.is_file():
         return [(str(TABLE), "file", "missing", "there")]
-    rows = report.differences(json.loads(old.read_text(encoding="utf-8")),
-                              json.loads((out / TABLE).read_text(encoding="utf-8")))
-    rows += report.stl_differences(HARDWARE / "stl", out / "stl")
-    rows += report.dxf_differences(HARDWARE / "dxf", out / "dxf")
+    rows = comparison.differences(json.loads(old.read_text(encoding="utf-8")),
+                                  json.loads((out / TABLE).read_text(encoding="utf-8")))
+    rows += comparison.stl_differences(HARDWARE / "stl", out / "stl")
+    rows += comparison.dxf_differences(HARDWARE / "dxf", out / "dxf")
     if pictures:
         names = {f.name for d in (HARDWARE, out) for f in (d / "pictures").glob("*.png")}
         rows += [(n, "picture", _there(HARDWARE, n), _there(out, n)) for n in sorted(names)

@@ -6,7 +6,7 @@ import math
 
 from bought import BLACK, BLUE, DARK, RED, SILVER, WHITE, Item
 from parameters import Parameters
-from shapes import Shape, box, cylinder, hull, prism
+from shapes import Shape, Vector, box, cylinder, hull, prism
 
 PLASTIC = "#4a4d52"
 
@@ -41,7 +41,7 @@ def shock(p: Parameters, front: bool, side: int) -> tuple[tuple[float, float, fl
 
 
 def axle(p: Parameters, front: bool) -> list[Shape]:
-    """Gearbox, arms, half shafts, tower and shocks of one axle."""
+    """Gearbox, arms, half shafts and tower of one axle; the rear gearbox is an item of its own."""
     x = p.car.rear_axle_x + (p.car.wheelbase if front else 0)
     z, s = axle_z(p), 1 if front else -1
     inner = x - 15 * s
@@ -55,12 +55,26 @@ def axle(p: Parameters, front: bool) -> list[Shape]:
         arm = sorted((y * 16.0, y * 60.0))
         shapes.append(box(x - 6, x + 6, *arm, z - 10, z - 6, PLASTIC))
         shapes.append(cylinder((x, y * 16, z), (x, y * 60, z), 2.2, SILVER, sides=16))
-        lower, upper = shock(p, front, y)
-        third = [lower[i] + 0.35 * (upper[i] - lower[i]) for i in range(3)]
-        near = [lower[i] + 0.97 * (upper[i] - lower[i]) for i in range(3)]
-        shapes.append(cylinder(tuple(third), tuple(near), 4.8, BLUE, sides=24))
-        shapes.append(cylinder(lower, tuple(third), 1.6, SILVER, sides=16))
     return shapes
+
+
+def shocks(p: Parameters) -> Item:
+    """Rod, blue body and spring of all four; the printed or brass ring sits above the spring."""
+    shapes = []
+    for front in (False, True):
+        for side in (-1, 1):
+            lower, upper = shock(p, front, side)
+
+            def at(share: float, low: Vector = lower, high: Vector = upper) -> Vector:
+                x, y, z = (a + share * (b - a) for a, b in zip(low, high, strict=True))
+                return x, y, z
+
+            shapes += [cylinder(at(0.35), at(0.97), 4.8, BLUE, sides=24),
+                       cylinder(lower, at(0.35), 1.6, SILVER, sides=16),
+                       cylinder(at(0.97), at(1.0), 2.5, SILVER, sides=16)]
+            shapes += [cylinder(at(0.37 + 0.05 * k), at(0.39 + 0.05 * k), 6.2, SILVER, inner=5.0)
+                       for k in range(5)]
+    return Item("shocks", "kit", 0.05 * p.mass.chassis, "S06", tuple(shapes))
 
 
 def rolling_chassis(p: Parameters) -> Item:
@@ -88,7 +102,7 @@ def rolling_chassis(p: Parameters) -> Item:
     shapes += [cylinder((p.base_holes.clear_front_x, y, f),
                         (p.base_holes.clear_front_x, y, c.board_z - 1.6), 2.5, WHITE, sides=6)
                for y in p.base_holes.clear_front_y]
-    return Item("chassis", "kit", 0.9 * p.mass.chassis, "S01", tuple(shapes))
+    return Item("chassis", "kit", 0.85 * p.mass.chassis, "S01", tuple(shapes))
 
 
 def magnets_face(p: Parameters) -> float:
@@ -178,5 +192,5 @@ def hall_sensor(p: Parameters, z: float) -> Item:
 
 
 def chassis_items(p: Parameters) -> list[Item]:
-    return [rolling_chassis(p), rear_gearbox(p), main_gear(p), magnets(p), bumper(p),
+    return [rolling_chassis(p), shocks(p), rear_gearbox(p), main_gear(p), magnets(p), bumper(p),
             *electronics(p)]

@@ -11,6 +11,8 @@ import layout
 from outlines import distance, inside, sampled
 from parameters import FILE, ParameterError, Parameters, read
 
+SCREW_PLAY = 0.3  # mm between an M3 screw and both of its holes, 0.2 + 0.4 across, halved
+
 
 def at_least(p: Parameters, name: str, value: float, limit: float, why: str) -> Iterator[str]:
     """A complaint unless value >= limit; `name` is the parameter to correct."""
@@ -45,6 +47,29 @@ def walls(p: Parameters) -> Iterator[str]:
                         "wall of the shock ring")
 
 
+def small_parts(p: Parameters) -> Iterator[str]:
+    """Holes and pockets of the small printed parts lie inside them."""
+    h, least, hole = p.holders, p.printer.wall_min, (3.2 + p.printer.hole_extra) / 2
+    for name, size, at, slot in (("size, hole", h.size, h.hole, 0.0),
+                                 ("small_size, small_hole, oblong", h.small_size, h.small_hole,
+                                  h.oblong / 2)):
+        yield from at_least(p, f"holders.{name}", size - at - slot - hole, least,
+                            "leg beyond its hole")
+        yield from at_least(p, f"holders.{name}", at - slot - hole - h.leg, 1.0,
+                            "room for a nut in the corner")
+    g = p.gate
+    yield from at_least(p, "gate.slit_x", g.slit_x, 3.0 + g.wall, "slit from the left side")
+    yield from at_most(p, "gate.slit_x, width", g.slit_x, g.width - 3.0 - g.wall,
+                       "slit from the left side")
+    hall = p.hall
+    pocket = p.rings.magnet_radius - (hall.sensor_y + hall.sensor_play) / 2
+    yield from at_least(p, "hall.boss, boss_play", pocket - (hall.boss + hall.boss_play) / 2,
+                        least, "wall between boss and switch")
+    yield from at_least(p, "hall.face_to_ring, air_gap, sensor_z",
+                        hall.face_to_ring - hall.air_gap - hall.sensor_z, 2.4,
+                        "holder behind the switch")
+
+
 def rings(p: Parameters) -> Iterator[str]:
     """Both rings sit on the hub and turn inside the recess of the gear."""
     r, bore = p.rings, (p.gear.hub + p.gear.hub_play) / 2
@@ -70,11 +95,12 @@ def fits(p: Parameters) -> Iterator[str]:
     """Parts that must meet do meet."""
     pitch = p.back.hole_v[1] - p.back.hole_v[0]
     closed = p.holders.hole + pitch + p.holders.small_hole
-    for check in (at_least, at_most):
+    low = p.sheet.thickness + p.holders.hole
+    for check, sign in ((at_least, -1), (at_most, 1)):
         yield from check(p, "back.hole_v, stack.gap, holders.hole, small_hole", closed,
-                         p.stack.gap, "gap that the brackets close")
+                         p.stack.gap + sign * p.holders.oblong / 2, "gap that the brackets close")
         yield from check(p, "back.hole_v, sheet.thickness, holders.hole", p.back.hole_v[0],
-                         p.sheet.thickness + p.holders.hole, "lower holes of the back plate")
+                         low + sign * SCREW_PLAY, "lower holes of the back plate")
     used = p.stack.standoff_lower + p.stack.jetson_pcb + p.stack.standoff_upper
     yield from at_most(p, "stack.standoff_lower, standoff_upper, jetson_pcb", used,
                        p.stack.gap + p.holders.oblong / 2, "standoffs and Jetson in the gap")
@@ -122,7 +148,7 @@ def sheet_cuts(p: Parameters) -> Iterator[str]:
 
 def relations(p: Parameters) -> list[str]:
     """Everything that cannot be built, in words."""
-    simple = [text for check in (walls, rings, fits, bed) for text in check(p)]
+    simple = [text for check in (walls, small_parts, rings, fits, bed) for text in check(p)]
     return simple + list(sheet_cuts(p))
 
 

@@ -143,7 +143,7 @@ def base_plate(p: Parameters) -> Sheet:
           for x, y, a in zip(w.lead_x, w.lead_y, w.lead_angle, strict=True)),
     ]
     return Sheet("base_plate", p.sheet.thickness, base_outline(p), tuple(base_holes(p)),
-                 tuple(cuts), (arrow(145.0, 0.0),))
+                 tuple(cuts), (arrow(28.0, 56.0),))
 
 
 def upper_plate(p: Parameters) -> Sheet:

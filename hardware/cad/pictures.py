@@ -14,12 +14,12 @@ import numpy as np
 import pyvista as pv
 import trimesh
 from PIL import Image
-from shapes import body
+from shapes import body, cylinder
 from vtkmodules.vtkCommonCore import vtkLogger
 
 vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # it warns of the missing X server
 CLEAR = "base_plate", "upper_plate", "back_plate"
-INK = "#20242a"
+INK, MARK = "#20242a", "#b3261e"
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def look(scene: pv.Plotter, direction: tuple[float, float, float],
 
 
 def save(scene: pv.Plotter, path: Path) -> None:
-    """Small PNG: white margins cut, 128 colours."""
+    """Small PNG: white margins cut, 256 colours."""
     image = Image.fromarray(scene.screenshot(return_img=True))
     scene.close()
     ink = np.asarray(image.convert("L")) < 250
@@ -86,7 +86,7 @@ def save(scene: pv.Plotter, path: Path) -> None:
                         min(columns[-1] + margin, image.width),
                         min(rows[-1] + margin, image.height)))
     buffer = io.BytesIO()
-    image.quantize(128, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
+    image.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
     path.write_bytes(buffer.getvalue())
 
 
@@ -102,13 +102,13 @@ def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
     add(scene, mesh, row["colour"] if name != "striped_ring" else "#c9ccc6", width=2.5)
     for mark in row["marks"]:
         points = [(x, y, mesh.bounds[1][2] + 0.05) for x, y, _ in [*mark, mark[0]]]
-        scene.add_mesh(pv.MultipleLines(np.array(points)), color="#b3261e", line_width=3)
+        scene.add_mesh(pv.MultipleLines(np.array(points)), color=MARK, line_width=3)
     default = (-1.0, -1.2, 1.5) if row["process"] == "printed" else (-0.25, -0.6, 2.4)
     look(scene, VIEWS.get(name, default))
     save(scene, path)
 
 
-BELOW = ("chassis", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
+BELOW = ("chassis", "shocks", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
          "board_posts", "antennas", "shock_ring")
 ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
               "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
@@ -128,7 +128,22 @@ def things(report: dict[str, Any], stl: Path) -> list[Thing]:
         mesh.apply_transform(np.array(q["matrix"]))
         found.append(Thing(q["name"], q["step"], mesh, report["parts"][q["part"]]["colour"],
                            q["part"] in CLEAR, tuple(q["lift_mm"])))
+        found += [Thing(q["name"], q["step"], line, MARK, False, tuple(q["lift_mm"]))
+                  for line in mark_lines(report["parts"][q["part"]], np.array(q["matrix"]))]
     return found
+
+
+def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]:
+    """Engraved marks of a part as thin red rods on its upper face, in the car."""
+    top = row["box_mm"][1][2]
+    lines = []
+    for mark in row["marks"]:
+        corners = [(x, y, top) for x, y, _ in mark]
+        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            line = body(cylinder(start, end, 0.5, sides=16))
+            line.apply_transform(matrix)
+            lines.append(line)
+    return lines
 
 
 def exploded(every: list[Thing], path: Path) -> None:
@@ -144,9 +159,27 @@ def exploded(every: list[Thing], path: Path) -> None:
     save(scene, path)
 
 
+def shadow(scene: pv.Plotter, every: list[Thing]) -> None:
+    """Soft dark patch on the floor below the car."""
+    low = min(t.mesh.bounds[0][2] for t in every)
+    box = np.array([t.mesh.bounds for t in every])
+    (x0, y0, _), (x1, y1, _) = box[:, 0].min(axis=0), box[:, 1].max(axis=0)
+    soft, n = 45.0, 90
+    xs, ys = np.linspace(x0 - soft, x1 + soft, n), np.linspace(y0 - soft, y1 + soft, n)
+    gx, gy = np.meshgrid(xs, ys, indexing="ij")
+    away = np.hypot(np.maximum(np.maximum(x0 + 15 - gx, gx - x1 + 15), 0),
+                    np.maximum(np.maximum(y0 + 15 - gy, gy - y1 + 15), 0))
+    floor = pv.StructuredGrid(gx, gy, np.full_like(gx, low - 0.2))
+    alpha = 90 * np.clip(1 - away / soft, 0, 1) ** 2
+    colours = np.zeros((n * n, 4), dtype=np.uint8)
+    colours[:, 3] = alpha.ravel(order="F")
+    scene.add_mesh(floor, scalars=colours, rgba=True, lighting=False)
+
+
 def car(every: list[Thing], path: Path, direction: tuple[float, float, float]) -> None:
     """The finished car on its wheels."""
     scene = stage((1700, 1500))
+    shadow(scene, every)
     for thing in every:
         add(scene, thing.mesh, thing.colour, 0.42 if thing.clear else 1.0)
     look(scene, direction)

@@ -59,6 +59,9 @@ def test_every_value_has_unit_bounds_source_and_comment():
     ("rings", "tip", 14.0, ("rings.tip", "14.0", "bounds 8 to 15", "recess", "at most 13.00")),
     ("gear", "hub", 11.0, ("gear.hub", "11.0", "bounds 4 to 15", "bore")),
     ("rings", "magnet_radius", 11.2, ("rings.magnet_radius", "11.2", "wall outside the magnets")),
+    ("hall", "boss", 16.0, ("hall.boss", "16.0", "bounds 6 to 25", "wall between boss")),
+    ("gate", "slit_x", 4.1, ("gate.slit_x", "4.1")),
+    ("holders", "oblong", 2.8, ("holders.small_size", "oblong", "leg beyond its hole")),
     ("rings", "teeth", 9.5, ("rings.teeth", "9.5", "whole number")),
     ("stack", "gap", 57.0, ("stack.gap", "57.0", "gap that the brackets close")),
     ("camera", "width", 34.3, ("camera.width", "34.3", "notch")),
@@ -90,6 +93,8 @@ def test_a_measured_value_within_reason_passes():
     """The control: not every change is refused."""
     assert problems("gear", "hub", 8.3) == []
     assert problems("camera", "lens_above", 9.0) == []
+    assert problems("sheet", "thickness", 2.75) == []
+    assert problems("sheet", "thickness", 3.3) == []
 
 
 @pytest.mark.parametrize("text", ["[rings]\ntip = { value = 1", ""])
