@@ -46,12 +46,10 @@ native: $(VENV)/.demo ## regenerate and compile the kernels of the vehicle equat
 hardware: .venv-hardware/.ready ## rebuild parts, drawings and pictures and compare (ARGS=--write replaces them)
 	@.venv-hardware/bin/python hardware/cad/build.py $(ARGS)
 
-# CAD kernel and renderer take 1.7 GB: an environment of their own. Debian: libGL for the renderer,
-# graphviz for the wiring diagrams.
+# CAD kernel and renderer take 1.7 GB: an environment of their own. Debian: libGL for the renderer.
 .venv-hardware/.ready: hardware/cad/requirements.txt
 	@echo "-- making .venv-hardware: CAD kernel and renderer, about 1.7 GB (once)"
 	@ldconfig -p 2>/dev/null | grep -q libGL.so.1 || sh firmware/toolchain.sh --apt libgl1 libegl1
-	@command -v dot >/dev/null || sh firmware/toolchain.sh --apt graphviz || echo "-- no graphviz: wiring diagrams cannot be redrawn"
 	@$(PYTHON) -m venv .venv-hardware || { rm -rf .venv-hardware; sh firmware/toolchain.sh --apt python3-venv && $(PYTHON) -m venv .venv-hardware; }
 	@.venv-hardware/bin/python -m pip install --quiet --disable-pip-version-check -r hardware/cad/requirements.txt
 	@touch $@

@@ -62,14 +62,8 @@ def compare(out: Path, pictures: bool) -> list[tuple[str, str, str, str]]:
     rows += comparison.stl_differences(HARDWARE / "stl", out / "stl")
     rows += comparison.dxf_differences(HARDWARE / "dxf", out / "dxf")
     if pictures:
-        names = {f.name for d in (HARDWARE, out) for f in (d / "pictures").glob("*.png")}
-        rows += [(n, "picture", _there(HARDWARE, n), _there(out, n)) for n in sorted(names)
-                 if _there(HARDWARE, n) != _there(out, n)]
+        rows += comparison.picture_differences(HARDWARE / "pictures", out / "pictures")
     return rows
-
-
-def _there(root: Path, name: str) -> str:
-    return "there" if (root / "pictures" / name).is_file() else "missing"
 
 
 def collide(table: dict[str, object]) -> list[str]:

@@ -11,9 +11,12 @@ from typing import Any
 import drawings
 import numpy as np
 import trimesh
+from PIL import Image
 
 VOLUME = 1e-3  # share of the volume by which a rebuilt part may differ
 LENGTH = 0.01  # mm
+TONE = 4.0  # mean difference of grey, of 255, in the worst sixteenth of a picture
+FORMAT = 0.02  # share of width and height
 Row = tuple[str, str, str, str]
 
 
@@ -70,6 +73,28 @@ def dxf_differences(old: Path, new: Path) -> list[Row]:
             continue
         a, b = drawings.entities(old / name), drawings.entities(new / name)
         found += [(name, "entity", str(x)[:70], str(y)[:70]) for x, y in _pairs(a, b) if x != y]
+    return found
+
+
+def picture_differences(old: Path, new: Path) -> list[Row]:
+    """Pictures that show something else, or exist on one side only.
+
+    Another version of the renderer shades edges otherwise: small pictures are compared, and
+    the worst of 4 x 4 fields counts.
+    """
+    found = []
+    for name in sorted({f.name for d in (old, new) for f in d.glob("*.png")}):
+        if not (old / name).is_file() or not (new / name).is_file():
+            found.append((name, "file", _there(old / name), _there(new / name)))
+            continue
+        a, b = Image.open(old / name).convert("L"), Image.open(new / name).convert("L")
+        if any(abs(x - y) > FORMAT * y for x, y in zip(a.size, b.size, strict=True)):
+            found.append((name, "pixels", str(a.size), str(b.size)))
+            continue
+        tones = [np.asarray(x.resize((64, 64), Image.Resampling.BOX), float) for x in (a, b)]
+        fields = np.abs(tones[0] - tones[1]).reshape(4, 16, 4, 16).mean(axis=(1, 3))
+        if fields.max() > TONE:
+            found.append((name, "grey tone", f"{fields.max():.1f} of 255 away", f"at most {TONE}"))
     return found
 
 

@@ -15,6 +15,7 @@ from outlines import Outline
 
 def write(sheet: Sheet, path: Path) -> None:
     """One drawing at full size, seen from above, in the frame of the sheet."""
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # no dates, no random ids
     document = ezdxf.new("R2010", units=ezdxf.units.MM)
     document.layers.add("CUT", color=1)
     document.layers.add("ENGRAVE", color=5)

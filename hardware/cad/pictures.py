@@ -6,6 +6,7 @@ Off-screen pyvista; everything is drawn from `built.json` and the STL files.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,12 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 import trimesh
+from badges import numbered
+from legends import LEGENDS, Legend, Point
 from PIL import Image
 from shapes import body, cylinder
 from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkRenderingCore import vtkCoordinate
 
 vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # it warns of the missing X server
 CLEAR = "base_plate", "upper_plate", "back_plate"
@@ -75,16 +79,40 @@ def look(scene: pv.Plotter, direction: tuple[float, float, float],
     scene.camera.zoom(1.0 if bounds is None else 1.35)
 
 
-def save(scene: pv.Plotter, path: Path) -> None:
-    """Small PNG: white margins cut, 256 colours."""
+def seen_at(scene: pv.Plotter, point: Sequence[float]) -> tuple[float, float]:
+    """Pixel of a point, from the upper left corner."""
+    place = vtkCoordinate()
+    place.SetCoordinateSystemToWorld()
+    place.SetValue(*point)
+    x, y = place.GetComputedDisplayValue(scene.renderer)
+    return x, scene.window_size[1] - 1 - y
+
+
+def middle(target: str | Point, drawn: list[tuple[str, trimesh.Trimesh]]) -> Sequence[float]:
+    """The point that a line of a legend means: itself, or the middle of the bodies named so."""
+    if not isinstance(target, str):
+        return target
+    boxes = np.array([m.bounds for name, m in drawn if name.startswith(target)])
+    if not len(boxes):
+        raise ValueError(f"legends.py: nothing in the picture is named {target!r}; "
+                         f"there are {sorted({name for name, _ in drawn})}")
+    return tuple((boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2)
+
+
+def save(scene: pv.Plotter, path: Path, legend: Legend = (),
+         drawn: list[tuple[str, trimesh.Trimesh]] | None = None) -> None:
+    """Small PNG: white margins cut, the legend's numbers beside it, 256 colours."""
     image = Image.fromarray(scene.screenshot(return_img=True))
+    points = [seen_at(scene, middle(target, drawn or [])) for _, target in legend]
     scene.close()
     ink = np.asarray(image.convert("L")) < 250
     rows, columns = np.flatnonzero(ink.any(1)), np.flatnonzero(ink.any(0))
     margin = 24
-    image = image.crop((max(columns[0] - margin, 0), max(rows[0] - margin, 0),
-                        min(columns[-1] + margin, image.width),
+    left, top = max(columns[0] - margin, 0), max(rows[0] - margin, 0)
+    image = image.crop((left, top, min(columns[-1] + margin, image.width),
                         min(rows[-1] + margin, image.height)))
+    if points:
+        image = numbered(image, [(x - left, y - top) for x, y in points])
     buffer = io.BytesIO()
     image.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
     path.write_bytes(buffer.getvalue())
@@ -148,15 +176,16 @@ def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]
 
 def exploded(every: list[Thing], path: Path) -> None:
     """Deck and encoder pulled apart, without the chassis."""
-    scene = stage((1900, 1900))
+    scene, drawn = stage((1900, 1900)), []
     for thing in every:
         if thing.name.startswith(BELOW):
             continue
         mesh = thing.mesh.copy()
         mesh.apply_translation(thing.shift)
         add(scene, mesh, thing.colour, 0.45 if thing.clear else 1.0)
+        drawn.append((thing.name, mesh))
     look(scene, (1.25, 1.0, 0.8))
-    save(scene, path)
+    save(scene, path, LEGENDS["exploded"], drawn)
 
 
 def shadow(scene: pv.Plotter, every: list[Thing]) -> None:

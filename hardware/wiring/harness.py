@@ -13,6 +13,11 @@ DIAGRAMS = ("minimal", "second_ring", "capture", "cutoff_mux", "cutoff_oe", "lid
 WORDS = {"BK": "black", "BN": "brown", "BU": "blue", "GN": "green", "OG": "orange", "RD": "red",
          "VT": "violet", "WH": "white", "YE": "yellow", "": "as it comes"}
 
+Row = tuple[str, str, str, str]
+"""One drawn wire: pin, pin, colour, its word."""
+Chain = tuple[str, str, str, list[Row]]
+"""Device, cable, device, wires."""
+
 PLUGGED = "plugs at both ends"
 """Note of a ready-made cable."""
 
@@ -42,7 +47,7 @@ def parts(folder: Path = HERE) -> dict[str, Any]:
 
 
 def load(name: str, folder: Path = HERE) -> dict[str, Any]:
-    """One diagram with the connectors that it uses: what WireViz takes. Raises WiringError."""
+    """One diagram with the connectors that it uses: what is drawn. Raises WiringError."""
     known = parts(folder)["connectors"]
     data: dict[str, Any] = yaml.safe_load((folder / f"{name}.yml").read_text(encoding="utf-8"))
     used = [next(iter(link)) for chain in data["connections"] for link in chain]
@@ -57,24 +62,41 @@ def load(name: str, folder: Path = HERE) -> dict[str, Any]:
 def wires(name: str, folder: Path = HERE) -> list[Wire]:
     """Every conductor of a diagram. Raises WiringError."""
     data = load(name, folder)
-    found = []
-    for start, cable, end in data["connections"]:
-        (a, pins_a), (w, numbers), (b, pins_b) = (
-            next(iter(link.items())) for link in (start, cable, end))
-        lists = [_spread(x) for x in (pins_a, numbers, pins_b)]
-        if len({len(x) for x in lists}) != 1:
-            raise WiringError(f"{name}.yml, {w}: {[len(x) for x in lists]} pins and wires, "
-                              "expected as many on each side")
-        colours = data["cables"][w].get("colors", [])
-        for p, n, q in zip(*lists, strict=True):
-            colour = colours[int(n) - 1] if colours else ""
-            found.append(Wire(w, colour, (a, _label(data, a, p, name)),
-                              (b, _label(data, b, q, name))))
+    return [wire for link in data["connections"] for wire in _between(data, link, name)]
+
+
+def _between(data: dict[str, Any], connection: list[dict[str, Any]], name: str) -> list[Wire]:
+    """The wires of one cable, pin by pin."""
+    (a, pins_a), (w, numbers), (b, pins_b) = (next(iter(x.items())) for x in connection)
+    lists = [_spread(x) for x in (pins_a, numbers, pins_b)]
+    if len({len(x) for x in lists}) != 1:
+        raise WiringError(f"{name}.yml, {w}: {[len(x) for x in lists]} pins and wires, "
+                          "expected as many on each side")
+    colours = data["cables"][w].get("colors", [])
+    return [Wire(w, colours[int(n) - 1] if colours else "",
+                 (a, _label(data, a, p, name)), (b, _label(data, b, q, name)))
+            for p, n, q in zip(*lists, strict=True)]
+
+
+def chains(name: str, folder: Path = HERE) -> list[Chain]:
+    """The cables as they are drawn. Raises WiringError.
+
+    A ready-made cable whose plugs leave no choice (USB) is drawn as one wire.
+    """
+    data = load(name, folder)
+    found: list[Chain] = []
+    for connection in data["connections"]:
+        single = _between(data, connection, name)
+        (a, _), (b, _), cable = single[0].start, single[0].end, single[0].cable
+        rows = [(w.start[1], w.end[1], w.colour, WORDS[w.colour]) for w in single]
+        if data["cables"][cable]["type"].startswith("USB"):
+            rows = [("plug", "plug", "", "cable")]
+        found.append((a, cable, b, rows))
     return found
 
 
 def _spread(pins: list[Any]) -> list[str]:
-    """["1-3"] -> 1, 2, 3: WireViz allows ranges."""
+    """["1-3"] -> 1, 2, 3: a range stands for its pins."""
     out: list[str] = []
     for pin in map(str, pins):
         low, dash, high = pin.partition("-")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from decimal import Decimal
 from pathlib import Path
@@ -120,6 +121,23 @@ def test_the_page_prices_cars_and_counts_parts():
                  [r for r in rows if r.full]):
         assert f"{bom.total(some)}" in text
     assert "| smallest | 2 | 2 | 0 |" in text
+
+
+def readme_cars(text: str) -> list[tuple[str, str, str, str]]:
+    """(EUR, cut, printed, joints) of each car in the README's table."""
+    return re.findall(r"\| ([\d.]+) \| (\d+), (\d+) \| (\d+) \|$", text, re.MULTILINE)
+
+
+def test_the_readme_says_what_the_page_says():
+    told = readme_cars((ROOT / "README.md").read_text(encoding="utf-8"))
+    text = page(bom.load(), bom.load_tools())
+    sums = re.findall(r"^\| \**(?:smallest car|car of the paper|full car)[^|]* \| \**([\d.]+)",
+                      text, re.MULTILINE)
+    parts = re.findall(r"^\| (?:smallest|of the paper, complete|full) \| (\d+) \| (\d+) \| (\d+) ",
+                       text, re.MULTILINE)
+    assert told == [(s, *p) for s, p in zip(sums, parts, strict=True)]
+    assert len(told) == 3
+    assert readme_cars("| a car | 574.00 | 2, 2 | 0 |")[0] not in told, "the control"
 
 
 def test_gpl_stays_in_the_emulator():

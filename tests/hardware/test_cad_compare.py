@@ -12,6 +12,7 @@ from pathlib import Path
 import ezdxf
 import pytest
 import trimesh
+from PIL import Image, ImageDraw
 
 HARDWARE = Path(__file__).parents[2] / "hardware"
 sys.path.append(str(HARDWARE / "cad"))
@@ -23,6 +24,24 @@ def test_committed_files_do_not_differ_from_themselves():
     assert comparison.differences(BUILT, copy.deepcopy(BUILT)) == []
     assert comparison.stl_differences(HARDWARE / "stl", HARDWARE / "stl") == []
     assert comparison.dxf_differences(HARDWARE / "dxf", HARDWARE / "dxf") == []
+
+
+def test_another_picture_is_seen(tmp_path):
+    """A badge more is a difference, a little noise of another renderer is none."""
+    old, new = tmp_path / "old", tmp_path / "new"
+    for folder in (old, new):
+        folder.mkdir()
+    image = Image.open(HARDWARE / "pictures" / "step_S08.png").convert("RGB")
+    image.save(old / "a.png")
+    noisy = image.point(lambda v: min(255, v + 2))
+    noisy.save(new / "a.png")
+    assert comparison.picture_differences(old, new) == []
+    box = ImageDraw.Draw(noisy)
+    box.ellipse((300, 300, 380, 380), fill="#b3261e")
+    noisy.save(new / "a.png")
+    (new / "b.png").write_bytes((new / "a.png").read_bytes())
+    rows = comparison.picture_differences(old, new)
+    assert [r[:2] for r in rows] == [("a.png", "grey tone"), ("b.png", "file")]
 
 
 def moved(report):

@@ -18,16 +18,18 @@ from dart_hal.cli.main import VERBS, cli
 from dart_hal.wire.messages import SCHEMA
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "hardware"))
+sys.path[:0] = [str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
 
 import bom  # noqa: E402 - found through the line above
 import guide  # noqa: E402
+import legends  # noqa: E402
 
 DOCTOR = re.compile(r"^ *(ok|warn|fail)  (\S.{0,21}?)(?:  +(.*))?$", re.MULTILINE)
 """A line of the doctor's report: verdict, title, what it found."""
 CHECKED_BY_HAND = {
     "git", "ls", "echo", "export", "nano", "cp", "cd", "i2cdetect", "ssh", ".", "sudo", "uv",
-    "lsusb", "uname", "modinfo", "systemctl", "journalctl", "dmesg", "ping", "scp", "cat", "id",
+    "lsusb", "uname", "mkdir", "modinfo", "systemctl", "journalctl", "dmesg", "ping", "scp",
+    "cat", "id",
 }
 """Programs of the system, not of this project."""
 
@@ -222,6 +224,32 @@ def test_links_and_pictures_exist():
 def test_a_missing_picture_is_seen(copy):
     folder = copy("01_parts.md", "pictures/car.png", "pictures/cart.png")
     assert undrawn(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
+
+
+PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::.*\n)*```\n\n?(.*)")
+
+
+def unexplained(text: str) -> list[str]:
+    """Pictures with numbers whose legend does not stand below them."""
+    return [name for name, below in PICTURE.findall(text)
+            if name in legends.LEGENDS and below != legends.line(name)]
+
+
+def test_every_number_of_a_picture_is_explained_below_it():
+    shown = [n for t in guide.pages().values() for n, _ in PICTURE.findall(t)]
+    assert set(legends.LEGENDS) <= set(shown)
+    assert [x for t in guide.pages().values() for x in unexplained(t)] == []
+
+
+def test_another_legend_is_seen(copy):
+    folder = copy("04_sensors.md", "**4** slit, ", "")
+    assert unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
+
+
+def test_every_step_with_the_screwdriver_has_a_picture():
+    """S15 is about plugs and chargers."""
+    shown = {n for t in guide.pages().values() for n, _ in PICTURE.findall(t)}
+    assert {s.id for s in guide.steps() if s.id.startswith("S")} - shown == {"S15"}
 
 
 def test_anchors_exist():

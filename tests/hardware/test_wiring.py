@@ -18,7 +18,9 @@ sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 yaml = pytest.importorskip("yaml")
 import bom  # noqa: E402 - found through the line above
 import build  # noqa: E402
+import drawing  # noqa: E402
 import harness  # noqa: E402
+import pinout  # noqa: E402
 
 PINS_H = ROOT / "firmware" / "src" / "board" / "pins.h"
 ENDS = {
@@ -91,7 +93,7 @@ def undeclared(folder: Path, diagram: str) -> list[str]:
 def copy(tmp_path):
     """``copy(file, old, new)``: a copy of the sources with one thing broken."""
     folder = tmp_path / "wiring"
-    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("*.svg", "*.png", "__*"))
+    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*"))
 
     def broken(file: str, old: str, new: str) -> Path:
         path = folder / file
@@ -193,8 +195,46 @@ def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
 
 
 def test_an_older_diagram_is_seen(copy):
-    folder = copy("capture.yml", "GN", "YE")
-    assert build.digest("capture", folder) != build.digest("capture")
+    """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
+    assert build.stale(copy("capture.yml", "GN", "YE")) == ["capture.svg", "nano_pins.svg"]
+
+
+def test_each_step_of_the_guide_shows_its_wires():
+    steps = harness.load("minimal")["metadata"]["steps"]
+    text = build.GUIDE.read_text(encoding="utf-8")
+    for step, cables in steps.items():
+        section = text.split(f"\n## {step}: ")[1].split("\n## ")[0]
+        assert f"wiring/minimal_{step}.svg" in section
+        assert set(cables) <= set(harness.load("minimal")["cables"])
+    drawn = {c for cables in steps.values() for c in cables}
+    assert set(harness.load("minimal")["cables"]) - drawn == {"W_CELLS"}  # a step with a picture
+
+
+def test_the_pinout_shows_every_wire_of_the_nano():
+    svg = pinout.nano()
+    named = {w.pin_at("NANO"): w for d in harness.DIAGRAMS for w in harness.wires(d)
+             if w.pin_at("NANO")}
+    known = harness.parts()["connectors"]
+    for pin, wire in named.items():
+        device, end = wire.end if wire.start[0] == "NANO" else wire.start
+        words = f"{known[device]['short']} {end.split(' by')[0]}"
+        assert svg.count(f">{words}") == (2 if "ICSP" not in pin else 0), (pin, words)
+    assert "Hall GND" in svg
+
+
+def test_seen_from_below_left_and_right_change_places():
+    """The USB socket stays above: the same pin is left once and right once."""
+    at = [float(x) for x in re.findall(r"<text x='([\d.]+)'[^>]*>D2</text>", pinout.nano())]
+    assert len(at) == 2
+    assert sum(at) == pytest.approx(drawing.WIDTH)
+
+
+def test_the_pins_of_the_multiplexer_are_those_of_the_diagram():
+    labels = dict(zip(map(str, harness.parts()["connectors"]["MUX"]["pins"]),
+                      harness.parts()["connectors"]["MUX"]["pinlabels"], strict=True))
+    numbers = dict(zip(map(str, [*range(1, 9), *range(16, 8, -1)]),
+                       [*pinout.MUX[0], *pinout.MUX[1]], strict=True))
+    assert labels.items() <= numbers.items()
 
 
 def test_a_typing_error_says_what_exists(copy):
