@@ -79,6 +79,9 @@ def rings(p: Parameters) -> Iterator[str]:
                        "ring in the recess of the gear: radius")
     yield from at_least(p, "rings.root, gear.hub", r.root - bore, p.sheet.web_min,
                         "material between bore and gap")
+    tooth = math.pi * (r.root + r.tip) / 2 / r.teeth
+    yield from at_least(p, "rings.teeth, root, tip, gate.slit", tooth, p.gate.slit,
+                        "tooth and gap seen through the slit of the gate: width")
     hole = (r.magnet_diameter + r.magnet_play) / 2
     yield from at_least(p, "rings.magnet_radius, magnet_ring_radius",
                         r.magnet_ring_radius - r.magnet_radius - hole, p.printer.wall_min,

@@ -32,7 +32,32 @@ class ParameterError(ValueError):
                          + "\ncorrect hardware/cad/parameters.toml and run the command again")
 
 
-class Parameters(SimpleNamespace):
+PAIRS = ("jetson.x", "jetson.y", "board_posts.x", "board_posts.y", "base_holes.antenna_y",
+         "base_holes.clear_front_y", "base_holes.mount_y", "base_holes.cable_x",
+         "base_holes.cable_y", "base_holes.adapter_x", "base_holes.adapter_y",
+         "base_windows.nano_x", "base_windows.nano_y", "base_windows.lead_x",
+         "base_windows.lead_y", "base_windows.lead_angle", "upper.antenna_y", "back.hole_v",
+         "back.notch_u")
+COUNTS = dict.fromkeys(PAIRS, 2) | dict.fromkeys(
+    ("base_windows.fan", "base_windows.six_wire", "back.window"), 4)
+"""How many numbers a list has; all other parameters but the outlines are one number."""
+OUTLINES = ("upper.outline_left", "upper.outline_right")
+
+
+class Group(SimpleNamespace):
+    """Dimensions as attributes; one that the file does not hold is named by a ParameterError."""
+
+    group_: str = ""
+
+    def __getattr__(self, key: str) -> Any:
+        if key.startswith("_"):
+            raise AttributeError(key)
+        name = f"{self.group_}.{key}" if self.group_ else f"[{key}]"
+        raise ParameterError([f"{name}: missing; expected an entry as in hardware/cad/"
+                              "parameters.toml of the repository (git diff shows what went)"])
+
+
+class Parameters(Group):
     """Groups of dimensions as attributes; `raw` keeps units, bounds and sources."""
 
     raw: dict[str, dict[str, dict[str, Any]]]
@@ -56,6 +81,7 @@ def problems_of(name: str, entry: object) -> list[str]:
     numbers = values(entry)
     if not numbers or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
         return [f"{name} = {entry['value']!r}: expected a number or a list of numbers"]
+    found += _miscounted(name, entry["value"], len(numbers))
     for number in numbers:
         if not entry["min"] <= number <= entry["max"]:  # also catches nan
             found.append(f"{name} = {number:g} {entry['unit']}: outside its bounds "
@@ -70,6 +96,16 @@ def problems_of(name: str, entry: object) -> list[str]:
     return found
 
 
+def _miscounted(name: str, value: object, count: int) -> list[str]:
+    if name in OUTLINES:
+        good, expected = count >= 6 and count % 2 == 0, "x and y of at least three points"
+    else:
+        wanted = COUNTS.get(name, 1)
+        good = count == wanted and isinstance(value, list) == (wanted > 1)
+        expected = f"a list of {wanted} numbers" if wanted > 1 else "one number"
+    return [] if good else [f"{name} = {value!r}: expected {expected}"]
+
+
 def parse(raw: dict[str, Any]) -> Parameters:
     """Parameters of a parsed file. Raises ParameterError for entries outside their bounds."""
     problems = []
@@ -81,7 +117,7 @@ def parse(raw: dict[str, Any]) -> Parameters:
             problems += problems_of(f"{group}.{key}", entry)
     if problems:
         raise ParameterError(problems)
-    groups = {group: SimpleNamespace(**{k: _plain(e["value"]) for k, e in entries.items()})
+    groups = {group: Group(group_=group, **{k: _plain(e["value"]) for k, e in entries.items()})
               for group, entries in raw.items()}
     return Parameters(raw=raw, **groups)
 

@@ -63,6 +63,10 @@ def test_every_value_has_unit_bounds_source_and_comment():
     ("gate", "slit_x", 4.1, ("gate.slit_x", "4.1")),
     ("holders", "oblong", 2.8, ("holders.small_size", "oblong", "leg beyond its hole")),
     ("rings", "teeth", 9.5, ("rings.teeth", "9.5", "whole number")),
+    ("rings", "teeth", 12, ("rings.teeth", "12 1, bounds 1 to 32", "slit", "at least 2.60")),
+    ("jetson", "x", [35.0], ("jetson.x = [35.0]", "a list of 2 numbers")),
+    ("gear", "hub", [8.4, 8.4], ("gear.hub", "one number")),
+    ("upper", "outline_left", [0.0, 70.0, 30.0], ("upper.outline_left", "three points")),
     ("stack", "gap", 57.0, ("stack.gap", "57.0", "gap that the brackets close")),
     ("camera", "width", 34.3, ("camera.width", "34.3", "notch")),
     ("lidar", "top_z", 56.0, ("lidar.top_z", "56.0", "below the camera bracket")),
@@ -87,6 +91,20 @@ def test_entries_that_are_not_entries_are_named():
     text = str(error.value)
     for word in ("sheet.thickness = 3.0", "gear.hub: missing ['unit']", "shock.bore: source"):
         assert word in text
+
+
+@pytest.mark.parametrize(("group", "key", "said"), [
+    ("jetson", "x", "jetson.x: missing"), ("rings", "tip", "rings.tip: missing"),
+    ("shock", None, "[shock]: missing")])
+def test_what_is_missing_is_named(group, key, said):
+    raw = copy.deepcopy(RAW)
+    if key:
+        del raw[group][key]
+    else:
+        del raw[group]
+    with pytest.raises(parameters.ParameterError) as error:
+        checks.relations(parameters.parse(raw))
+    assert said in str(error.value)
 
 
 def test_a_measured_value_within_reason_passes():
