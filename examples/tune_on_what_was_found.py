@@ -38,7 +38,7 @@ SPEED, PATH, LOST = 1.2, figure_of_eight(0.9), 0.5  # m/s; m; m beside it: the e
 SECONDS = 2 * PATH.length / SPEED
 LOOK_AHEAD, PREDICTION = (0.15, 0.2, 0.25, 0.3, 0.4), (0.0, 0.04, 0.08, 0.12)  # m, s
 MARGIN = 0.04  # s of delay beyond the model's that a controller must stand
-PULSE = 0.006  # s from a command to its pulse in the mean, as a sound car shows it
+PULSE = 0.013  # s, in the mean: 1 ms to hear of a frame, 10 to the next PWM frame, 2 of the pulse
 SERVO = 375.0 * pi / 2000.0 / 6.0  # s for a command of 1: 375 us, a horn of 6 rad/s
 
 

@@ -30,7 +30,7 @@ CARS = {"before": f"sim://?nano={NANO}&effect={KIT}", "after": f"sim://?nano={NA
 ONLY = ()  # effects that may be named; () = all
 THROTTLE, HOLD = (0.26, 0.23), 4.0  # -1..1, one after the other, s each
 RADIUS, LOOK_AHEAD = 0.9, 0.3  # m
-PULSE = 0.006  # s from a command to its pulse in the mean, as a sound car shows it
+PULSE = 0.013  # s, in the mean: 1 ms to hear of a frame, 10 to the next PWM frame, 2 of the pulse
 SERVO = 375.0 * pi / 2000.0 / 6.0  # s for a command of 1: 375 us, a horn of 6 rad/s
 
 

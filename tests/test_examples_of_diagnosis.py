@@ -45,7 +45,7 @@ def upgraded(seconds, only):
 
 def test_the_extended_model_tunes_the_better_controller():
     found, driven = tuned(LAG, short=True)
-    assert found.causes[0].effect == "steering_lag"  # a second one may be the rest of the servo
+    assert [c.effect for c in found.causes] == ["steering_lag"]
     assert found.causes[0].parameters["k"].value == pytest.approx(0.12, rel=0.1)
     assert driven["extended"] < 0.015
     assert driven["extended"] < 0.2 * driven["base"]

@@ -31,7 +31,8 @@ def circle(side: float = 1.0, steering: float = 0.4) -> Drive:
                         nothing, nothing)
     recording = Recording(Path("circle.csv"), "B", messages, None, "ok", None, "", ())
     at = 100.0 * m
-    return Drive(recording, grid, np.arange(100, 1800, 50), at, np.zeros((len(at), 4)))
+    return Drive(recording, grid, np.arange(100, 1800, 50), at, np.zeros((len(at), 4)),
+                 np.zeros(len(at), bool), np.ones(2))
 
 
 @pytest.mark.parametrize("features", [window_features, message_features])

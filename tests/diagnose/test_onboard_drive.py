@@ -8,7 +8,8 @@ from onboard_files import evidence, made
 
 from dart_hal.diagnose.drive import STEP
 from dart_hal.diagnose.onboard import UNKNOWN, limits
-from dart_hal.diagnose.onboard_drive import COUNTED, LEVEL, PAST, READS, counted, outings
+from dart_hal.diagnose.onboard_drive import COUNTED, PAST, READS, counted, outings
+from dart_hal.diagnose.standing import LEVEL
 
 BEFORE, AFTER = (PAST + 2) * COUNTED, READS * COUNTED
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.residuals import MOTION, SENSORS
+from dart_hal.diagnose.readings import SENSORS
+from dart_hal.diagnose.residuals import MOTION
 from dart_hal.diagnose.structure import Group, shares, structure
 
 SECONDS = 120.0

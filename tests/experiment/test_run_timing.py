@@ -68,3 +68,31 @@ def test_thinning_changes_how_many_messages_not_what_they_say(pulled):
     both = np.interp(coarse.t, fine.t, np.convolve(fine.speed, np.full(5, 0.2), mode="full")
                      [:len(fine)])
     assert np.abs(both - coarse.speed)[5:].max() < 0.08
+
+
+@pytest.fixture(scope="module")
+def woven(tmp_path_factory):
+    """(path, world): a weave of 1 Hz at 1 m/s."""
+    folder = tmp_path_factory.mktemp("weave")
+    path, backend = folder / "weave.mcap", open_backend("sim://?seed=0&nano=mock")
+    world = world_of(backend)
+    with Car.over(backend, cars=folder, record=path) as car:
+        car.arm()
+        for state in car.states(duration=5.0):
+            car.drive(throttle=0.3, steering=0.2 * np.sin(2.0 * np.pi * state.t))
+    return path, world
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_yaw_rate_is_the_mean_of_the_step_and_not_older(woven, every):
+    path, world = woven
+    m = read_run(path, every).messages
+    window = 0.01 * every
+    true = np.array([(world.truth(t).yaw - world.truth(t - window).yaw) / window
+                     for t in m.t.tolist()])
+    moving = m.speed > 0.5
+    assert moving.sum() > 200 // every
+    error = (m.yaw_rate - true)[moving]
+    slope = np.gradient(true, m.t)[moving]
+    lag = -float(error @ slope) / float(slope @ slope)
+    assert abs(lag) < 5e-3  # of the 10 ms half are the wait for a sample, 0 to 10 in this car

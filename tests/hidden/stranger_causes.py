@@ -22,8 +22,8 @@ def _every(seconds: float, rule: Callable[[float, float], float]) -> Callable[[f
     state: list[Any] = [None, 0.0]
 
     def act(u: float, now: Now) -> float:
-        if state[0] is None:
-            state[0] = u
+        if state[0] is None or now.t == 0.0:  # the same car drives more than once
+            state[0], state[1] = u, 0.0
         if now.t + 1e-9 >= state[1]:
             state[0] = rule(state[0], u)
             state[1] += seconds

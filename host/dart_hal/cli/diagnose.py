@@ -48,7 +48,7 @@ Skipped = list[tuple[str, str]]
               help="do not look for this effect; repeatable")
 @click.option("--false-alarm", type=Number(1e-6, 0.5), default=0.01, show_default=True,
               help="how often anything at all may be named where nothing is wrong")
-@click.option("--max-causes", type=click.IntRange(0, 50), default=8, show_default=True,
+@click.option("--max-causes", type=click.IntRange(0, 50), default=12, show_default=True,
               help="stop after that many")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True,
               help="processes; the result does not depend on it")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dart_hal.types import FloatArray
 
-from .noise import loss, weight
+from .fit import Point
+from .noise import loss
 from .rows import Rows
 from .scan import Scan, Trial
 
@@ -18,16 +19,20 @@ TOGETHER = 0.6
 SAME = 4.0  # loss: a difference of two standard deviations of one number
 
 
-def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
-    """Effects whose loss differs from the best one's by less than its noise over blocks."""
-    point = scan.point
-    w = point.worth * weight(point.residual)
-
-    project = point.projection()
+def directions(point: Point) -> Callable[[Trial], FloatArray]:
+    """Where a trial moves the residuals once all that is free has followed, (N,) of length 1."""
+    project, w = point.projection(), point.weights
 
     def direction(trial: Trial) -> FloatArray:
         d = project(trial.residual.astype(np.float64) - point.residual)
         return np.asarray(d * np.sqrt(w) / max(float(np.sqrt((w * d) @ d)), 1e-12))
+
+    return direction
+
+
+def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
+    """Effects whose loss differs from the best one's by less than its noise over blocks."""
+    point, direction = scan.point, directions(scan.point)
 
     def by_block(trial: Trial) -> FloatArray:
         r = point.after(trial.residual.astype(np.float64))

@@ -21,6 +21,8 @@ from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import through
 
+from .standing import dithered, shaking, standing
+
 STEP = 0.01  # s
 POINTS = 7  # of the derivative; 30 ms to each side
 HALF = POINTS // 2
@@ -32,9 +34,12 @@ SLOWEST = 0.3  # m/s at the start of a window
 CALM, CALM_BEND = 5, 0.1
 """Samples to each side, and rad/s: where the yaw rate bends more, a smoothed derivative is off
 it, and a wrong start looks like a car with less yaw inertia."""
-CALM_SPEED, CALM_SPEED_BEND = 7, 0.04
+SHAKEN_BEND = 0.4
+"""rad/s; the same for an accelerometer, which shakes more than a derivative can be off."""
+CALM_SPEED, CALM_SPEED_BEND = 7, 0.08
 """The same for the speed [m/s], where an accelerometer is held against its derivative."""
 BEFORE = (-6, -3, 0, 3)  # samples around a message; it may be older than it says
+STANDS, REACH = 0.03, 0.1  # m/s; m from the centre that turning moves: noise of a pose is a third
 TURNING_WHEEL = 0.2  # m/s; below it an encoder counts too little to be judged
 PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
 
@@ -46,7 +51,8 @@ class Drive:
     grid: motion of the centre of mass from POINTS samples, commands at message
     time; starts (n,): first sample of each window; at (m,): time of each usable
     message in samples; read (m, 4): encoder [m/s], gyro [rad/s], acceleration
-    a_x, a_y [m/s2], NaN where there is no such sensor.
+    a_x, a_y [m/s2], NaN where there is no such sensor. still (m,): the message is
+    of a standing car. felt (2,): by how much an accelerometer is noisier while driving.
     """
 
     recording: Recording
@@ -54,6 +60,21 @@ class Drive:
     starts: NDArray[np.int64]
     at: FloatArray
     read: FloatArray
+    still: NDArray[np.bool_]
+    felt: FloatArray
+
+    def commanded(self, throttle_s: float, steering_s: float) -> Grid | None:
+        """With commands that come so much later [s]; None where no message says when they came.
+
+        To move the series of samples instead would smear a step over two of
+        them, more or less at every delay, and the loss would be rough along it.
+        """
+        if self.recording.schema == "C":
+            return None
+        g, m = self.grid, self.recording.messages
+        sent = message_time(m)
+        return replace(g, throttle=held(sent + throttle_s, m.throttle, len(g)),
+                       steering=held(sent + steering_s, m.steering, len(g)))
 
     def without_mocap_effects(self, p: Vehicle, l_r: float) -> Grid:
         """The motion if the mocap had not done to the pose what the effects of p say.
@@ -76,18 +97,38 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
     g = _motion(coarse, *_marker(coarse, l_r), l_r)
     messages = recording.messages
     if recording.schema == "C":
-        return Drive(recording, g, _starts(g, every), np.empty(0), np.empty((0, 4)))
+        return Drive(recording, g, _starts(g, every), np.empty(0), np.empty((0, 4)),
+                     np.empty(0, dtype=np.bool_), np.ones(2))
     sent = message_time(messages)
     g = replace(g, throttle=held(sent, messages.throttle, len(g)),
                 steering=held(sent, messages.steering, len(g)))
     at = sent / STEP
     good = _clean(g, at) & ~(messages.speed < TURNING_WHEEL)
     turning = _calm_before(g.omega, at, CALM, CALM_BEND)
-    both = turning & _calm_before(g.v_x, at, CALM_SPEED, CALM_SPEED_BEND)
-    read = np.stack([messages.speed, np.where(turning, messages.yaw_rate, np.nan),
-                     *(np.where(both, a, np.nan) for a in (messages.accel_x, messages.accel_y))],
-                    axis=1)
-    return Drive(recording, g, _starts(g, every), at[good], read[good])
+    shaken = _calm_before(g.omega, at, CALM, SHAKEN_BEND)
+    steady = _calm_before(g.v_x, at, CALM_SPEED, CALM_SPEED_BEND)
+    read = _read(messages)
+    read[~turning, 1] = np.nan
+    read[~(shaken & steady), 2] = np.nan
+    read[~shaken, 3] = np.nan
+    rest = _at_rest(g, messages, at)
+    good[rest] = False
+    heard = np.flatnonzero(good & shaken & steady)
+    return Drive(recording, g, _starts(g, every), np.concatenate([at[good], at[rest]]),
+                 np.concatenate([read[good], dithered(_read(messages), rest)]),
+                 np.repeat([False, True], [good.sum(), len(rest)]),
+                 shaking(messages, heard, rest))
+
+
+def _read(m: Messages) -> FloatArray:
+    return np.stack([m.speed, m.yaw_rate, m.accel_x, m.accel_y], axis=1)
+
+
+def _at_rest(g: Grid, m: Messages, at: FloatArray) -> NDArray[np.int64]:
+    """Messages of a car that the mocap saw standing."""
+    sample = np.arange(len(g))
+    moved = np.interp(at, sample, np.hypot(np.hypot(g.v_x, g.v_y), REACH * g.omega) + 1e9 * g.bad)
+    return standing(moved < STANDS, m, np.arange(len(at)))
 
 
 def message_time(m: Messages) -> FloatArray:
@@ -106,6 +147,20 @@ def held(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
     edges = np.arange(n + 1) * STEP
     integral = np.interp(edges, since, total) + np.maximum(edges - since[-1], 0.0) * value[-1]
     return np.asarray(np.diff(integral) / STEP)
+
+
+def between(series: FloatArray, at: FloatArray) -> FloatArray:
+    """A series (n,) at times (k,) in samples: cubic through four samples (Catmull-Rom).
+
+    Straight lines would be off by what a signal bends within a sample, more or
+    less of it at every age of the messages, and the loss rough along that age.
+    """
+    at = np.clip(at, 0.0, len(series) - 1.0)
+    i = np.clip(at.astype(np.int64), 0, len(series) - 2)
+    u = at - i
+    a, b, c, d = (series[np.clip(i + k, 0, len(series) - 1)] for k in (-1, 0, 1, 2))
+    return np.asarray(b + 0.5 * u * (c - a + u * (2.0 * a - 5.0 * b + 4.0 * c - d
+                                                  + u * (3.0 * (b - c) + d - a))))
 
 
 def _marker(g: Grid, l_r: float) -> tuple[FloatArray, FloatArray, FloatArray]:

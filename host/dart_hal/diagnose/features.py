@@ -18,7 +18,8 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 
 from .drive import READ, STEP, Drive
-from .residuals import WINDOW, Evidence
+from .readings import WINDOW
+from .residuals import Evidence
 
 UNITS = MappingProxyType({
     "speed": "m/s", "steering_angle": "rad", "steering_rate": "rad/s", "throttle": "-",

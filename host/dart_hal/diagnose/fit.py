@@ -56,6 +56,17 @@ class Point:
     def timing(self) -> Timing:
         return self.space.split(self.x)[1]
 
+    @property
+    def weights(self) -> FloatArray:
+        """(N,) of the equivalent least squares."""
+        return np.asarray(self.worth * weight(self.residual))
+
+    @property
+    def normal(self) -> FloatArray:
+        """(k, k) matrix of the equivalent least squares, with the prior."""
+        weighted = self.jacobian * self.weights[:, None]
+        return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6))
+
     def loss(self) -> float:
         """Robust loss of the data with the prior."""
         return float(self.worth @ loss(self.residual)) + self.prior(np.zeros(len(self.x)))
@@ -97,19 +108,21 @@ class Point:
         x = self.x + move
         return float((self.space.pull * x) @ x)
 
+    def scores(self, block: NDArray[np.int64]) -> FloatArray:
+        """(blocks, k): slope of the loss of each block (N,) of rows."""
+        out = np.zeros((int(block.max()) + 1, len(self.x)))
+        np.add.at(out, block, self.jacobian * (self.weights * self.residual)[:, None])
+        return out
+
     def worth_of(self, names: Sequence[str]) -> float:
         """How much the loss would rise, to second order, without some of the parameters."""
         at = [self.space.names.index(n) for n in names]
-        weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
-        normal = weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6)
-        part = np.linalg.inv(normal)[np.ix_(at, at)]
+        part = np.linalg.inv(self.normal)[np.ix_(at, at)]
         return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
 
     def projection(self) -> Callable[[FloatArray], FloatArray]:
         """What is left of a direction (N,) when all that is free may follow it."""
-        weighted = self.jacobian * (self.worth * weight(self.residual))[:, None]
-        normal = weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6)
-        back = np.linalg.solve(normal, weighted.T)
+        back = np.linalg.solve(self.normal, (self.jacobian * self.weights[:, None]).T)
         return lambda direction: np.asarray(direction - self.jacobian @ (back @ direction))
 
 
@@ -119,7 +132,8 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
     return Point(space, x, r, worth, _jacobian(evidence, noise, space, x, r))
 
 
-def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+          rounds: int = ROUNDS) -> Point:
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
 
     Slopes change little from step to step and cost as much as dozens of
@@ -134,22 +148,30 @@ def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Poin
             kept.append(kept[-1])
         return kept[-1]
 
-    return _descend(evidence, noise, space, x, jacobian, ROUNDS)
+    return _descend(evidence, noise, space, x, jacobian, rounds)
 
 
-def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
                near: Point, residual: FloatArray) -> Point:
-    """The same with the slopes of a point nearby; only those that it lacks are found.
+    """``refit_near`` for a space with more in it than that of the point nearby.
 
     residual (N,): at x, before what is free has followed.
     """
-    x, moved = x.copy(), near.x + near.follow(residual)
+    moved_along, moved = x.copy(), near.x + near.follow(residual)
     tail = len(near.space.names)
     for i, name in enumerate(near.space.names):
-        x[space.names.index(name)] = moved[i]
-    x[len(space.names):] = moved[tail:]
-    x = np.clip(x, space.low, space.high)
+        moved_along[space.names.index(name)] = moved[i]
+    moved_along[len(space.names):] = moved[tail:]
+    x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
+            key=lambda z: _loss(evidence, noise, space, z))
+    return refit_near(evidence, noise, space, x, near)
+
+
+def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point) -> Point:
+    """The same with the slopes of a point nearby; only those that it lacks are found."""
     r, _ = _residual(evidence, noise, space, x)
+    tail = len(near.space.names)
     known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
     columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
                for i, name in enumerate(space.names)]
@@ -179,11 +201,8 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
 def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
     """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
-    w = point.worth * weight(point.residual)
-    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(point.space.pull + 1e-6)
-    bread = np.linalg.inv(normal)
-    scores = np.zeros((int(block.max()) + 1, len(point.x)))
-    np.add.at(scores, block, point.jacobian * (w * point.residual)[:, None])
+    bread = np.linalg.inv(point.normal)
+    scores = point.scores(block)
     sandwich = bread @ (scores.T @ scores + np.diag(point.space.pull)) @ bread
     # with few blocks the sandwich may miss a direction: never less than half of the model's own
     return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
@@ -194,6 +213,11 @@ def _residual(evidence: Evidence, noise: Noise, space: Space,
               x: FloatArray) -> tuple[FloatArray, FloatArray]:
     vehicle, timing = space.split(np.clip(x, space.low, space.high))
     return noise.stacked(evidence.residuals(vehicle, timing))
+
+
+def _loss(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
+    r, worth = _residual(evidence, noise, space, x)
+    return float(worth @ loss(r)) + float((space.pull * x) @ x)
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,

@@ -22,12 +22,11 @@ from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point
-from .residuals import Evidence, Residuals
+from .residuals import SENSED, Evidence, Residuals
 from .result import Gained
 
 AT = HORIZONS.index(1.0)
 STRETCH = 10.0  # s of a block
-SENSED = {"wheel": ("encoder",), "gyro": ("gyro",), "accel": ("accel_x", "accel_y")}
 ROLLOUT = "open-loop prediction over 1 s from the measured state, logged commands alone"
 
 

@@ -9,23 +9,23 @@ in all read-outs of a window, where the whitening finds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Effect, Now
+from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.signals import through
 
 from .drive import STEP
-from .onboard_drive import APART, COUNTED, HEARD, READS, Outing, counted, spread
+from .onboard_drive import APART, COUNTED, HEARD, READS, Outing, counted
 from .onboard_windows import told
-from .residuals import SENSORS, Evidence, Residuals
+from .readings import SENSORS, at_rest
+from .residuals import SENSED, Evidence, Residuals
 from .space import EXACT, Timing
+from .standing import spread
 
 MOTION = ("encoder", "gyro")
 UNKNOWN = (
@@ -34,9 +34,6 @@ UNKNOWN = (
     "the direction of a slope in the room: only that to the heading at the start of a recording",
     "the scale of speed by itself: only through what motor, steering and accelerometer say of it")
 """What no recording without motion capture can tell."""
-SHOWN = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
-                          "accel": ("accel_x", "accel_y")})
-"""Channels of the residuals in which an effect on a signal shows."""
 FEW_AT_REST = 20  # messages; 2 s
 
 
@@ -90,7 +87,7 @@ class OnboardEvidence(Evidence):
         """
         if effect.stage != "measurement":
             return np.asarray(channel >= 0)
-        shown = {n for c in effect.signals for n in SHOWN.get(c, ())}
+        shown = {n for c in effect.signals for n in SENSED.get(c, ())}
         known = {int(c): self.channel(int(c)) for c in np.unique(channel)}
         return np.isin(channel, [c for c, name in known.items() if name in shown])
 
@@ -138,7 +135,7 @@ def limits(evidence: OnboardEvidence) -> tuple[str, ...]:
 
 
 def _of(drive: Outing, p: Vehicle, q: Vehicle, late: float) -> tuple[FloatArray, FloatArray]:
-    rest = _at_rest(drive, p)
+    rest = at_rest(drive, p)
     if not len(drive.begin):
         return np.empty((0, READS * len(MOTION))), rest
     said = told(drive, p, q, late)
@@ -147,18 +144,3 @@ def _of(drive: Outing, p: Vehicle, q: Vehicle, late: float) -> tuple[FloatArray,
     driven = np.full((len(felt), 4), np.nan)
     driven[:, 2:] = felt - drive.read[:len(felt), 2:]
     return motion, np.concatenate([driven, rest])
-
-
-def _at_rest(drive: Outing, p: Vehicle) -> FloatArray:
-    """What gyro and accelerometer say of a standing car, minus what they said; (k, 4)."""
-    at = drive.at[drive.still]
-    zero = np.zeros(len(at))
-    g = drive.grid
-    sample = np.arange(len(g))
-    now = Now(np.interp(at, sample, g.t), zero, zero, zero, np.interp(at, sample, g.yaw))
-    gyro = through(p, "gyro", zero, now, STEP)
-    a_x, a_y = through(p, "accel", (zero, zero), now, STEP)
-    out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.read[drive.still]
-    out[:, 0] = np.nan
-    out[:, 2:] *= drive.felt
-    return np.asarray(out)

@@ -20,6 +20,7 @@ from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.types import FloatArray
 
 from .drive import SLOWEST, STEP, Drive, held, message_time
+from .standing import dithered, shaking, standing
 
 NOWHERE = Reference(0.0, 0.0, 0.0, "no motion capture")
 COUNTED = 0.1  # s over which a speed is the mean
@@ -29,10 +30,6 @@ APART = 0.5  # s from start to start: half a window, so that every message is pr
 STRAY = 0.03  # s; a message further from its place in the 10 Hz is a lost one
 HEARD = (3, 8)  # read-outs at which the accelerometer is judged: every message once
 FLIPPED = -0.01  # a command below it may drive backwards, and an encoder has no sign
-HELD = 0.1  # rad/s; a car that turns more on standing wheels is being carried
-LEVEL = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
-FEWEST = 20  # readings that tell a noise
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +40,9 @@ class Outing(Drive):
     0. begin (n,): samples, when each window starts; spots (READS, n): samples from
     there to the messages in it, said (2, READS, n): encoder [m/s] and gyro [rad/s]
     in them; past (PAST, n), last (2, PAST, n): the same of the messages up to the
-    start. still (m,): the message is of a standing car. The others come in the
-    order of the windows, HEARD[1] - HEARD[0] of each, ``read`` without encoder
-    and gyro. felt (2,): by how much an accelerometer is noisier while driving;
-    means [s]: over how long gyro and accelerometer were averaged.
+    start. Messages of the driving car come in the order of the windows, HEARD[1] -
+    HEARD[0] of each, ``read`` without encoder and gyro. means [s]: over how long
+    gyro and accelerometer were averaged.
     """
 
     begin: FloatArray
@@ -54,8 +50,6 @@ class Outing(Drive):
     last: FloatArray
     spots: FloatArray
     said: FloatArray
-    still: NDArray[np.bool_]
-    felt: FloatArray
     means: float
 
 
@@ -83,7 +77,10 @@ def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
     step = float(np.median(np.diff(recording.messages.t)))
     coarse = recording if step > 0.8 * COUNTED else read_run(recording.path, FRAMES)
-    return coarse, finer(coarse).messages
+    fine = finer(coarse).messages
+    # a run says what was commanded up to a stamp, and here a command holds from its stamp on
+    begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
+    return coarse, replace(fine, t=begun, arrival=begun)
 
 
 def _outing(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
@@ -98,18 +95,17 @@ def _outing(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
     index = rows[reads[:, PAST:]]
     spots = (at[reads] - at[first][:, None]).T
     said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
-    standing = rows[_still(m, rows)]
+    rest = rows[standing(m.speed[rows] == 0.0, m, rows)]
     heard = index[:, HEARD[0]:HEARD[1]].ravel()
-    noise = _noise(m, heard), _noise(m, standing)
     read = np.stack([m.speed, m.yaw_rate, m.accel_x, m.accel_y], axis=1)
-    quiet = _dithered(read, standing)
+    quiet = dithered(read, rest)
     driven = read[heard]
     driven[:, :2] = np.nan
-    when = np.concatenate([sent[heard], sent[standing]]) - zero
-    still = np.repeat([False, True], [len(heard), len(standing)])
+    when = np.concatenate([sent[heard], sent[rest]]) - zero
+    still = np.repeat([False, True], [len(heard), len(rest)])
     return Outing(recording, g, np.rint(at[first]).astype(np.int64), when / STEP,
-                  np.concatenate([driven, quiet]), at[first], spots[:PAST], said[:, :PAST],
-                  spots[PAST:], said[:, PAST:], still, np.maximum(noise[0] / noise[1], 1.0), means)
+                  np.concatenate([driven, quiet]), still, shaking(m, heard, rest), at[first],
+                  spots[:PAST], said[:, :PAST], spots[PAST:], said[:, PAST:], means)
 
 
 def _grid(m: Messages, rows: NDArray[np.int64], at: FloatArray, since: float,
@@ -151,47 +147,6 @@ def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid
             chosen.append(int(i))
     first = np.array(chosen, dtype=np.int64)
     return first, near[first]
-
-
-def _still(m: Messages, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Places in rows of messages between others that all saw a standing car."""
-    stands = m.speed[rows] == 0.0
-    stands[1:-1] &= stands[:-2] & stands[2:]
-    stands[[0, -1]] = False
-    for channel in (m.yaw_rate, m.accel_x, m.accel_y):
-        stands &= np.isfinite(channel[rows])
-    if not stands.any():
-        return np.empty(0, dtype=np.int64)
-    rate = m.yaw_rate[rows]
-    return np.flatnonzero(stands & (np.abs(rate - np.median(rate[stands])) < HELD))
-
-
-def _noise(m: Messages, index: NDArray[np.int64]) -> FloatArray:
-    """Robust standard deviation of (a_x, a_y) from message to message, at least LEVEL."""
-    steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
-    if steps.shape[1] < FEWEST or not np.isfinite(steps).all():
-        return np.full(2, LEVEL)
-    size = 1.4826 / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
-    return np.asarray(np.maximum(size, LEVEL))
-
-
-def _dithered(read: FloatArray, index: NDArray[np.int64]) -> FloatArray:
-    """Readings (k, 4) at rest, anywhere within their step: what is rounded has no noise of its own.
-
-    Evenly spread instead of by chance, so that the same file gives the same numbers.
-    """
-    out = np.array(read[index])
-    for k in (1, 2, 3):
-        values = np.unique(read[np.isfinite(read[:, k]), k])
-        steps = np.diff(values)
-        steps = steps[steps > 1e-5]
-        out[:, k] += spread(len(out)) * (steps.min() if len(steps) else 0.0)
-    return out
-
-
-def spread(n: int) -> FloatArray:
-    """n numbers evenly over -0.5 to 0.5 in no order that means anything."""
-    return np.asarray((GOLDEN * np.arange(1, n + 1)) % 1.0 - 0.5)
 
 
 def counted(drives: Sequence[Outing]) -> tuple[int, int, int]:

@@ -99,7 +99,7 @@ def _measured(drive: Outing, p: Vehicle, q: Vehicle) -> tuple[Grid, FloatArray, 
     Small changes: an effect is taken off once. The speed sideways is that of a
     car that has been turning like this for a while.
     """
-    throttle, angle = actuated(p, drive.grid, smooth=True)
+    throttle, angle = actuated(p, drive.grid, smooth=True, means=True)
     g = _with_sideways(drive.grid, q)
     rates = [np.gradient(f, STEP) for f in (g.v_x, g.omega)]
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)

@@ -5,46 +5,37 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.identify.commands import actuated
-from dart_hal.recording.dart import Grid, savgol_derivative
+from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Effect, Now
-from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_motor
-from dart_hal.vehicle.namespace import ARRAY
-from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_hal.vehicle.signals import late_last, through
+from dart_hal.vehicle.effect import Effect
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.signals import late_last
 
-from .drive import HALF, POINTS, READ, STEP, Drive
+from .drive import HALF, READ, STEP, Drive
+from .readings import SENSORS, at_rest, driven, measured
 from .space import EXACT, LATE, Timing
+from .subsample import FINE, fine
 
 MOTION = ("v_x", "v_y", "omega")
-SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
-WINDOW = 10  # samples over which the encoder counts
-SMOOTH = 11
-"""Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
-shifts a signal by part of a sample would gain by smoothing it."""
-SENSED = {"wheel", "gyro", "accel"}  # signals that are read and change nothing
+SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
+                           "accel": ("accel_x", "accel_y")})
+"""By signal that is only read: channels of the residuals in which an effect on it shows."""
 POSE, INPUTS = frozenset({"pose"}), frozenset({"throttle", "steering", "angle"})
-KEPT = 12  # parts of models
+KEPT = 16  # parts of models
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
-
-
-def _kernel() -> FloatArray:
-    """Weights (POINTS - 1,) by which a derivative over POINTS samples averages velocity."""
-    offsets = np.arange(-HALF, HALF + 1)
-    weights = -np.cumsum(offsets / (offsets @ offsets))[:-1]
-    return np.asarray(weights / weights.sum())
-
-
-KERNEL = _kernel()
+OFFSETS = np.arange(-HALF, HALF + 1)
+SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / STEP
+"""Weights by which POINTS poses give a derivative [1/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +57,11 @@ class Evidence:
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+
+    @property
+    def sensor_still(self) -> NDArray[np.bool_]:
+        """Messages (m,) of a standing car."""
+        return np.concatenate([np.empty(0, dtype=np.bool_), *(d.still for d in self.drives)])
 
     @property
     def columns(self) -> dict[str, int]:
@@ -103,7 +99,13 @@ class Evidence:
                 label(self.sensor_drive, np.concatenate([d.at for d in self.drives])))
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
-        """Of the model p with its effects, at the timing of the recordings."""
+        """Of the model p with its effects, at the timing of the recordings.
+
+        Where poses come late, all else is early: shifted by parts of a sample
+        they would be smoothed, and windows would start where the motion bends.
+        """
+        p, behind = late_last(p, "pose")
+        timing = Timing(timing.late - behind, timing.ahead - behind)
         p, late = timing.advanced(p), timing.late
         moves = _moves(p)
         return Residuals(
@@ -125,8 +127,9 @@ class Evidence:
         start, seen = self._once(("seen", q.body.l_r, on[POSE]), lambda: self._seen(p, q))
         throttle, angle = self._once(
             ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS]), lambda: self._inputs(p))
-        states = rollout(p, start, throttle, angle, at=AT)[:, 3:]
-        error = _averaged(states) - seen
+        states = rollout(p, start, throttle, angle, at=[FINE * k for k in AT],
+                         sample=STEP / FINE, substeps=1)
+        error = _velocities(states) - seen
         return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
 
     def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
@@ -140,19 +143,23 @@ class Evidence:
         return np.concatenate(starts, axis=-1), np.concatenate(seen, axis=-1)
 
     def _inputs(self, p: Vehicle) -> tuple[FloatArray, FloatArray]:
-        """Of all windows: throttle and road-wheel angle (samples, n)."""
+        """Of all windows: throttle and road-wheel angle (FINE * samples, n)."""
         parts = []
         for drive in self.drives:
-            over = drive.starts + np.arange(AT[-1])[:, None]
-            throttle, angle = actuated(p, drive.grid, smooth=True)
-            parts.append((throttle[over], angle[over]))
+            over = drive.starts + np.arange(float(AT[-1]))[:, None]
+            throttle, angle = _actuated(p, drive)
+            held = np.repeat(throttle[over.astype(np.int64)], FINE, axis=0)
+            parts.append((held, fine(angle, over)))
         throttle, angle = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return throttle, angle
 
     def _sensors(self, p: Vehicle, late: float) -> FloatArray:
         q = settled(p)
-        return np.concatenate([_sensor_error(p, q, self._grid(drive, p, q), drive, late)
-                               for drive in self.drives])
+        on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
+        seen = self._once(("measured", q.body.l_r, on_pose),
+                          lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
+        return np.concatenate([part for drive, m in zip(self.drives, seen, strict=True)
+                               for part in (driven(p, m, drive, late), at_rest(drive, p))])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
@@ -162,54 +169,36 @@ class Evidence:
 
 def _moves(p: Vehicle) -> Vehicle:
     """Without effects that only change what sensors read."""
-    return replace(p, effects=tuple(a for a in p.effects if not set(a.effect.signals) <= SENSED
+    return replace(p, effects=tuple(a for a in p.effects if not set(a.effect.signals) <= set(SENSED)
                                     or a.effect.vehicle or a.effect.force))
 
 
 def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     """What readings depend on, of a vehicle and a measured motion."""
     q = settled(p)
-    on_sensors = tuple(a for a in p.effects if SENSED & set(a.effect.signals))
+    on_sensors = tuple(a for a in p.effects if set(SENSED) & set(a.effect.signals))
     on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
     on_inputs = tuple(a for a in p.effects if INPUTS & set(a.effect.signals))
     drive = (q.body.mass, q.motor, q.friction, q.delay, on_inputs) if on_sensors else ()
     return ("readings", q.body, on_pose, on_sensors, drive)
 
 
-def _averaged(states: FloatArray) -> FloatArray:
-    """Predictions (len(AT), 3, n) as the derivative sees them, (len(READ), 3, n)."""
+def _actuated(p: Vehicle, drive: Drive) -> tuple[FloatArray, FloatArray]:
+    """As ``commands.actuated``, with delays to a part of a sample."""
+    q = settled(p)
+    g = drive.commanded(q.delay.throttle_s, q.delay.steering_s)
+    if g is None:
+        return actuated(q, drive.grid, smooth=True, means=True)
+    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}), g,
+                    means=True)
+
+
+def _velocities(states: FloatArray) -> FloatArray:
+    """Velocities (len(READ), 3, n) of states (len(AT), 6, n), derived as the mocap's are."""
     out = []
     for r in READ:
-        rows = [AT.index(r + j) for j in range(-HALF, HALF + 1)]
-        between = 0.5 * (states[rows[1:]] + states[rows[:-1]])
-        out.append(np.tensordot(KERNEL, between, axes=(0, 0)))
+        rows = [AT.index(r + j) for j in OFFSETS]
+        dx, dy, omega = np.tensordot(SLOPE, states[rows, :3], axes=(0, 0))
+        c, s = (f(states[AT.index(r), 2]) for f in (np.cos, np.sin))
+        out.append(np.stack([c * dx + s * dy, c * dy - s * dx, omega]))
     return np.stack(out)
-
-
-def _sensor_error(p: Vehicle, q: Vehicle, g: Grid, drive: Drive, late: float) -> FloatArray:
-    """What each sensor should read for the measured motion, minus what it read; (m, 4)."""
-    if not len(drive.at):
-        return np.empty((0, len(SENSORS)))
-    throttle, _ = actuated(p, g, smooth=True)
-    omega = savgol_derivative(g.yaw, SMOOTH, STEP)
-    rates = [savgol_derivative(v, 2 * POINTS + 1, STEP) for v in (g.v_x, g.v_y, g.omega)]
-    a_x, a_y = rates[0] - g.omega * g.v_y, rates[1] + g.omega * g.v_x
-    force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
-    now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, a_x, a_y, rates[2], force,
-              np.cumsum(g.v_x) * STEP / GEAR_REVOLUTION)
-    sample = np.arange(len(g))
-
-    def behind(channel: str, signal: Any) -> tuple[Any, FloatArray]:
-        """(the signal behind its effects, where the messages read it in samples)."""
-        q, more = late_last(p, channel)
-        return through(q, channel, signal, now, STEP), drive.at - (late + more) / STEP
-
-    wheel, at = behind("wheel", np.array(g.v_x))
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]))])
-    encoder = (np.interp(at, sample, way) - np.interp(at - WINDOW, sample, way)) / WINDOW
-    gyro, at = behind("gyro", omega)
-    accel, at_accel = behind("accel", (a_x, a_y))
-    said = [encoder, np.interp(at, sample, gyro),
-            *(np.interp(at_accel, sample, v) for v in accel)]
-    return np.stack(said, axis=1) - drive.read
-

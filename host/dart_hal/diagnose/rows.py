@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .residuals import SENSORS, Evidence, Residuals
+from .readings import SENSORS
+from .residuals import Evidence, Residuals
 
 BLOCK = 2.0  # s; disturbances of a drive are forgotten after that
 FOLDS = 5  # stretches of one recording, where there are few recordings
@@ -18,7 +19,7 @@ Labels = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """For each of N stacked residuals: block, recording, fold; and whether it is of motion.
+    """For each of N stacked residuals: block, recording, fold; and its channel.
 
     channel (N,): column of the motion residuals, or -1 - column of the sensors.
     """
@@ -27,10 +28,6 @@ class Rows:
     recording: Labels
     fold: Labels
     channel: Labels
-
-    @property
-    def motion(self) -> NDArray[np.bool_]:
-        return np.asarray(self.channel >= 0)
 
 
 def rows_of(evidence: Evidence, r: Residuals) -> Rows:
@@ -41,7 +38,9 @@ def rows_of(evidence: Evidence, r: Residuals) -> Rows:
     block = spread(*evidence.blocks(BLOCK), columns)
     owner = spread(evidence.motion_drive, evidence.sensor_drive, columns)
     many = len(np.unique(owner)) >= ENOUGH
-    fold = owner if many else _stretches(owner, block)
+    still = spread(np.zeros(len(r.motion), dtype=np.int64), evidence.sensor_still.astype(np.int64),
+                   columns) > 0
+    fold = owner if many else _stretches(owner, block, still)
     return Rows(_numbered(block), _numbered(owner), _numbered(fold), channel)
 
 
@@ -50,13 +49,15 @@ def spread(windows: Labels, messages: Labels, columns: int) -> Labels:
     return np.concatenate([np.repeat(windows, columns), np.repeat(messages, len(SENSORS))])
 
 
-def _stretches(owner: Labels, block: Labels) -> Labels:
-    """Every recording in FOLDS stretches."""
+def _stretches(owner: Labels, block: Labels, still: NDArray[np.bool_]) -> Labels:
+    """Every recording in FOLDS stretches; a car at rest, where it may be but once, in all."""
     out = np.zeros(len(block), dtype=np.int64)
     for which in np.unique(owner):
         mine = owner == which
         inside = block[mine] - block[mine].min()
         out[mine] = which * FOLDS + np.minimum(inside * FOLDS // (inside.max() + 1), FOLDS - 1)
+        rest = mine & still
+        out[rest] = which * FOLDS + np.arange(rest.sum()) // len(SENSORS) % FOLDS
     return out
 
 

@@ -27,7 +27,7 @@ SEARCHING = 0.85  # of the time, about
 
 def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
              test: Sequence[Recording], *, refit: bool = True, only: Sequence[str] = (),
-             false_alarm: float = 0.01, max_causes: int = 8, jobs: int = 1,
+             false_alarm: float = 0.01, max_causes: int = 12, jobs: int = 1,
              reference: Reference | None = None, seed: int = 0,
              progress: Progress | None = None) -> Diagnosis:
     """Find what the model lacks in the training recordings, and measure it on the test ones.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -77,16 +78,19 @@ class Scan:
         effect = catalogue()[name]
         found = Trial(name, {}, 0.0, self.point.residual)
         for parameter in scanned(effect):
-            trial = self._along(effect, parameter)
-            found = trial if trial.gain > found.gain else found
+            for beside in settings_of(effect):
+                trial = self._along(effect, parameter, beside)
+                found = trial if trial.gain > found.gain else found
         return found
 
-    def _along(self, effect: Effect, parameter: Parameter) -> Trial:
+    def _along(self, effect: Effect, parameter: Parameter,
+               beside: Mapping[str, float]) -> Trial:
         kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
 
         def gain(k: float) -> float:
             try:
-                kept[k] = self.residual(apply(self._vehicle, effect.name, **{parameter.name: k}))
+                kept[k] = self.residual(apply(self._vehicle, effect.name,
+                                              **{**beside, parameter.name: k}))
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
             return self.null - self._loss(kept[k])
@@ -101,12 +105,19 @@ class Scan:
                 break
             gains[k] = gain(k)
         best = max(gains, key=lambda k: gains[k])
-        return Trial(effect.name, {parameter.name: best}, gains[best], kept[best])
+        return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best])
 
 
 def scanned(effect: Effect) -> Sequence[Parameter]:
-    """Parameters whose departure from null is an effect of its own (not the phase of one)."""
-    return [p for p in effect.parameters if p.name != "phase"]
+    """Parameters whose departure from null is an effect of its own."""
+    return [p for p in effect.parameters if p.alone]
+
+
+def settings_of(effect: Effect) -> Sequence[Mapping[str, float]]:
+    """What else to try every size with: values of the parameters that are no effect alone."""
+    beside = [q for q in effect.parameters if not q.alone]
+    values = product(*((q.null, *(q.null + k for k in q.sizes)) for q in beside))
+    return [dict(zip((q.name for q in beside), v, strict=True)) for v in values]
 
 
 def ladder(p: Parameter) -> tuple[list[float], list[float]]:
@@ -139,7 +150,6 @@ def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:
     top = b - 0.5 * ((b - a)**2 * (v - w) - (b - c)**2 * (v - u)) / under
     known = min(abs(top - k) for k in ks) < 1e-3 * (c - a)
     return None if known or not a < top < c else float(np.clip(top, p.low, p.high))
-
 
 
 def scan(evidence: Evidence, noise: Noise, point: Point, names: Sequence[str] | None = None,

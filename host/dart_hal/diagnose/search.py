@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, refit, refit_near
+from .fit import Point, refit, refit_near, refit_with
 from .noise import Noise, measure
 from .residuals import Evidence
 from .rows import BLOCK
@@ -22,6 +22,7 @@ from .selection import Named, Rejected, Settings, rows_at, select
 from .space import Space, Timing
 
 PASSES = 2  # the second with the sizes of the residuals of the first
+LAST = 2  # rounds with slopes of their own, of a fit that begins near its end
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 
@@ -70,12 +71,12 @@ class Search:
             step = select(self._evidence, noise, point, trials,
                           partial(self._with, point, noise), s, failed)
             rejected, limit = step.rejected, step.limit
-            if step.accepted is None:
+            new = step.accepted[:s.max_causes - len(named)]
+            if not new:
                 break
-            one, fitted = step.accepted
-            named.append(one)
-            point, noise = self._settle(fitted.space, fitted.timing, fitted.x)
-            point, noise, named = self._go_back(point, noise, named, limit)
+            fitted = self._joined([candidate for _, candidate in new])
+            point, noise = self._settle(*fitted)
+            point, noise, named = self._go_back(point, noise, named, [one for one, _ in new], limit)
         named = self._likes(point, noise, named)
         return Found(base, point, noise, tuple(named), rejected, first, limit, refit_loss)
 
@@ -87,8 +88,9 @@ class Search:
         keep = {*effects, *(a.name for a in self._base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self._space(vehicle)
-        return refit(self._evidence, found.noise, space,
-                     space.start(vehicle, found.point.timing))
+        near = refit_near(self._evidence, found.noise, space,
+                          space.start(vehicle, found.point.timing), found.point)
+        return refit(self._evidence, found.noise, space, near.x, LAST)
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
@@ -118,8 +120,19 @@ class Search:
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self._space(vehicle)
         start = space.start(vehicle, point.timing)
-        return refit_near(self._evidence, noise, space, start, point,
+        return refit_with(self._evidence, noise, space, start, point,
                           trial.residual.astype(np.float64))
+
+    def _joined(self, fits: Sequence[Point]) -> tuple[Space, Timing, FloatArray]:
+        """Where to start a fit with the effects of several, each fitted alone."""
+        vehicle, has = fits[0].vehicle, {a.name for a in fits[0].vehicle.effects}
+        for other in fits[1:]:
+            for a in other.vehicle.effects:
+                if a.name not in has:
+                    values = zip(a.effect.parameters, a.values, strict=True)
+                    vehicle = apply(vehicle, a.name, **{q.name: v for q, v in values})
+        space, timing = self._space(vehicle), fits[0].timing
+        return space, timing, space.start(vehicle, timing)
 
     def _space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null."""
@@ -129,10 +142,11 @@ class Search:
                 p = apply(p, a.name)
         return Space(p, self._settings.free, self._settings.known, self._evidence.late)
 
-    def _go_back(self, point: Point, noise: Noise, named: list[Named], limit: float
-                 ) -> tuple[Point, Noise, list[Named]]:
-        """Drop what the last one has made superfluous."""
-        for one in list(named[:-1]):
+    def _go_back(self, point: Point, noise: Noise, named: list[Named], new: list[Named],
+                 limit: float) -> tuple[Point, Noise, list[Named]]:
+        """Add the new ones, drop what the best of them has made superfluous."""
+        doubted, named = [*named, *new[1:]], [*named, *new]
+        for one in doubted:
             mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
             if point.worth_of(mine) > NEEDED * limit:
                 continue
@@ -146,7 +160,7 @@ class Search:
         p = point.vehicle
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name != name))
         space = self._space(vehicle)
-        return refit(self._evidence, noise, space, space.start(vehicle, point.timing))
+        return refit_near(self._evidence, noise, space, space.start(vehicle, point.timing), point)
 
     def _likes(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
         """What each cause cannot be told from, beside all the others that were found."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dart_hal.types import FloatArray
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 
-from .alike import alike
+from .alike import alike, directions
 from .fit import Point
 from .noise import Noise, loss
 from .residuals import Evidence
@@ -18,12 +19,14 @@ from .rows import Rows, rows_of
 from .scan import Scan, Trial, scanned
 from .significance import best_of_nothing, p_value, threshold
 
-TRIES = 5  # effects of one round that get a full refit
+TRIES = 5  # effects of one round that may fail after a full refit
+APART, AS_MUCH = 0.1, 0.5
+"""Cosine, and share of the largest gain: causes that hardly touch the same residuals, and gain as
+much, are accepted in one round."""
 CLOSE = 0.7  # of the largest gain: the full fit decides between these
 LEAST = 0.8  # of the small size of an effect: below that it is within what conventions do
-FIRM, FIRM_RECORDINGS, MANY = 1.0, 1.6, 6
-"""Standard errors by which data left out must like an effect: of stretches, and of recordings
-where there are many."""
+FIRM = 1.0  # standard errors by which data left out must like an effect
+MANY = 6  # recordings from which on they are the unit: no single one may be all the gain
 MORE = 1.5  # times what it gained when it failed
 RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
@@ -38,7 +41,7 @@ class Settings:
     known: Mapping[str, float] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     false_alarm: float = 0.01
-    max_causes: int = 8
+    max_causes: int = 12
     jobs: int = 1
     seed: int = 0
 
@@ -71,17 +74,18 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """accepted: an effect and the fit with it, None if none is; limit: what nothing may gain."""
+    """accepted: effects and the fit with each; limit: what nothing may gain."""
 
-    accepted: tuple[Named, Point] | None
+    accepted: tuple[tuple[Named, Point], ...]
     rejected: tuple[Rejected, ...]
     limit: float
 
 
 def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Trial],
            fit_with: FitWith, settings: Settings, failed: dict[str, float]) -> Step:
-    """The best effect that passes everything. trials: largest gain first.
+    """The best effect that passes everything, and what else does apart from it.
 
+    trials: largest gain first.
     failed: gain by name of what has been tried in vain in steps before; it is
     not tried again unless it gains more, and what fails here is added.
     """
@@ -91,32 +95,39 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     nothing = best_of_nothing(point, rest, trials, rows.block, settings.seed)
     limit = threshold(nothing, settings.false_alarm)
     passed = [t for t in trials if t.gain > limit]
-    again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)][:TRIES]
+    again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
             if t.gain > CLOSE * again[0].gain}
+    direction = directions(point)
     order = sorted(passed, key=lambda t: -(point.loss() - fits[t.effect].loss()
                                            if t.effect in fits else 0.0))
-    accepted, rejected = None, []
+    accepted, rejected, failures = list[tuple[Named, Point]](), list[Rejected](), 0
+    taken: list[FloatArray] = []
     for trial in (*order, *trials[len(passed):]):
-        p, held, why = p_value(trial.gain, nothing), (np.nan, np.nan), ""
+        p, held, why = p_value(trial.gain, nothing), HeldOut(), ""
         if trial.gain <= limit:
             why = "gains no more than nothing at all might"
-        elif accepted is not None:
-            why = f"gains less than {accepted[0].effect}"
+        elif accepted and (trial.gain < AS_MUCH * trials[0].gain or any(
+                abs(float(direction(trial) @ d)) > APART for d in taken)):
+            why = f"gains less than {accepted[0][0].effect}"
         elif trial not in again:
             why = "does not surely lower the loss of data left out of the fit, nor did it before"
+        elif failures == TRIES:
+            why = "not tried: so many that gained more were tried in vain"
         else:
             candidate = fits.get(trial.effect) or fit_with(trial)
             held = held_out(point, candidate, rows)
             why = _why_not(evidence, point, candidate, trial, rows, held, limit)
             if not why:
-                accepted = (_named(evidence, noise, point, candidate, trial, trials, rows, p,
-                                   held[0]), candidate)
+                accepted.append((_named(evidence, noise, point, candidate, trial, trials, rows, p,
+                                        held.gain), candidate))
+                taken.append(direction(trial))
             else:
                 failed[trial.effect] = trial.gain
+                failures += 1
         if why:
-            rejected.append(Rejected(trial.effect, p, trial.gain, held[0], why))
-    return Step(accepted, tuple(rejected), limit)
+            rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why))
+    return Step(tuple(accepted), tuple(rejected), limit)
 
 
 def rows_at(evidence: Evidence, point: Point) -> Rows:
@@ -133,7 +144,7 @@ def _named(evidence: Evidence, noise: Noise, point: Point, candidate: Point, tri
 
 
 def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, rows: Rows,
-             held: tuple[float, float], limit: float) -> str:
+             held: HeldOut, limit: float) -> str:
     effect = catalogue()[trial.effect]
     gain = point.loss() - candidate.loss()
     if gain <= limit:
@@ -141,17 +152,27 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
     values = dict(zip(effect.parameters, _values(candidate, effect), strict=True))
     if all(abs(values[q] - q.null) < LEAST * q.sizes[0] for q in scanned(effect)):
         return "smaller than what sampling and timing conventions can pretend"
-    firm = FIRM_RECORDINGS if rows.recording.max() + 1 >= MANY else FIRM
-    if held[0] <= 0.0 or held[0] < firm * held[1]:
+    if held.gain <= 0.0 or held.gain < FIRM * held.std:
         return "does not surely lower the loss of data left out of the fit"
+    if rows.recording.max() + 1 >= MANY and held.without_best <= 0.0:
+        return "lowers the loss of a single recording only, of those left out of the fit"
     by_row = point.worth * loss(point.residual) - candidate.worth * loss(candidate.residual)
     if float(by_row[evidence.entered(effect, rows.channel)].sum()) <= OWN_PART * gain:
         return "gains only where it does not enter"
     return ""
 
 
-def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
-    """(gain on folds that the fit did not see, its standard error)."""
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Gain on folds that the fit did not see, its standard error, and that without the best."""
+
+    gain: float = np.nan
+    std: float = np.nan
+    without_best: float = np.nan
+
+
+def held_out(before: Point, after: Point, rows: Rows) -> HeldOut:
+    """How data left out of the fit, fold by fold, like what came between two points."""
     gains = []
     for fold in range(int(rows.fold.max()) + 1):
         inside = rows.fold == fold
@@ -162,7 +183,9 @@ def held_out(before: Point, after: Point, rows: Rows) -> tuple[float, float]:
             losses.append(float(point.worth[inside] @ loss(r)))
         gains.append(losses[0] - losses[1])
     n = len(gains)
-    return float(np.sum(gains)), float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf
+    return HeldOut(float(np.sum(gains)),
+                   float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf,
+                   float(np.sum(gains) - np.max(gains)))
 
 
 def _values(point: Point, effect: Effect) -> tuple[float, ...]:

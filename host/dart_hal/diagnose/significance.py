@@ -58,12 +58,8 @@ def refit_p_value(point: Point, drop: float, block: NDArray[np.int64], seed: int
 
     point: where the refit ended; block: labels (N,) of its rows.
     """
-    w = point.worth * weight(point.residual)
-    scores = np.zeros((int(block.max()) + 1, len(point.x)))
-    np.add.at(scores, block, point.jacobian * (w * point.residual)[:, None])
-    normal = (point.jacobian * w[:, None]).T @ point.jacobian + np.diag(
-        point.space.pull + 1e-6)
+    scores = point.scores(block)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, len(scores)))
     sums = signs @ scores
-    drops = np.sum(sums * np.linalg.solve(normal, sums.T).T, axis=1)
+    drops = np.sum(sums * np.linalg.solve(point.normal, sums.T).T, axis=1)
     return p_value(drop, np.sort(drops))

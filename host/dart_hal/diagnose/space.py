@@ -15,7 +15,7 @@ import numpy as np
 
 from dart_hal.identify.shooting.coordinates import Coordinates
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.flat import unchecked, value
+from dart_hal.vehicle.flat import unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
 
 LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
@@ -26,8 +26,6 @@ BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
 STEP = 1e-3  # of the prior, one-sided
-TIMES = ("delay.", "steering_delay.", "throttle_delay.", "mocap_latency.", "clock_offset.",
-         "encoder_latency.", "gyro_latency.")
 TIMING_STEP = 4e-3  # s, both sides: what is held has no slope below its grid
 NONE: Mapping[str, float] = MappingProxyType({})
 
@@ -63,6 +61,7 @@ class Space:
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
+        self._timed = (*(unit(p, n) == "s" for n in self.names), True, True)
         self._inner = Coordinates(p, self.names, known, amounts)
         ends = (np.array([-1.0, 0.0]), np.array([1.0, AHEAD / LATE_REACH]))
         reach = np.array([BELIEVED if n in known else np.inf for n in self.names])
@@ -96,7 +95,7 @@ class Space:
         """(up, down) by which each coordinate is varied for its derivative, within bounds."""
         out = []
         for i in range(len(self.names) + 2):
-            timed = i >= len(self.names) or self.names[i].startswith(TIMES)
+            timed = self._timed[i]
             width = LATE_REACH if i >= len(self.names) else self._inner.width(i)
             size = TIMING_STEP / width if timed else STEP
             up = min(size, self.high[i] - x[i])

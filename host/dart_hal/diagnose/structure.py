@@ -25,7 +25,8 @@ from .drive import READ
 from .features import UNITS, message_features, window_features
 from .noise import CLIPPED, Noise
 from .onboard import OnboardEvidence
-from .residuals import MOTION, SENSORS, Evidence, Residuals
+from .readings import SENSORS
+from .residuals import MOTION, Evidence, Residuals
 from .result import Unexplained
 
 READ_OUT = 2  # the one at 0.5 s: as far as from window to window

@@ -48,4 +48,4 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
 
     edges = [integral(i / FINE) for i in range(FINE + 1)]
     means = np.stack([b - a for a, b in pairwise(edges)], axis=1) * FINE
-    return np.asarray(means.reshape(-1, *at.shape[1:]))
+    return np.asarray(means.reshape(FINE * len(at), *at.shape[1:]))

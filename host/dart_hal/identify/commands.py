@@ -14,13 +14,14 @@ from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled, signals
-from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.effect import Now, Stateful
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.steering import make_steering
 
 SAMPLE = 0.01  # s, step of the grid
+PARTS = 4  # of a sample, in which an effect with a memory has its mean
 
 
 def delayed(command: FloatArray, delay: float, smooth: bool = False) -> FloatArray:
@@ -36,10 +37,11 @@ def delayed(command: FloatArray, delay: float, smooth: bool = False) -> FloatArr
     return np.concatenate([np.repeat(command[:1], by), command[:len(command) - by]])
 
 
-def lagged(command: FloatArray, lag: float) -> FloatArray:
+def lagged(command: FloatArray, lag: float, means: bool = False) -> FloatArray:
     """First-order lag of time constant ``lag`` [s] of a series (n,), at rest at its start.
 
-    y_0 = u_0, y_i = y_(i-1) + (1 - exp(-0.01/T)) (u_(i-1) - y_(i-1)).
+    y_0 = u_0, y_i = y_(i-1) + (1 - exp(-0.01/T)) (u_(i-1) - y_(i-1)): what it is as
+    sample i begins; means: its mean while u_i is held, u_i + (y_i - u_i) (1 - exp(-0.01/T)) T/0.01.
     """
     from scipy.signal import lfilter
 
@@ -47,29 +49,43 @@ def lagged(command: FloatArray, lag: float) -> FloatArray:
         return command
     keep = math.exp(-SAMPLE / lag)
     out, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=command[:1])
+    if means:
+        out = command + (out - command) * (1.0 - keep) * lag / SAMPLE
     return np.asarray(out)
 
 
-def actuated(p: Vehicle, g: Grid, *, smooth: bool = False) -> tuple[FloatArray, FloatArray]:
+def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, means: bool = False
+             ) -> tuple[FloatArray, FloatArray]:
     """(throttle -1..1, road-wheel angle [rad]) of every sample of a recording, (n,) each.
 
-    Effects of the vehicle that change commands or the angle are in it. Errors:
-    UsageError for one that wants to know the motion: it is not known before
-    the rollout.
+    smooth: as ``delayed``. As open-loop evaluation is defined, a lag is what it is
+    when a sample begins, an effect with a memory what it has reached when it ends:
+    5 ms late, and 5 ms early, where both are held over the sample. means: the means
+    over it instead. Effects of the vehicle that change commands or the angle are in
+    it. Errors: UsageError for one that wants to know the motion: it is not known
+    before the rollout.
     """
     p = settled(p)
     d = p.delay
-    throttle = lagged(delayed(g.throttle, d.throttle_s, smooth), d.throttle_lag_s)
-    steering = lagged(delayed(g.steering, d.steering_s, smooth), d.steering_lag_s)
-    angle = np.asarray(make_steering(p.steering, ARRAY)(_through(p, "steering", steering, g.t)))
-    return _through(p, "throttle", throttle, g.t), _through(p, "angle", angle, g.t)
+    throttle = lagged(delayed(g.throttle, d.throttle_s, smooth), d.throttle_lag_s, means)
+    steering = lagged(delayed(g.steering, d.steering_s, smooth), d.steering_lag_s, means)
+    steering = _through(p, "steering", steering, g.t, means)
+    angle = np.asarray(make_steering(p.steering, ARRAY)(steering))
+    return _through(p, "throttle", throttle, g.t, means), _through(p, "angle", angle, g.t, means)
 
 
-def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray) -> FloatArray:
+def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+             means: bool) -> FloatArray:
     """The series (n,) behind the effects on its channel, in their order."""
+    remembers = any(isinstance(hook, Stateful) for _, hook in signals(p, channel))
+    parts = PARTS if means and remembers else 1
+    if parts > 1:
+        series = np.repeat(series, parts)
+        t = (t[:, None] + np.arange(parts) * SAMPLE / parts).ravel()
     # a hook that looks at the motion gets NaN, which nobody can overlook
     unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))
-    out = np.asarray(through(p, channel, series, unmoved, SAMPLE))
+    out = np.asarray(through(p, channel, series, unmoved, SAMPLE / parts))
+    out = out.reshape(-1, parts).mean(axis=1) if parts > 1 else out
     if not np.isfinite(out).all():
         named = ", ".join(applied.name for applied, _ in signals(p, channel))
         raise UsageError(

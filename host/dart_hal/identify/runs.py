@@ -18,6 +18,7 @@ from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
+from dart_hal.estimation.odometry import GYRO_LATENCY
 from dart_hal.recording.dart import Messages, Note, Recording, read
 from dart_hal.recording.dart.model import IntArray, freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
@@ -28,6 +29,7 @@ EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
 SHORTEST = 100  # frames: 1 s
 FRAME = 0.01  # s
+ACCEL_LATENCY = 0.0075  # s; as GYRO_LATENCY, with the 62.5 Hz filter of the accelerometer
 MASS = "mass"  # metadata of a run: kg and std, as weighed
 RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
@@ -124,8 +126,8 @@ def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
         throttle=freeze(tau), throttle_raw=freeze(tau), steering=freeze(np.round(command, 6)),
         gate=freeze_flags(np.ones(len(ends))), speed=freeze(_speed(states, t, every)[ends]),
         yaw_rate=freeze(mean(_yaw_rate(states, t))),
-        accel_x=freeze(mean(s.accel_x for s in states)),
-        accel_y=freeze(mean(s.accel_y for s in states)))
+        accel_x=freeze(mean(_sensed([s.accel_x for s in states], states, t, ACCEL_LATENCY))),
+        accel_y=freeze(mean(_sensed([s.accel_y for s in states], states, t, ACCEL_LATENCY))))
 
 
 def _around(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
@@ -156,13 +158,23 @@ def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
 
 def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
     """Yaw rate (n,) rad/s in the middle of the frame that ends at t; NaN where there is none."""
-    rate = np.array([np.nan if s.yaw_rate is None else s.yaw_rate for s in states])
+    return _sensed([s.yaw_rate for s in states], states, t, GYRO_LATENCY)
+
+
+def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArray,
+            latency: float) -> FloatArray:
+    """What the IMU tells (n,) of the middle of each frame; NaN where it tells nothing.
+
+    latency: by what a sample is older than the start of its read [s]. Encoder and
+    commands have no such age; left in, a model has to explain it.
+    """
+    value = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
     age = np.array([s.health.imu_age for s in states])
-    known = np.isfinite(rate) & np.isfinite(age)
+    known = np.isfinite(value) & np.isfinite(age)
     if not known.any():
-        return rate
+        return value
     taken, first = np.unique((t - age)[known], return_index=True)
-    middle = np.interp(t - 0.5 * FRAME, taken, rate[known][first])
+    middle = np.interp(t - 0.5 * FRAME, taken - latency, value[known][first])
     return np.where(known, middle, np.nan)
 
 

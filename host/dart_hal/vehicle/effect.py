@@ -99,7 +99,8 @@ class Parameter:
     """One number of an effect: unit, null value, interval, and three sizes to tell it by.
 
     sizes: small, medium and large departure from null, of either sign where the
-    interval allows; ``per_recording``: a property of a drive, not of the car.
+    interval allows; ``per_recording``: a property of a drive, not of the car;
+    ``alone``: a departure from null is an effect by itself (the phase of one is not).
     """
 
     name: str
@@ -109,6 +110,7 @@ class Parameter:
     sizes: tuple[float, float, float]
     null: float = 0.0
     per_recording: bool = False
+    alone: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

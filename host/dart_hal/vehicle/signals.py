@@ -20,7 +20,7 @@ from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import Applied, Late, Now, Signal, Stateful
-from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.flat import GROUPS
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -171,8 +171,10 @@ def _each(change: Callable[[Any], Any], signal: Any) -> Any:
 
 def _lanes(p: Vehicle) -> int:
     """Number of lanes of the arrays among the parameters, 0 without any."""
-    shapes = [np.shape(value(p, name)) for name in names(p)]
-    return max((shape[0] for shape in shapes if shape), default=0)
+    groups = (getattr(p, name) for name in GROUPS)
+    parts = [v for g in groups for v in map(g.__getattribute__, g.__slots__)]
+    parts += [v for a in p.effects for v in a.values]
+    return max((v.shape[0] for v in parts if isinstance(v, np.ndarray) and v.shape), default=0)
 
 
 def _in_lanes(series: Any, lanes: int) -> Any:

@@ -74,7 +74,7 @@ def sensed(q, states, t):
 def medium(of, size=1, sign=1.0):
     """Values of an effect at one of its sizes, on the side that its bounds allow."""
     return {q.name: q.null + (sign if q.low < q.null - q.sizes[size] else 1.0) * q.sizes[size]
-            for q in of.parameters}
+            for q in of.parameters if q.alone}
 
 
 NAMES = tuple(catalogue())

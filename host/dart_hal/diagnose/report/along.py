@@ -18,7 +18,8 @@ from dart_hal.diagnose.features import UNITS, Features, message_features, window
 from dart_hal.diagnose.onboard import MOTION as ONBOARD
 from dart_hal.diagnose.onboard import OnboardEvidence
 from dart_hal.diagnose.onboard_drive import COUNTED, READS
-from dart_hal.diagnose.residuals import MOTION, SENSORS, Evidence, Residuals
+from dart_hal.diagnose.readings import SENSORS
+from dart_hal.diagnose.residuals import MOTION, Evidence, Residuals
 from dart_hal.diagnose.result import Diagnosis, Stage
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,19 +50,19 @@ class Setting:
     noise: Noise
     felt: FloatArray
 
-    def of(self, recordings: Sequence[Recording]) -> Any:
+    def of(self, recordings: Sequence[Recording]) -> Evidence:
         """Evidence or OnboardEvidence of recordings; it may be empty."""
         if self.needs == MOCAP:
             return Evidence([prepare(r, self.l_r, self.reference) for r in recordings], self.l_r)
         return OnboardEvidence([replace(o, felt=self.felt)
                                 for r in recordings for o in outings(r)], self.l_r)
 
-    def drawn(self, evidence: Any, rng: np.random.Generator) -> Residuals:
+    def drawn(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
         """Noise for every row of an evidence."""
         return Residuals(_runs(self.rest.motion, len(evidence.motion_drive), rng),
                          _runs(self.rest.sensors, len(evidence.sensor_drive), rng))
 
-    def together(self, evidence: Any, base: Vehicle, truth: Vehicle,
+    def together(self, evidence: Evidence, base: Vehicle, truth: Vehicle,
                  rng: np.random.Generator) -> Noise:
         """As a diagnosis of these data and a new drive measures it, which knows the base alone.
 
@@ -87,7 +86,7 @@ class Setting:
         return min(other / own, 1.0) if own > 0.0 else 0.0
 
 
-def setting(evidence: Any, base: Vehicle, full: Vehicle, timing: Timing,
+def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Timing,
             reference: Reference) -> Setting:
     """From the data at hand; full is the best model of them, base lacks the cause."""
     r, lacking = (evidence.residuals(p, timing) for p in (full, base))
@@ -101,7 +100,7 @@ def setting(evidence: Any, base: Vehicle, full: Vehicle, timing: Timing,
                    _felt(evidence))
 
 
-def without_mocap(evidence: Any) -> Any:
+def without_mocap(evidence: Evidence) -> OnboardEvidence | None:
     """The same recordings by their own sensors alone; None where that says nothing, or is all."""
     if isinstance(evidence, OnboardEvidence):
         return None
@@ -110,7 +109,7 @@ def without_mocap(evidence: Any) -> Any:
     return alone if len(alone.motion_drive) else None
 
 
-def _felt(evidence: Any) -> FloatArray:
+def _felt(evidence: Evidence) -> FloatArray:
     if not isinstance(evidence, OnboardEvidence):
         return np.ones(2)
     return np.asarray(np.median([drive.felt for drive in evidence.drives], axis=0))

@@ -12,7 +12,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..drive import STEP, prepare
 from ..onboard import MOTION as READ
-from ..residuals import MOTION, SENSORS, Residuals
+from ..readings import SENSORS
+from ..residuals import MOTION, Residuals
 from .evidence import MOCAP
 from .race import Race
 from .result import Pair, Prediction

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..fit import at
 from ..noise import Noise, measure
+from ..residuals import Evidence
 from ..result import Cause, Diagnosis
 from ..space import Space, Timing
 from .contest import Contest
@@ -61,7 +61,7 @@ def ask(diagnosis: Diagnosis, cause: Cause) -> Question:
              if math.isfinite(moved.std)}
     timing = _timing(diagnosis, full)
 
-    def contest(e: Any, truth: Vehicle) -> Contest:
+    def contest(e: Evidence, truth: Vehicle) -> Contest:
         side = Side(e, _noise(e, base, timing), base, truth, free, known, timing)
         return Contest([side], base)
 
@@ -103,5 +103,5 @@ def _timing(diagnosis: Diagnosis, p: Vehicle) -> Timing:
     return timing
 
 
-def _noise(evidence: Any, p: Vehicle, timing: Timing) -> Noise:
+def _noise(evidence: Evidence, p: Vehicle, timing: Timing) -> Noise:
     return measure(evidence.residuals(p, timing), evidence.blocks(BLOCK))

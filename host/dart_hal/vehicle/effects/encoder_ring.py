@@ -48,7 +48,8 @@ EFFECT = Effect(
     parameters=(
         Parameter("missing", "turn", -0.3, 0.5, sizes=(0.05, 0.1, 0.2)),
         Parameter("uneven", "relative", -0.5, 0.5, sizes=(0.05, 0.1, 0.2)),
-        Parameter("phase", "turn", -0.5, 0.5, sizes=(0.125, 0.25, 0.5), per_recording=True)),
+        Parameter("phase", "turn", -0.5, 0.5, sizes=(0.125, 0.25, 0.5), per_recording=True,
+                  alone=False)),
     confused_with=("encoder_scale",),
     experiment=(
         "Roll slowly and steadily, below 0.4 m/s, where a window of 0.1 s holds less "

@@ -1,7 +1,8 @@
-"""Quantisation: pulses come in whole counts of the PWM chip, cut and not rounded.
+"""Quantisation: pulses come in whole counts of the PWM chip, cut or rounded.
 
-    u = k floor(command / k), k: one count as a share of the steering command; 375/450 of
-    it for the throttle, whose span in microseconds is wider.
+    u = k floor(command / k + phase), k: one count as a share of the steering command;
+    375/450 of it for the throttle, whose span in microseconds is wider; phase: 0 where
+    counts are cut, 0.5 where they are rounded
 """
 
 from __future__ import annotations
@@ -16,16 +17,18 @@ SPAN_US = 375.0, 450.0  # pulse for a command of 1: steering, throttle
 LEAST = 1e-9
 
 
-def steps(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def steps(p: Vehicle, f: Namespace, k: Value,
+          phase: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
-        counts = v / f.fmax(k, LEAST)
-        return v - k * (counts - f.floor(counts))   # exactly v where k is 0
+        counts = v / f.fmax(k, LEAST) + phase
+        return v - k * (counts - f.floor(counts) - phase)   # exactly v where k is 0
 
     return signal
 
 
-def throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
-    return steps(p, f, k * SPAN_US[0] / SPAN_US[1])
+def throttle(p: Vehicle, f: Namespace, k: Value,
+             phase: Value) -> Callable[[Value, Now], Value]:
+    return steps(p, f, k * SPAN_US[0] / SPAN_US[1], phase)
 
 
 EFFECT = Effect(
@@ -33,9 +36,11 @@ EFFECT = Effect(
     title="moves steering and motor in steps",
     physics=(
         "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us: 0.013 of the steering "
-        "command. The driver cuts to whole counts, so that the mean is half a step low."),
+        "command. A driver that cuts to whole counts makes the mean half a step low."),
     stage="command",
-    parameters=(Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052)),),
+    parameters=(
+        Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052)),
+        Parameter("phase", "step", 0.0, 1.0, sizes=(0.25, 0.5, 0.75), alone=False)),
     confused_with=("steering_backlash", "steering_trim", "motor_deadband"),
     experiment=(
         "A slow ramp of the steering command at constant speed, up and down: steps at "

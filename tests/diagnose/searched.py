@@ -1,0 +1,77 @@
+"""A stranger's drives, searched: the search alone, without what is told of it afterwards."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+from stranger import Car
+from stranger_causes import hide
+from stranger_files import Habits, record
+
+from dart_hal.diagnose.fit import refit
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.search import Search
+from dart_hal.diagnose.selection import Settings
+from dart_hal.diagnose.space import Space, Timing
+from dart_hal.identify.shooting.fit import FREE, free_names
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+
+USUAL = Habits()
+ALL_FREE = free_names(PAPER, tuple(FREE))
+
+
+def car(*causes, **changed):
+    """A car with causes (name, size) hidden in it; changed: its own numbers, as factors."""
+    c = Car()
+    for name, factor in changed.items():
+        setattr(c, name, getattr(c, name) * factor)
+    for name, size in causes:
+        hide(c, name, size)
+    return c
+
+
+def drive(*causes, seconds=40.0, seed=3, habits=USUAL, **changed):
+    """A recording of ``car``; each is written once."""
+    return _drive(causes, seconds, seed, habits, tuple(changed.items()))
+
+
+@lru_cache(maxsize=32)
+def _drive(causes, seconds, seed, habits, changed):
+    path = Path(mkdtemp()) / f"car_1_{seed}.csv"
+    return read(record(path, car(*causes, **dict(changed)), habits, seconds, seed))
+
+
+def evidence(*recordings):
+    return evidence_of(recordings, PAPER.body.l_r)[0]
+
+
+def fitted(seen, p=PAPER, free=(), noise=None):
+    """(noise, point) of evidence: nothing but timing and ``free`` fitted."""
+    space = Space(p, free)
+    noise = noise or measure(seen.residuals(p, Timing()), seen.blocks(2.0))
+    return noise, refit(seen, noise, space, space.point(Timing()))
+
+
+def search(*recordings, p=PAPER, free=(), known=None, names=(), **settings):
+    """What the search finds; the base is right and fixed unless something of it is free."""
+    return Search(evidence(*recordings), p, Settings(
+        free=tuple(free), known=known or {}, names=tuple(names), **settings)).run()
+
+
+def names(found):
+    return [n.effect for n in found.named]
+
+
+def size_of(found, name):
+    """First parameter of an effect that was found."""
+    return next(a.values[0] for a in found.point.vehicle.effects if a.name == name)
+
+
+def share_explained(change, by):
+    """1 - squared error / square, of a change (N,) by another one."""
+    return 1.0 - float(np.sum((change - by)**2) / np.sum(change**2))

@@ -1,0 +1,27 @@
+"""A stranger's car that has driven before drives as a new one: filters begin anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stranger import Car
+from stranger_causes import SIZES, hide
+from stranger_files import Habits, record
+
+from dart_hal.recording.dart import read
+
+HOW = Habits(style="steps")
+APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them
+
+
+@pytest.mark.parametrize("name", ["throttle_lag", "steering_lag"])
+def test_a_second_drive_is_that_of_a_new_car(tmp_path, name):
+    ways = []
+    for before in (True, False):
+        car = Car()
+        hide(car, name, SIZES[name][2])
+        if before:
+            record(tmp_path / "before.csv", car, HOW, 12.0, 1)
+        m = read(record(tmp_path / f"{before}.csv", car, HOW, 12.0, 2)).mocap
+        ways.append(np.stack([m.x, m.y]))
+    assert np.hypot(*(ways[0] - ways[1])).max() < APART
