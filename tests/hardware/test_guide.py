@@ -276,6 +276,17 @@ def test_the_weighing_program_gives_the_published_geometry():
     assert told["metres_per_edge"] == pytest.approx(0.0020646, abs=1e-7)
 
 
+def test_the_edges_of_one_turn_of_the_wheels_are_those_of_the_gears():
+    """20 edges per turn of the main gear, which turns 39/11 times as often as the wheels."""
+    text = guide.pages()["04_sensors.md"]
+    told = int(re.search(r"go up by \*\*(\d+)\*\* \(39/11 turns", text)[1])
+    per_turn = int(re.search(r"main gear of (\d+) edges each", text)[1])
+    teeth = re.search(r"^teeth = \{ value = (\d+)", (ROOT / "hardware" / "cad" / "parameters.toml")
+                      .read_text(encoding="utf-8"), re.MULTILINE)
+    assert per_turn == 2 * int(teeth[1])
+    assert told == round(per_turn * 39 / 11)
+
+
 def test_a_step_without_time_says_which(copy):
     folder = copy("03_encoder.md", "- Time: 40 min", "- Time: a while")
     with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S03: 'Time: N min'"):
