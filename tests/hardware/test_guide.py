@@ -170,6 +170,8 @@ def test_the_table_of_the_weekend_adds_up():
         assert abs(sum(s.minutes for s in steps) / 60 - told) <= 0.051, (number, told)
         assert skill == max((s.skill for s in steps), key=guide.SKILLS.index), number
     assert len(hours) == 10
+    total = f"{sum(told for told, _ in hours.values()):.1f} hours by hand"
+    assert total in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_every_page_ends_with_a_check_and_with_mistakes():
