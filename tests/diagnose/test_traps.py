@@ -48,8 +48,9 @@ def test_noise_alone_makes_no_car_lighter():
         assert abs(trial.values.get("k", 0.0)) < small
 
 
-@pytest.mark.parametrize("wrong", [{"md": 0.92}, {"me": 1.2}, {"fa": 1.1}],
-                         ids=lambda w: next(iter(w)))
+@pytest.mark.parametrize("wrong", [
+    {"md": 0.92}, *(pytest.param(w, marks=pytest.mark.slow) for w in ({"me": 1.2}, {"fa": 1.1}))],
+    ids=lambda w: next(iter(w)))
 def test_a_wrong_throttle_is_no_wrong_mass(wrong):
     found = search(drive(**wrong), names=INERT)
     assert names(found) == []
@@ -90,8 +91,12 @@ def test_a_cause_must_show_where_it_enters():
 
 # 2: what a steering map gets wrong at low speed looks like grip
 
+LATERAL = ("grip", "front_grip", "steering_gain", "steering_trim", "steering_compliance",
+           "centre_of_mass", "yaw_damping", "roll_compliance", "rear_saturation")
+
+
 def test_a_steering_map_that_is_wrong_is_not_grip():
-    found = search(drive(habits=Habits(style="gentle"), a_left=1.08, a_right=1.08))
+    found = search(drive(habits=Habits(style="gentle"), a_left=1.08, a_right=1.08), names=LATERAL)
     assert names(found) == ["steering_gain"]
     assert size_of(found, "steering_gain") == pytest.approx(0.08, abs=0.02)
 
@@ -99,7 +104,7 @@ def test_a_steering_map_that_is_wrong_is_not_grip():
 # 3: sampling: nothing is hidden, whatever the recorder does
 
 @pytest.mark.parametrize("commands", [
-    c if c in ("clock20", "anytime") else pytest.param(c, marks=pytest.mark.slow)
+    c if c == "anytime" else pytest.param(c, marks=pytest.mark.slow)
     for c in COMMANDS])
 def test_nothing_is_named_whenever_commands_change(commands):
     found = search(drive(seed=4, habits=Habits(commands=commands)), free=ALL_FREE)
@@ -107,10 +112,12 @@ def test_nothing_is_named_whenever_commands_change(commands):
     assert found.ranking[0].gain < QUIET
 
 
-def test_with_commands_at_the_time_of_their_rows_a_timing_is_named(monkeypatch):
-    """The negative control: each command up to 0.1 s late, and the mocap row that has it later."""
+def test_a_wrong_clock_of_the_messages_is_named(monkeypatch):
+    """The negative control: every message 40 ms and its way later than it was."""
     monkeypatch.setattr(prepared, "message_time", lambda m: m.arrival + 0.04)
-    found = search(drive(seed=4, habits=Habits(commands="lockstep")))
+    found = search(drive(seed=4, habits=Habits(commands="lockstep")),
+                   names=("clock_offset", "gyro_latency", "encoder_latency", "steering_delay"))
+    assert names(found) == ["clock_offset"]
     assert found.ranking[0].gain > QUIET
 
 
@@ -217,7 +224,7 @@ def test_the_threshold_grows_with_the_disturbance():
     limits, best = [], []
     for seen, at in ((quiet, (noise, point)), (rough, fitted(rough, noise=noise)),
                      (rough, fitted(rough))):
-        trials = scan(seen, *at)
+        trials = scan(seen, *at, list(catalogue())[::3])
         nothing = best_of_nothing(at[1], at[1].residual, trials, rows_at(seen, at[1]).block, 0)
         limits.append((threshold(nothing, 0.01), float(np.median(nothing))))
         best.append(trials[0].gain)

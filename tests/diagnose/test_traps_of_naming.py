@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched import drive, evidence, fitted, names, search, size_of
-from stranger_files import Habits
+from searched import car, drive, evidence, fitted, names, search, size_of
+from stranger_files import Habits, record
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose import search as searching
 from dart_hal.diagnose.scan import Trial, ladder, scan
 from dart_hal.diagnose.space import Space
+from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effect import Applied
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.load import find_model
 
@@ -27,8 +29,8 @@ TWO = [{"steering_lag": 0.06, "throttle_lag": 0.08}, {"steering_delay": 0.04, "g
 
 # 8: after a correction of time its aliases come along
 
-@pytest.mark.parametrize("two", [*TWO[:2], *(pytest.param(t, marks=pytest.mark.slow)
-                                             for t in TWO[2:])], ids="+".join)
+@pytest.mark.parametrize("two", [TWO[0], *(pytest.param(t, marks=pytest.mark.slow)
+                                           for t in TWO[1:])], ids="+".join)
 def test_two_delays_are_those_two_and_no_third(two):
     found = search(drive(*two.items(), seconds=50.0, seed=6), names=TIMING)
     assert sorted(names(found)) == sorted(two)
@@ -37,7 +39,8 @@ def test_two_delays_are_those_two_and_no_third(two):
 
 
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),
-                                              (0.0, ["steering_delay", "steering_lag"])])
+                                              pytest.param(0.0, ["steering_delay", "steering_lag"],
+                                                           marks=pytest.mark.slow)])
 def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, left):
     """A delay that was named for a lag goes when the lag comes; without the way back it stays."""
     if needed is not None:
@@ -63,16 +66,24 @@ def test_no_size_that_is_tried_is_out_of_bounds(name):
         assert all(q.low <= k <= q.high for k in (*near, *far))
 
 
-def test_no_rollout_of_a_size_that_is_tried_runs_away():
-    """All ends of the ladder on a rich drive: negative damping would spin within a second."""
+def test_no_rollout_within_the_bounds_runs_away():
     seen = evidence(drive(seconds=20.0))
-    plain = np.abs(seen.residuals(PAPER).motion).max()
     for name, of in catalogue().items():
         for q in of.parameters:
-            for k in (min(ladder(q)[1]), max(ladder(q)[1])):
-                r = seen.residuals(apply(PAPER, name, **{q.name: k}))
-                assert np.isfinite(r.motion).all(), (name, k)
-                assert np.abs(r.motion).max() < plain + 10.0, (name, k)
+            for k in (q.low, q.high):
+                r = seen.residuals(apply(PAPER, name, **{q.name: k})).motion
+                assert np.isfinite(r).all(), (name, k)
+                assert np.abs(r).max() < 15.0, (name, k)
+
+
+@pytest.mark.parametrize(("name", "k"), [("yaw_damping", -0.2), ("differential_drag", -0.5),
+                                         ("quadratic_drag", -2.0)])
+def test_with_the_other_sign_it_would(name, k):
+    """The negative control: what resists, turned round, as large as its bound."""
+    seen = evidence(drive(seconds=20.0))
+    spun = replace(PAPER, effects=(Applied(catalogue()[name], (k,)),))
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(seen.residuals(spun).motion).all()
 
 
 def push_with_speed(newton):
@@ -83,11 +94,6 @@ def push_with_speed(newton):
 
 
 def test_what_pushes_is_no_negative_drag(tmp_path):
-    from searched import car
-    from stranger_files import record
-
-    from dart_hal.recording.dart import read
-
     strange = car()
     strange.force.append(push_with_speed(0.15))
     seen = evidence(read(record(tmp_path / "a.csv", strange, Habits(), 40.0, 3)))
