@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow lint bench campaign docs firmware native clean
+.PHONY: help setup demo test test-slow lint bench campaign docs firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -42,6 +42,17 @@ firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native 
 
 native: $(VENV)/.demo ## regenerate and compile the kernels of the vehicle equations
 	@$(BIN)/python -m dart_hal.vehicle.native.committed
+
+hardware: .venv-hardware/.ready ## rebuild parts, drawings and pictures and compare (ARGS=--write replaces them)
+	@.venv-hardware/bin/python hardware/cad/build.py $(ARGS)
+
+# CAD kernel and renderer take 1.7 GB: an environment of their own. Debian: libGL for the renderer.
+.venv-hardware/.ready: hardware/cad/requirements.txt
+	@echo "-- making .venv-hardware: CAD kernel and renderer, about 1.7 GB (once)"
+	@ldconfig -p 2>/dev/null | grep -q libGL.so.1 || sh firmware/toolchain.sh --apt libgl1 libegl1
+	@$(PYTHON) -m venv .venv-hardware || { rm -rf .venv-hardware; sh firmware/toolchain.sh --apt python3-venv && $(PYTHON) -m venv .venv-hardware; }
+	@.venv-hardware/bin/python -m pip install --quiet --disable-pip-version-check -r hardware/cad/requirements.txt
+	@touch $@
 
 # Compiler for the Nano and the emulator. Without them the mock takes over, visibly.
 .PHONY: toolchain

@@ -13,7 +13,7 @@ html_theme = "furo"
 html_title = "DART-HAL"
 html_static_path = ["_static"]
 html_css_files = ["dart.css"]
-myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 
 

@@ -1,27 +1,143 @@
-"""The bill of materials: the paper's rows as the paper sums them."""
+"""The bill of materials: the paper's rows, nothing missing, nothing counted twice."""
+
+from __future__ import annotations
 
 import csv
+import re
+import sys
+from decimal import Decimal
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "hardware"))
+
+import bom  # noqa: E402 - found through the line above
+from bom_page import page  # noqa: E402
+
+PAPER = {"kit": 420, "lidar": 100, "encoder": 10, "imu": 40, "nano": 30, "lipo": 30, "servo": 20,
+         "plates": 20}
+"""EUR, the paper's table of components."""
 
 
-def rows() -> list[dict[str, str]]:
-    with (ROOT / "hardware" / "bom.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+def wrong_prices(rows: list[bom.Row]) -> dict[str, Decimal]:
+    paper = {r.id: r.cost for r in rows if r.tier == "paper"}
+    return {k: v for k, v in paper.items() if PAPER.get(k) != v}
+
+
+@pytest.fixture
+def spoilt(tmp_path):
+    """``spoilt(id, **cells)``: a copy of the bill with cells of one row changed."""
+    def change(row: str, **cells: str) -> Path:
+        with (ROOT / "hardware" / "bom.csv").open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        next(r for r in rows if r["id"] == row).update(cells)
+        with (tmp_path / "bom.csv").open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+        return tmp_path / "bom.csv"
+
+    return change
 
 
 def test_the_papers_eight_rows_add_up_to_its_total():
-    paper = [r for r in rows() if r["tier"] == "paper"]
-    assert len(paper) == 8
-    assert sum(int(r["quantity"]) * float(r["unit_price_eur"]) for r in paper) == 670.0
+    paper = [r for r in bom.load() if r.tier == "paper"]
+    assert [r.id for r in paper] == list(PAPER)
+    assert bom.total(paper) == Decimal("670.00")
+    assert wrong_prices(paper) == {}
 
 
-def test_every_row_is_complete():
-    for row in rows():
-        wanted = ("tier", "part", "quantity", "unit_price_eur", "purpose", "search_for")
-        missing = [k for k in wanted if not row[k]]
-        assert not missing, f"{row['part']}: {', '.join(missing)} missing"
+def test_a_changed_price_is_seen(spoilt):
+    rows = bom.load(spoilt("imu", unit_price_eur="41.00"))
+    assert wrong_prices(rows) == {"imu": Decimal("41.00")}
+
+
+@pytest.mark.parametrize("cell", bom.FILLED)
+def test_a_row_without_a_cell_says_which(spoilt, cell):
+    with pytest.raises(bom.BomError, match=rf"line \d+ \(.*\): no {cell}$"):
+        bom.load(spoilt("cells", **{cell: ""}))
+
+
+@pytest.mark.parametrize(("cell", "value", "said"), [
+    ("tier", "free", "expected one of paper, needed, optional"),
+    ("unit_price_eur", "six", "are numbers, found"),
+    ("unit_price_eur", "nan", "price or joints below 0"),
+    ("unit_price_eur", "-6", "price or joints below 0"),
+    ("quantity", "0", "quantity below 1"),
+    ("unit_price_eur", "0", "paid by another row costs 0"),
+    ("source", "paid:nobody", "price 6.00, source"),
+    ("skill", "solder", "with 0 solder joints"),
+    ("custom", "bent", "expected one of printed, cut, bought"),
+    ("id", "kit", "kit stands in 2 rows"),
+])
+def test_a_bad_cell_says_what_was_expected(spoilt, cell, value, said):
+    with pytest.raises(bom.BomError, match=said):
+        bom.load(spoilt("cells", **{cell: value}))
+
+
+def test_who_pays_must_be_a_row(spoilt):
+    with pytest.raises(bom.BomError, match="'nobody', which is no row"):
+        bom.load(spoilt("jetson", source="paid:nobody"))
+
+
+def test_a_cell_too_many_is_seen(tmp_path):
+    text = (ROOT / "hardware" / "bom.csv").read_text(encoding="utf-8")
+    path = tmp_path / "bom.csv"
+    path.write_text(text.replace(",glue,", ",glue,,", 1), encoding="utf-8")
+    with pytest.raises(bom.BomError, match="expected one per column"):
+        bom.load(path)
+
+
+def test_the_minimal_build_has_no_solder_joint():
+    rows = bom.load()
+    assert sum(r.joints for r in rows if r.smallest or r.tier != "optional") == 0
+    assert sum(r.joints for r in rows) > 0, "the control: options do"
+
+
+def test_the_smallest_car_is_part_of_the_complete_one():
+    assert all(r.full and r.tier != "optional" for r in bom.load() if r.smallest)
+
+
+def test_what_is_bought_says_what_to_search_for():
+    assert [r.id for r in bom.load() if r.price and not r.search_for] == []
+
+
+def test_every_tool_of_a_row_is_in_the_list_of_tools():
+    tools = {t.id for t in bom.load_tools()}
+    assert {t for r in bom.load() for t in r.tools} <= tools
+
+
+def test_the_page_is_generated():
+    assert page(bom.load(), bom.load_tools()) == bom.PAGE.read_text(encoding="utf-8"), (
+        "python hardware/bom.py")
+
+
+def test_the_page_prices_cars_and_counts_parts():
+    rows = bom.load()
+    text = page(rows, bom.load_tools())
+    for some in ([r for r in rows if r.smallest], [r for r in rows if r.tier != "optional"],
+                 [r for r in rows if r.full]):
+        assert f"{bom.total(some)}" in text
+    assert "| smallest | 2 | 2 | 0 |" in text
+
+
+def readme_cars(text: str) -> list[tuple[str, str, str, str]]:
+    """(EUR, cut, printed, joints) of each car in the README's table."""
+    return re.findall(r"\| ([\d.]+) \| (\d+), (\d+) \| (\d+) \|$", text, re.MULTILINE)
+
+
+def test_the_readme_says_what_the_page_says():
+    told = readme_cars((ROOT / "README.md").read_text(encoding="utf-8"))
+    text = page(bom.load(), bom.load_tools())
+    sums = re.findall(r"^\| \**(?:smallest car|car of the paper|full car)[^|]* \| \**([\d.]+)",
+                      text, re.MULTILINE)
+    parts = re.findall(r"^\| (?:smallest|of the paper, complete|full) \| (\d+) \| (\d+) \| (\d+) ",
+                       text, re.MULTILINE)
+    assert told == [(s, *p) for s, p in zip(sums, parts, strict=True)]
+    assert len(told) == 3
+    assert readme_cars("| a car | 574.00 | 2, 2 | 0 |")[0] not in told, "the control"
 
 
 def test_gpl_stays_in_the_emulator():

@@ -117,7 +117,7 @@ REFUSALS: tuple[Refusal, ...] = (
             "wait; arm() waits by itself", lambda f: f.neutral_for < f.arm_neutral),
     Refusal("PWM_CLOCK_UNCALIBRATED", "actuators",
             "the PCA9685's clock was never measured: neutral may be 100 us off",
-            'measure a pulse with a scope and enter [pwm] oscillator_hz in car.toml, or '
+            'enter [pwm] oscillator_hz in car.toml (hardware/README.md, section PWM clock), or '
             'arm(waive=["PWM_CLOCK_UNCALIBRATED"]), in a shell --waive PWM_CLOCK_UNCALIBRATED',
             lambda f: not f.clock_calibrated, waivable=True),
     Refusal("THROTTLE_NOT_NEUTRAL", "command", "a source asks for throttle",

@@ -101,6 +101,28 @@ class Pca9685:
         """No pulse on any channel: one 2-byte write. The ESC sees signal loss."""
         self._register(ALL_LED_OFF_H, FULL_OFF)
 
+    def rest(self, throttle: int) -> bool:
+        """Throttle to ``throttle`` counts, for one who does not own the chip; nothing is woken.
+
+        False: it is not set up as ours, or does not say so; a count may mean
+        another pulse there, and no channel gets one. Raises BusError.
+        """
+        try:
+            mode1, prescale = self._read(MODE1), self._read(PRE_SCALE)
+        except BusError:
+            mode1, prescale = 0, 0
+        ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
+        if ours:
+            self._led(self.channels[1], _pulse(throttle))
+        else:
+            self.all_off()
+        return ours
+
+    def pulse_counts(self, channel: int) -> int:
+        """Counts for which a channel is high, as its registers say; 0 = off. Raises BusError."""
+        low, high = (self._read(0x06 + 4 * channel + k) for k in (2, 3))
+        return 0 if high & FULL_OFF else (high << 8 | low) & 0xFFF
+
     def check(self) -> None:
         """Read MODE1, MODE2 and PRE_SCALE back. Raises PcaFault where they are not ours."""
         mode1, mode2 = self._read(MODE1), self._read(MODE2)

@@ -23,6 +23,8 @@ VERBS = {
     "diagnose": "what a model gets wrong on recordings, the physical cause, the extended model",
     "experiment": "drive the test for a sub-model, record it, fit it",
     "drive": "drive by keyboard, gamepad or a script",
+    "stop": "throttle to neutral, whoever drives; needs the I2C bus alone",
+    "standby": "the service on the car: neutral whenever the program that drove is gone",
     "record": "write a run to an MCAP file, raw bytes included",
     "replay": "run a recording through the same decoder again",
     "top": "live view of a car in the terminal",

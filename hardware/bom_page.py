@@ -1,0 +1,104 @@
+"""The generated page of the bill of materials, from rows and tools alone."""
+
+from __future__ import annotations
+
+from bom import TIERS, Row, Tool, total
+
+TITLES = {
+    "paper": "The paper's table",
+    "needed": "What that table leaves out",
+    "optional": "Options",
+}
+UPSTREAM_PARTS = (5, 6, 1)
+"""Cut, printed, and named in the text but in no published file (the Hall holder): per car, counted
+in upstream's build instructions (Lorenzo-Lyons/DART)."""
+
+
+def page(rows: list[Row], tools: list[Tool]) -> str:
+    """Markdown of the whole page."""
+    parts = [HEAD, _prices(rows), _counts(rows)]
+    parts += [_tier(tier, [r for r in rows if r.tier == tier]) for tier in TIERS]
+    return "\n".join([*parts, _tools(tools)])
+
+
+def _prices(rows: list[Row]) -> str:
+    tier = {t: total([r for r in rows if r.tier == t]) for t in TIERS}
+    smallest = total([r for r in rows if r.smallest])
+    lines = ["| | EUR |", "|---|---:|"]
+    lines += [f"| {TITLES[t]} (`{t}`) | {tier[t]} |" for t in TIERS]
+    lines += [f"| **smallest car that runs** | **{smallest}** |",
+              "| car of the paper, complete (`paper` + `needed`) "
+              f"| {tier['paper'] + tier['needed']} |",
+              f"| full car, every option, cut-off L4 | {total([r for r in rows if r.full])} |"]
+    return "## What it costs\n\n" + "\n".join(lines) + "\n\n" + SMALLEST
+
+
+def _counts(rows: list[Row]) -> str:
+    cars = {"smallest": [r for r in rows if r.smallest],
+            "of the paper, complete": [r for r in rows if r.tier != "optional"],
+            "full": [r for r in rows if r.full]}
+    cut, printed, missing = UPSTREAM_PARTS
+    lines = ["| car | cut parts | printed parts | solder joints |", "|---|---:|---:|---:|"]
+    for name, some in cars.items():
+        made = {kind: sum(r.quantity for r in some if r.ours and r.custom == kind)
+                for kind in ("cut", "printed")}
+        joints = sum(r.joints for r in some)
+        lines.append(f"| {name} | {made['cut']} | {made['printed']} | {joints} |")
+    lines.append(f"| upstream | {cut} | {printed} + {missing} | 0 by the paper |")
+    return "## Custom parts and solder joints\n\n" + "\n".join(lines) + "\n\n" + UPSTREAM
+
+
+def _tier(tier: str, rows: list[Row]) -> str:
+    lines = [f"## {TITLES[tier]}\n", "| id | part | quantity | EUR | search for | step |",
+             "|---|---|---:|---:|---|---|"]
+    for r in rows:
+        kind = f" ({r.custom})" if r.ours else ""
+        note = f"<br>{r.note}" if r.note else ""
+        search = "<br>".join(x for x in (r.search_for, f"or: {r.alternatives}") if x not in
+                             ("", "or: "))
+        quantity = str(r.quantity) if r.unit == "piece" else f"{r.quantity} {r.unit}"
+        lines.append(f"| `{r.id}` | **{r.part}**{kind}: {r.purpose}{note} | {quantity} "
+                     f"| {_price(r)} | {search} | {', '.join(r.used_in)} |")
+    lines.append(f"| | **sum** | | **{total(rows)}** | | |\n")
+    return "\n".join(lines)
+
+
+def _price(row: Row) -> str:
+    if row.source.startswith("paid:"):
+        return f"in `{row.source[5:]}`"
+    each = f" ({row.price:.2f} each)" if row.quantity > 1 else ""
+    return f"{row.cost:.2f}{each}"
+
+
+def _tools(tools: list[Tool]) -> str:
+    lines = ["## Tools\n", f"Not in the sums. Who owns none buys for about "
+             f"{sum(t.price for t in tools if not t.optional)} EUR [assumed]; options need "
+             f"{sum(t.price for t in tools if t.optional)} EUR more.\n",
+             "| id | tool | EUR | note |", "|---|---|---:|---|"]
+    lines += [f"| `{t.id}` | {t.tool}{' (options)' if t.optional else ''} | {t.price or ''} "
+              f"| {t.note} |" for t in tools]
+    return "\n".join(lines) + "\n"
+
+
+HEAD = """\
+# Bill of materials
+
+Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of
+the tier `paper` are those of the paper (2024). All others are **assumed**, rounded, without
+postage: whoever orders corrects them in the file. *in `kit`* and the like mean that another row
+pays for the part. Steps are those of the [build guide](build_guide/01_parts.md).
+"""
+
+SMALLEST = """\
+*Smallest car that runs*: kit, striped ring with its infrared sensor, IMU, Nano, base plate, cells.
+Stock servo, motor fed by the cells of the board, no lidar, no camera bracket. It calibrates, drives
+and records; everything else can be added later. The row `plates` counts in full although this car
+carries only one of the three.
+"""
+
+UPSTREAM = """\
+Upstream is the published design (Lorenzo-Lyons/DART, build instructions), counted per car. Its Hall
+holder is named in the text but is in no published file: the `+ 1`. Its instructions solder nothing,
+and neither does this car without options; the IMU named there (Adafruit 2472) comes with loose
+pins, four joints [assumed: look at yours], which is why `imu` here asks for one with a plug.
+"""

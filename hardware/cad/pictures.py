@@ -1,0 +1,230 @@
+"""Rendered pictures: every part, the exploded assembly, the finished car.
+
+Off-screen pyvista; everything is drawn from `built.json` and the STL files.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+import trimesh
+from badges import numbered
+from legends import LEGENDS, Legend, Point
+from PIL import Image
+from shapes import body, cylinder
+from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkRenderingCore import vtkCoordinate
+
+vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # it warns of the missing X server
+CLEAR = "base_plate", "upper_plate", "back_plate"
+INK, MARK = "#20242a", "#b3261e"
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One body of the car as it is painted; `shift` [mm] moves it in the exploded view."""
+
+    name: str
+    step: str
+    mesh: trimesh.Trimesh
+    colour: str
+    clear: bool = False
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def surface(mesh: trimesh.Trimesh) -> pv.PolyData:
+    faces = np.hstack([np.full((len(mesh.faces), 1), 3), mesh.faces])
+    return pv.PolyData(np.asarray(mesh.vertices), faces)
+
+
+def add(scene: pv.Plotter, mesh: trimesh.Trimesh, colour: str, opacity: float = 1.0,
+        width: float = 1.6) -> None:
+    """One body with its sharp edges drawn, so that flat shading reads as a drawing."""
+    poly = surface(mesh)
+    shaded = poly.compute_normals(split_vertices=True, feature_angle=35)
+    scene.add_mesh(shaded, color=colour, opacity=opacity, smooth_shading=True, ambient=0.27,
+                   diffuse=0.7, specular=0.15, specular_power=20)
+    edges = poly.clean().extract_feature_edges(32, boundary_edges=False, non_manifold_edges=False)
+    if edges.n_points:
+        scene.add_mesh(edges, color=INK, line_width=width, opacity=min(1.0, opacity + 0.3),
+                       lighting=False)
+
+
+def stage(size: tuple[int, int]) -> pv.Plotter:
+    """Empty white scene: key light from the front left, two fills, one at the camera."""
+    scene = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+    scene.set_background("white")
+    for position, strength in (((300, 500, 700), 0.6), ((700, -400, 300), 0.3),
+                               ((-500, 100, 400), 0.25)):
+        scene.add_light(pv.Light(position=position, focal_point=(60, 0, 0), color="white",
+                                 intensity=strength))
+    scene.add_light(pv.Light(light_type="headlight", intensity=0.35))
+    scene.enable_anti_aliasing("ssaa")
+    scene.enable_depth_peeling(8)
+    return scene
+
+
+def look(scene: pv.Plotter, direction: tuple[float, float, float],
+         bounds: tuple[float, ...] | None = None) -> None:
+    """Camera far away along a direction, Z up, everything (or the bounds) in view."""
+    scene.enable_parallel_projection()
+    scene.view_vector(direction, viewup=(0, 0, 1))
+    scene.reset_camera(bounds=bounds)
+    scene.camera.zoom(1.0 if bounds is None else 1.35)
+
+
+def seen_at(scene: pv.Plotter, point: Sequence[float]) -> tuple[float, float]:
+    """Pixel of a point, from the upper left corner."""
+    place = vtkCoordinate()
+    place.SetCoordinateSystemToWorld()
+    place.SetValue(*point)
+    x, y = place.GetComputedDisplayValue(scene.renderer)
+    return x, scene.window_size[1] - 1 - y
+
+
+def middle(target: str | Point, drawn: list[tuple[str, trimesh.Trimesh]]) -> Sequence[float]:
+    """The point that a line of a legend means: itself, or the middle of the bodies named so."""
+    if not isinstance(target, str):
+        return target
+    boxes = np.array([m.bounds for name, m in drawn if name.startswith(target)])
+    if not len(boxes):
+        raise ValueError(f"legends.py: nothing in the picture is named {target!r}; "
+                         f"there are {sorted({name for name, _ in drawn})}")
+    return tuple((boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2)
+
+
+def save(scene: pv.Plotter, path: Path, legend: Legend = (),
+         drawn: list[tuple[str, trimesh.Trimesh]] | None = None) -> None:
+    """Small PNG: white margins cut, the legend's numbers beside it, 256 colours."""
+    image = Image.fromarray(scene.screenshot(return_img=True))
+    points = [seen_at(scene, middle(target, drawn or [])) for _, target in legend]
+    scene.close()
+    ink = np.asarray(image.convert("L")) < 250
+    rows, columns = np.flatnonzero(ink.any(1)), np.flatnonzero(ink.any(0))
+    margin = 24
+    left, top = max(columns[0] - margin, 0), max(rows[0] - margin, 0)
+    image = image.crop((left, top, min(columns[-1] + margin, image.width),
+                        min(rows[-1] + margin, image.height)))
+    if points:
+        image = numbered(image, [(x - left, y - top) for x, y in points])
+    buffer = io.BytesIO()
+    image.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
+    path.write_bytes(buffer.getvalue())
+
+
+VIEWS = {"camera_bracket": (1.2, 0.9, 0.9), "sensor_gate": (-0.7, -1.4, 1.3),
+         "hall_holder": (0.9, -1.3, 1.1), "nano_imu_mount": (-0.6, -1.0, 1.6),
+         "board_holder": (1.2, -1.1, 0.9), "small_board_holder": (1.2, -1.1, 0.9)}
+
+
+def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
+    """A part as it lies on the printer's bed or the cutter's table."""
+    scene = stage((1500, 1200))
+    mesh = trimesh.load_mesh(stl / f"{name}.stl")
+    add(scene, mesh, row["colour"] if name != "striped_ring" else "#c9ccc6", width=2.5)
+    for mark in row["marks"]:
+        points = [(x, y, mesh.bounds[1][2] + 0.05) for x, y, _ in [*mark, mark[0]]]
+        scene.add_mesh(pv.MultipleLines(np.array(points)), color=MARK, line_width=3)
+    default = (-1.0, -1.2, 1.5) if row["process"] == "printed" else (-0.25, -0.6, 2.4)
+    look(scene, VIEWS.get(name, default))
+    save(scene, path)
+
+
+BELOW = ("chassis", "shocks", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
+         "board_posts", "antennas", "shock_ring")
+ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
+              "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
+              "cutoff_board": (0, 0, 200), "standoffs_lower": (0, 0, 40),
+              "standoffs_upper": (0, 0, 115), "hall_sensor": (-45, 0, -55),
+              "magnets": (-22, 0, -55), "gear": (0, 0, -55),
+              "ir_module": (75, 0, -55)}
+
+
+def things(report: dict[str, Any], stl: Path) -> list[Thing]:
+    """Every body of the car, in its place."""
+    found = [Thing(item["name"], item["step"], body(shape), shape["colour"], False,
+                   ITEM_SHIFT.get(item["name"], (0.0, 0.0, 0.0)))
+             for item in report["items"] for shape in item["shapes"]]
+    for q in report["placements"]:
+        mesh = trimesh.load_mesh(stl / f"{q['part']}.stl")
+        mesh.apply_transform(np.array(q["matrix"]))
+        found.append(Thing(q["name"], q["step"], mesh, report["parts"][q["part"]]["colour"],
+                           q["part"] in CLEAR, tuple(q["lift_mm"])))
+        found += [Thing(q["name"], q["step"], line, MARK, False, tuple(q["lift_mm"]))
+                  for line in mark_lines(report["parts"][q["part"]], np.array(q["matrix"]))]
+    return found
+
+
+def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]:
+    """Engraved marks of a part as thin red rods on its upper face, in the car."""
+    top = row["box_mm"][1][2]
+    lines = []
+    for mark in row["marks"]:
+        corners = [(x, y, top) for x, y, _ in mark]
+        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            line = body(cylinder(start, end, 0.5, sides=16))
+            line.apply_transform(matrix)
+            lines.append(line)
+    return lines
+
+
+def exploded(every: list[Thing], path: Path) -> None:
+    """Deck and encoder pulled apart, without the chassis."""
+    scene, drawn = stage((1900, 1900)), []
+    for thing in every:
+        if thing.name.startswith(BELOW):
+            continue
+        mesh = thing.mesh.copy()
+        mesh.apply_translation(thing.shift)
+        add(scene, mesh, thing.colour, 0.45 if thing.clear else 1.0)
+        drawn.append((thing.name, mesh))
+    look(scene, (1.25, 1.0, 0.8))
+    save(scene, path, LEGENDS["exploded"], drawn)
+
+
+def shadow(scene: pv.Plotter, every: list[Thing]) -> None:
+    """Soft dark patch on the floor below the car."""
+    low = min(t.mesh.bounds[0][2] for t in every)
+    box = np.array([t.mesh.bounds for t in every])
+    (x0, y0, _), (x1, y1, _) = box[:, 0].min(axis=0), box[:, 1].max(axis=0)
+    soft, n = 45.0, 90
+    xs, ys = np.linspace(x0 - soft, x1 + soft, n), np.linspace(y0 - soft, y1 + soft, n)
+    gx, gy = np.meshgrid(xs, ys, indexing="ij")
+    away = np.hypot(np.maximum(np.maximum(x0 + 15 - gx, gx - x1 + 15), 0),
+                    np.maximum(np.maximum(y0 + 15 - gy, gy - y1 + 15), 0))
+    floor = pv.StructuredGrid(gx, gy, np.full_like(gx, low - 0.2))
+    alpha = 90 * np.clip(1 - away / soft, 0, 1) ** 2
+    colours = np.zeros((n * n, 4), dtype=np.uint8)
+    colours[:, 3] = alpha.ravel(order="F")
+    scene.add_mesh(floor, scalars=colours, rgba=True, lighting=False)
+
+
+def car(every: list[Thing], path: Path, direction: tuple[float, float, float]) -> None:
+    """The finished car on its wheels."""
+    scene = stage((1700, 1500))
+    shadow(scene, every)
+    for thing in every:
+        add(scene, thing.mesh, thing.colour, 0.42 if thing.clear else 1.0)
+    look(scene, direction)
+    save(scene, path)
+
+
+def paint(report: dict[str, Any], stl: Path, out: Path) -> None:
+    """All pictures into the folder `out`."""
+    import steps
+
+    for name, row in report["parts"].items():
+        part_picture(name, row, stl, out / f"{name}.png")
+    every = things(report, stl)
+    exploded(every, out / "exploded.png")
+    car(every, out / "car.png", (1.25, 1.0, 0.62))
+    car(every, out / "car_rear.png", (-1.2, 1.0, 0.7))
+    car(every, out / "car_side.png", (0.0, 1.0, 0.06))
+    for step in steps.STEPS:
+        steps.step_picture(every, step, out / f"step_{step.name}.png")

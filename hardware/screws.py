@@ -1,0 +1,92 @@
+"""Which screw goes where: screws.csv, with the grip taken from the holes of the CAD."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+NUT = {"M2": 1.6, "M2.5": 2.0, "M3": 2.4}
+"""Height of a hexagon nut, mm (ISO 4032)."""
+STUD = 6.0
+"""Length of the thread of a standoff, mm [assumed]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Screw:
+    """``holes``: (part, use) as in the hole tables of the CAD, head first; ``other`` [mm] that
+    lies between them; ``length`` 0 = a nut on the thread of a standoff."""
+
+    size: str
+    length: float
+    pieces: int
+    step: str
+    holes: tuple[tuple[str, str], ...]
+    other: float
+    end: str
+    note: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.size} x {self.length:g}" if self.length else f"nut {self.size}"
+
+
+def load(path: Path = HERE / "screws.csv") -> list[Screw]:
+    """Every row, in the order of the build."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [Screw(c["screw"], float(c["length_mm"]), int(c["pieces"]), c["step"],
+                      tuple(tuple(h.split(":", 1)) for h in c["holes"].split(";")),  # type: ignore[misc]
+                      float(c["other_mm"]), c["end"], c["note"])
+                for c in csv.DictReader(file)]
+
+
+def grip(screw: Screw, parts: dict[str, dict[str, list[dict[str, float]]]]) -> float:
+    """What the screw clamps [mm]. ``parts``: the table of built.json. Raises KeyError."""
+    total = screw.other
+    for part, use in screw.holes:
+        lengths = {h["length"] for h in parts[part]["holes"] if h["use"] == use}
+        if len(lengths) != 1:
+            raise KeyError(f"{part} has {len(lengths)} kinds of hole for {use!r}")
+        total += lengths.pop()
+    return total
+
+
+def wrong(screws: list[Screw], parts: dict[str, dict[str, list[dict[str, float]]]]) -> list[str]:
+    """Screws that are too short or too long: grip + nut + at most 4 mm; into a thread 2 to 6 mm."""
+    out = []
+    for screw in screws:
+        clamped = grip(screw, parts)
+        length = screw.length or STUD
+        low, high = (2.0, 6.0) if screw.end == "thread" else (
+            NUT[screw.size], NUT[screw.size] + 4.0)
+        if not low <= length - clamped <= high:
+            out.append(f"{screw.step} {screw.name}: {length - clamped:.1f} mm beyond a grip of "
+                       f"{clamped:.1f}, expected {low} to {high}")
+    return out
+
+
+def summary(screws: list[Screw]) -> str:
+    """What has to be bought: "Screws: M2 x 8 (4), ...; nuts: M2 (4), ...; washers"."""
+    sizes: Counter[tuple[str, float]] = Counter()
+    nuts: Counter[str] = Counter()
+    for s in screws:
+        if s.length:
+            sizes[s.size, s.length] += s.pieces
+        if s.end == "nut":
+            nuts[s.size] += s.pieces
+    return ("Screws: " + ", ".join(f"{a} x {b:g} ({n})" for (a, b), n in sorted(sizes.items()))
+            + "; nuts: " + ", ".join(f"{a} ({n})" for a, n in sorted(nuts.items()))
+            + "; washers")
+
+
+def table(screws: list[Screw]) -> str:
+    """Markdown for the guide."""
+    lines = ["| step | screw | pieces | where |", "|---|---|---:|---|"]
+    for s in screws:
+        parts = ", ".join(dict.fromkeys(f"`{part}`" for part, _ in s.holes))
+        end = " + nut" if s.end == "nut" and s.length else ""
+        note = f": {s.note}" if s.note else ""
+        lines.append(f"| {s.step} | {s.name}{end} | {s.pieces} | {parts}{note} |")
+    return "\n".join(lines).replace(" x ", "\u00a0x\u00a0")

@@ -1,0 +1,65 @@
+"""``dart-hal stop``: neutral, from any terminal and from a service that ends."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from dart_hal.actuation.standby import Throttle, stop
+from dart_hal.cli.options import car_options, json_option
+from dart_hal.cli.output import console, print_json
+from dart_hal.config import load_car
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Bus, Url
+from dart_hal.links.holder import holder, port_of
+from dart_hal.links.i2c import open_bus
+
+
+@click.command("stop")
+@car_options
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) -> int:
+    """Throttle to neutral, whoever drives; exit 1 if somebody goes on driving.
+
+    Needs the I2C bus alone, no Nano. The program that drives is asked to end.
+    """
+    address = real(url)
+    throttle, bus = reach(address, car_name, cars)
+    port = port_of(address)
+    done = stop(throttle, lambda: holder(port) if port else None, time.sleep)
+    close = getattr(bus, "close", None)
+    if close is not None:
+        close()
+    if as_json:
+        print_json({"url": address.text, **asdict(done)})
+    else:
+        console.print(f"throttle at {done.left_us:.0f} us (was {done.found_us:.0f})"
+                      + (f"; asked pid {done.ended} to end" if done.ended else ""))
+    if done.driver is None and done.at_rest:
+        return 0
+    console.print(f"still driven; try: sudo kill -9 {done.driver or 'PID'}", style="red")
+    return 1
+
+
+def real(url: str | None) -> Url:
+    """The URL of a car that outlives its program. Raises UsageError."""
+    address = Url.parse(url or "sim://")
+    if address.scheme not in ("serial", "hwgrep"):
+        raise UsageError(f"{address.scheme}:// ends with its program: there is nothing to stop",
+                         found=address.text, expected="serial:///dev/dart-nano?i2c=1",
+                         remedy="export DART_HAL_URL='serial:///dev/ttyUSB0?i2c=1'")
+    address.known("i2c", "baud")
+    return address
+
+
+def reach(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:
+    """The throttle of a car and the bus it is on; the port is left alone.
+
+    Raises ConfigError, BusError, UsageError.
+    """
+    files = load_car(car_name, [cars] if cars else None)
+    bus = open_bus(address.options.get("i2c", str(files.config.pwm.bus)))
+    return Throttle(files, bus, time.sleep), bus

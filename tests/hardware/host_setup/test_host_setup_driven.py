@@ -1,0 +1,93 @@
+"""A real driver with its real guard on a served car: both are killed, standby is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from dart_hal.actuation.standby import Throttle
+from dart_hal.config import load_car
+from dart_hal.links.i2c import SocketBus
+
+PATIENCE = 60.0
+SCRIPT = "def control(state):\n    return 0.0, 0.2\n"
+
+
+def dart_hal(*arguments: str, **more: object) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, "-m", "dart_hal.cli.main", *arguments], text=True,
+                            **more)  # type: ignore[call-overload,no-any-return]
+
+
+def guards_of(pid: int) -> list[int]:
+    """Children of a process: its guard."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (process / "stat").read_text()
+        except OSError:
+            continue
+        if int(stat.rsplit(")", 1)[1].split()[1]) == pid:
+            found.append(int(process.name))
+    return found
+
+
+def until(true: Callable[[], bool], seconds: float = PATIENCE) -> bool:
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.02)
+    return true()
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[dict[str, str]]:
+    """A simulated car on a pty and a socket."""
+    server = dart_hal("sim", "--url", "sim://?seed=3&nano=mock", "--pty", "--bus",
+                      str(tmp_path / "i2c"), "--cars", str(tmp_path), "--json",
+                      stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert server.stdout is not None
+    text = ""
+    while not text.rstrip().endswith("}"):
+        text += server.stdout.readline()
+    yield {**json.loads(text), "cars": str(tmp_path)}
+    server.terminate()
+    server.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("standby", [True, False], ids=["standby", "control"])
+def test_driver_and_guard_are_killed(served: dict[str, str], standby: bool,
+                                     tmp_path: Path) -> None:
+    car = ["--url", served["url"], "--car", served["car"], "--cars", served["cars"]]
+    bus = SocketBus(str(served["bus"]))
+    throttle = Throttle(load_car(served["car"], [served["cars"]]), bus, time.sleep)
+    script = tmp_path / "straight.py"
+    script.write_text(SCRIPT)
+    watch = dart_hal("standby", *car) if standby else None
+    driver = dart_hal("drive", str(script), *car, "--duration", "60", "--waive",
+                      "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED",
+                      stderr=subprocess.PIPE)
+    try:
+        assert until(lambda: not throttle.at_rest or driver.poll() is not None)
+        assert driver.poll() is None, driver.communicate()[1]
+        time.sleep(0.5)
+        assert not throttle.at_rest, "standby leaves a driven car alone"
+        guards = guards_of(driver.pid)
+        assert guards
+        for pid in (*guards, driver.pid):       # the guard first: it has no last word
+            os.kill(pid, signal.SIGKILL)
+        driver.wait()
+        assert until(lambda: throttle.at_rest, 5.0 if standby else 1.0) is standby
+    finally:
+        for process in (watch, driver):
+            if process is not None:
+                process.kill()
+                process.communicate()
+        bus.close()

@@ -1,0 +1,301 @@
+"""The build guide: every part, tool, command, link and figure in it exists."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from dart_hal.actuation.arming import BY_NAME
+from dart_hal.cli import checks
+from dart_hal.cli.main import VERBS, cli
+from dart_hal.wire.messages import SCHEMA
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
+
+import bom  # noqa: E402 - found through the line above
+import guide  # noqa: E402
+import legends  # noqa: E402
+
+DOCTOR = re.compile(r"^ *(ok|warn|fail)  (\S.{0,21}?)(?:  +(.*))?$", re.MULTILINE)
+"""A line of the doctor's report: verdict, title, what it found."""
+CHECKED_BY_HAND = {
+    "git", "ls", "echo", "export", "nano", "cp", "cd", "i2cdetect", "ssh", ".", "sudo", "uv",
+    "lsusb", "uname", "mkdir", "modinfo", "systemctl", "journalctl", "dmesg", "ping", "scp",
+    "cat", "id",
+}
+"""Programs of the system, not of this project."""
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """``copy(page, old, new)``: a copy of the guide with one thing broken."""
+    folder = tmp_path / "guide"
+    shutil.copytree(guide.PAGES, folder)
+
+    def broken(page: str, old: str, new: str) -> Path:
+        path = folder / page
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return folder
+
+    return broken
+
+
+def miscounted(steps: list[guide.Step]) -> dict[str, str]:
+    """Parts that the guide takes out of the bag more or less often than the bill buys."""
+    wrong = {}
+    for row in bom.load():
+        counts = [s.parts[row.id] for s in steps if row.id in s.parts]
+        taken = sum(counts) or (1 if counts else 0)
+        if taken != row.quantity:
+            wrong[row.id] = f"{taken} in the guide, {row.quantity} in the bill"
+    return wrong
+
+
+def unknown_command(command: str) -> str:
+    """Why a command line cannot be right, or nothing."""
+    words = command.split()
+    while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
+        words.pop(0)
+    name = words[0].rsplit("/", 1)[-1]
+    if name == "dart-hal":
+        return _unknown_verb(words[1:])
+    if name.startswith("python"):
+        script = next((w for w in words[1:] if w.endswith(".py")), "")
+        own = script.startswith(("examples/", "hardware/", "benchmarks/"))
+        return "" if not own or (ROOT / script).is_file() else f"no {script}"
+    if name == "make":
+        targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        return "" if words[1] in targets else f"no target {words[1]}"
+    if name == "sh":
+        return "" if (ROOT / words[1]).is_file() else f"no {words[1]}"
+    return "" if name in CHECKED_BY_HAND else f"no program {name}"
+
+
+def _unknown_verb(words: list[str]) -> str:
+    node: click.Command = cli
+    for word in list(words):
+        if not isinstance(node, click.Group) or word.startswith("-"):
+            break
+        if node is cli and word not in VERBS:
+            return f"no verb {word}"
+        found = node.get_command(click.Context(node), word)
+        if found is None:
+            return f"no command {word}"
+        node, words = found, words[1:]
+    options = [o for p in node.params if isinstance(p, click.Option) for o in p.opts]
+    known = {*options, "--help", "-h", "--version"}
+    for word in words:
+        if word.startswith("-") and word.split("=")[0] not in known:
+            return f"{node.name} has no option {word}"
+    return ""
+
+
+def links(text: str) -> list[str]:
+    """Files that a page links or shows."""
+    found = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text)
+    found += re.findall(r"^```\{image\} (\S+)", text, re.MULTILINE)
+    return [x for x in found if "://" not in x]
+
+
+def undrawn(folder: Path, base: Path = guide.PAGES) -> list[str]:
+    return [f"{page}: {link}" for page, text in guide.pages(folder).items()
+            for link in links(text) if not (base / link).is_file()]
+
+
+def test_ten_pages_in_order():
+    assert [p[:2] for p in guide.pages()] == [f"{n:02}" for n in range(1, 11)]
+
+
+def test_the_assembly_is_complete():
+    ids = [s.id for s in guide.steps()]
+    assert len(ids) == len(set(ids))
+    assert {f"S{n:02}" for n in range(1, 16)} <= set(ids)
+
+
+def test_every_part_is_in_the_bill_and_the_reverse():
+    named = {p: [s.id for s in guide.steps() if p in s.parts]
+             for s in guide.steps() for p in s.parts}
+    assert {r.id: list(r.used_in) for r in bom.load()} == named
+
+
+def test_the_guide_uses_up_what_the_bill_buys():
+    assert miscounted(guide.steps()) == {}
+
+
+def test_a_part_too_many_is_seen(copy):
+    folder = copy("05_deck.md", "8 x `standoff_25`", "9 x `standoff_25`")
+    assert miscounted(guide.steps(folder)) == {"standoff_25": "9 in the guide, 8 in the bill"}
+
+
+def test_every_tool_is_in_the_list_and_the_reverse():
+    listed = {t.id for t in bom.load_tools()}
+    assert {t for s in guide.steps() for t in s.tools} == listed
+
+
+def test_a_step_names_the_tools_of_its_parts():
+    """A tool that a row of the bill asks for is in at least one step that uses the part."""
+    steps = {s.id: s for s in guide.steps()}
+    missing = [f"{r.id}: {tool}" for r in bom.load() for tool in r.tools
+               if not any(tool in steps[s].tools for s in r.used_in)]
+    assert missing == []
+
+
+def test_nothing_is_soldered_outside_the_options():
+    assert [s.id for s in guide.steps() if s.skill == "solder" and not s.option] == []
+    assert [s.id for s in guide.steps() if s.skill == "solder"], "the control: options do"
+
+
+def test_a_part_that_is_soldered_is_so_in_its_step():
+    steps = {s.id: s for s in guide.steps()}
+    assert [r.id for r in bom.load() if r.skill == "solder"
+            and not any(steps[s].skill == "solder" for s in r.used_in)] == []
+
+
+def test_the_table_of_the_weekend_adds_up():
+    first = guide.pages()["01_parts.md"]
+    hours = {int(n): (float(h), skill) for n, h, skill in re.findall(
+        r"^\| \[?(\d+)\. [^|]+\| ([\d.]+) \| (\w+) \|$", first, re.MULTILINE)}
+    for number, (told, skill) in hours.items():
+        steps = [s for s in guide.steps() if s.page.startswith(f"{number:02}") and not s.option]
+        assert abs(sum(s.minutes for s in steps) / 60 - told) <= 0.051, (number, told)
+        assert skill == max((s.skill for s in steps), key=guide.SKILLS.index), number
+    assert len(hours) == 10
+    total = f"{sum(told for told, _ in hours.values()):.1f} hours by hand"
+    assert total in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_page_ends_with_a_check_and_with_mistakes():
+    for page, text in guide.pages().items():
+        assert "**Check.**" in text, page
+        assert "\n## When it goes wrong\n" in text, page
+
+
+def test_every_command_exists():
+    wrong = [f"{page}: {command}: {why}" for page, text in guide.pages().items()
+             for command in guide.commands(text) if (why := unknown_command(command))]
+    assert wrong == []
+    assert sum(len(guide.commands(t)) for t in guide.pages().values()) > 20
+
+
+@pytest.mark.parametrize(("command", "why"), [
+    ("dart-hal calibrate streering", "no command streering"),
+    ("dart-hal docter", "no verb docter"),
+    ("dart-hal drive --keybord", "drive has no option --keybord"),
+    ("python examples/follow_figure_of_nine.py", "no examples/follow_figure_of_nine.py"),
+    ("make hardwear", "no target hardwear"),
+    ("sh host/setup/set-up.sh", "no host/setup/set-up.sh"),
+])
+def test_a_wrong_command_is_seen(command, why):
+    assert unknown_command(command) == why
+
+
+def test_what_the_doctor_says_is_what_it_says():
+    source = Path(checks.__file__).read_text(encoding="utf-8") + " ".join(BY_NAME)
+    shown = [x for text in guide.pages().values()
+             for x in DOCTOR.findall(text)]
+    assert {title for _, title, _ in shown} <= set(checks.TITLES.values())
+    assert len(shown) > 15
+    for _, title, found in shown:
+        # Figures, names and paths are the reader's own; the words are the doctor's.
+        words = [w.strip(",;:") for w in found.split() if not re.search(r"[\d/]", w)]
+        assert [w for w in words if w not in source] == [], title
+
+
+def test_the_figures_shown_are_those_of_this_version():
+    source = ROOT / "firmware" / "src" / "app" / "version.h"
+    version = re.findall(r"kVersion\w+ = (\d+);", source.read_text(encoding="utf-8"))
+    text = "\n".join(guide.pages().values())
+    assert set(re.findall(r"message definitions +(\w{8})", text)) == {f"{SCHEMA:08x}"}
+    assert set(re.findall(r"firmware +version ([\d.]+)", text)) == {".".join(version)}
+
+
+def test_links_and_pictures_exist():
+    assert undrawn(guide.PAGES) == []
+
+
+def test_a_missing_picture_is_seen(copy):
+    folder = copy("01_parts.md", "pictures/car.png", "pictures/cart.png")
+    assert undrawn(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
+
+
+PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::.*\n)*```\n\n?(.*)")
+
+
+def unexplained(text: str) -> list[str]:
+    """Pictures with numbers whose legend does not stand below them."""
+    return [name for name, below in PICTURE.findall(text)
+            if name in legends.LEGENDS and below != legends.line(name)]
+
+
+def test_every_number_of_a_picture_is_explained_below_it():
+    shown = [n for t in guide.pages().values() for n, _ in PICTURE.findall(t)]
+    assert set(legends.LEGENDS) <= set(shown)
+    assert [x for t in guide.pages().values() for x in unexplained(t)] == []
+
+
+def test_another_legend_is_seen(copy):
+    folder = copy("04_sensors.md", "**4** slit, ", "")
+    assert unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
+
+
+def test_every_step_with_the_screwdriver_has_a_picture():
+    """S15 is about plugs and chargers."""
+    shown = {n for t in guide.pages().values() for n, _ in PICTURE.findall(t)}
+    assert {s.id for s in guide.steps() if s.id.startswith("S")} - shown == {"S15"}
+
+
+def test_anchors_exist():
+    """Anchors into the hardware page: a heading with that name."""
+    text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
+    heads = {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-")
+             for h in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
+    wanted = {a for t in guide.pages().values()
+              for a in re.findall(r"hardware/README\.md#([\w-]+)", t)}
+    assert wanted
+    assert wanted <= heads
+
+
+def test_the_weighing_program_gives_the_published_geometry():
+    """Axle loads and wheelbase of one upstream car and the centre of mass published with it."""
+    text = guide.pages()["09_weigh_and_describe.md"]
+    program = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    with contextlib.redirect_stdout(out := io.StringIO()):
+        exec(program, {})
+    told = {k: float(v) for k, v in (x.split(" = ") for x in out.getvalue().splitlines())}
+    assert told["l_r"] == pytest.approx(0.093009, abs=2e-6)
+    assert told["l_f"] == pytest.approx(0.080491, abs=2e-6)
+    assert told["mass"] == pytest.approx(1.580)
+    assert told["metres_per_edge"] == pytest.approx(0.0020646, abs=1e-7)
+
+
+def test_the_edges_of_one_turn_of_the_wheels_are_those_of_the_gears():
+    """20 edges per turn of the main gear, which turns 39/11 times as often as the wheels."""
+    text = guide.pages()["04_sensors.md"]
+    told = int(re.search(r"go up by \*\*(\d+)\*\* \(39/11 turns", text)[1])
+    per_turn = int(re.search(r"main gear of (\d+) edges each", text)[1])
+    teeth = re.search(r"^teeth = \{ value = (\d+)", (ROOT / "hardware" / "cad" / "parameters.toml")
+                      .read_text(encoding="utf-8"), re.MULTILINE)
+    assert per_turn == 2 * int(teeth[1])
+    assert told == round(per_turn * 39 / 11)
+
+
+def test_a_step_without_time_says_which(copy):
+    folder = copy("03_encoder.md", "- Time: 40 min", "- Time: a while")
+    with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S03: 'Time: N min'"):
+        guide.steps(folder)
+
+
+def test_a_step_without_tools_says_which(copy):
+    folder = copy("03_encoder.md", "- Tools: `screwdrivers`, `hex_keys`\n", "")
+    with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S02: '- Tools: \.\.\.' expected"):
+        guide.steps(folder)

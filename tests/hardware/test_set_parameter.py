@@ -1,0 +1,66 @@
+"""Parameters of the Nano from a terminal: written, confirmed, refused."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from dart_hal.errors import EmulatorMissing
+from dart_hal.links.base import open_backend
+from dart_hal.sim.cutoff import CUTOFFS
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "hardware"))
+
+import set_parameter  # noqa: E402 - found through the line above
+
+MOCK = "sim://?nano=mock"
+
+
+def run(monkeypatch, *args: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["set_parameter.py", *args])
+    return set_parameter.main()
+
+
+@pytest.mark.parametrize(("name", "value", "now"), [
+    ("safety_out", "mux", 2), ("safety_out", "oe", 1), ("safety_out", "0", 0), ("ring_b", "1", 1)])
+def test_it_is_written_and_confirmed(monkeypatch, capsys, name, value, now):
+    assert run(monkeypatch, name, value, MOCK) == 0
+    assert capsys.readouterr().out.startswith(f"{name} = {now};")
+
+
+@pytest.mark.emulator
+def test_the_firmware_confirms(monkeypatch, capsys):
+    try:
+        open_backend("avr://default").close()
+    except EmulatorMissing as error:
+        pytest.skip(f"emulator: {error.what}")
+    assert run(monkeypatch, "safety_out", "mux", "avr://default") == 0
+    assert "safety_out = 2;" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (("safety_out", "3", MOCK), "0 to 2 (none, oe, mux)"),
+    (("safety_out", "multiplexer", MOCK), "safety_out cannot be 'multiplexer'"),
+    (("ring_c", "1", MOCK), "there is no parameter 'ring_c'"),
+    (("ring_b",), "a name and a value are needed"),
+])
+def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, said):
+    monkeypatch.setattr(set_parameter, "open_backend", lambda url: pytest.fail("opened"))
+    assert run(monkeypatch, *args) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_silent_nano_is_said(monkeypatch, capsys):
+    monkeypatch.setattr(set_parameter, "encode", lambda *_: b"")
+    assert run(monkeypatch, "ring_b", "1", MOCK) == 2
+    assert "did not confirm ring_b" in capsys.readouterr().err
+
+
+def test_the_words_are_those_of_the_guide():
+    text = (ROOT / "docs" / "build_guide" / "06_wiring.md").read_text(encoding="utf-8")
+    for word in ("mux", "oe"):
+        assert f"hardware/set_parameter.py safety_out {word}" in text
+        assert word in CUTOFFS

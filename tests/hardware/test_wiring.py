@@ -1,0 +1,278 @@
+"""The harness: the firmware's pins, each used once, nothing without supply and ground."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from dart_hal.sim.cutoff import CUTOFFS
+
+ROOT = Path(__file__).parents[2]
+WIRING = ROOT / "hardware" / "wiring"
+sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
+
+yaml = pytest.importorskip("yaml")
+import bom  # noqa: E402 - found through the line above
+import build  # noqa: E402
+import drawing  # noqa: E402
+import harness  # noqa: E402
+import pinout  # noqa: E402
+
+PINS_H = ROOT / "firmware" / "src" / "board" / "pins.h"
+ENDS = {
+    "kRingA": ("minimal", ("IR", "OUT")),
+    "kIrPower": ("minimal", ("IR", "VCC")),
+    "kImuPower": ("minimal", ("IMU", "VIN")),
+    "kSda": ("minimal", ("IMU", "SDA")),
+    "kScl": ("minimal", ("IMU", "SCL")),
+    "kRingB": ("second_ring", ("HALL", "OUT")),
+    "kCapture": ("capture", ("BOARD_CH15", "PWM")),
+    "kGate": ("cutoff_oe", ("L3", "gate by 1k")),
+    "kMuxSelect": ("cutoff_mux", ("MUX", "1 (S)")),
+    "kOwnPulse": ("cutoff_mux", ("MUX", "2 (1I0)")),
+}
+"""Firmware constant -> diagram and the far end of its wire."""
+CUTOFF_PINS = {"D6": "oe", "D5": "mux", "D9": "mux"}
+PORTS = {"D": 0, "B": 8}
+"""First Nano pin of an AVR port; port C is A0 on."""
+
+
+def firmware_pins(text: str | None = None) -> dict[str, str]:
+    """Constant -> Nano pin, from the bit that is set and not from the comment."""
+    found = {}
+    for name, port, bit in re.findall(r"(k\w+) = _BV\(P([BCD])(\d)\)",
+                                      text or PINS_H.read_text(encoding="utf-8")):
+        found[name] = f"A{bit}" if port == "C" else f"D{PORTS[port] + int(bit)}"
+    return found
+
+
+def wrong_pins(folder: Path, text: str | None = None) -> list[str]:
+    """Constants of the firmware whose pin does not lead where it should."""
+    wrong = []
+    for constant, pin in firmware_pins(text).items():
+        if constant == "kLed":  # on the Nano itself
+            continue
+        diagram, far = ENDS[constant]
+        ends = {w.start: w.end for w in harness.wires(diagram, folder)}
+        ends |= {b: a for a, b in ends.items()}
+        if ends.get(("NANO", pin)) != far:
+            wrong.append(f"{constant} {pin}: {ends.get(('NANO', pin))}, expected {far}")
+    return wrong
+
+
+def unpowered(folder: Path, diagram: str) -> list[str]:
+    """Devices of a diagram without supply or ground."""
+    used = {end for w in harness.wires(diagram, folder) for end in (w.start, w.end)}
+    need = harness.parts(folder)["metadata"]["supply"]
+    return [f"{device} {pin}" for device in {d for d, _ in used} if device in need
+            for pin in map(str, need[device])
+            if not any(d == device and p.split(" (")[0] == pin for d, p in used)]
+
+
+def twice(folder: Path, *diagrams: str) -> list[str]:
+    """Pins of the Nano that carry more than one wire when all these are built."""
+    gone = {name for d in diagrams
+            for name in harness.load(d, folder)["metadata"].get("replaces", [])}
+    pins = [p for d in diagrams for w in harness.wires(d, folder) if w.cable not in gone
+            for device, p in (w.start, w.end) if device == "NANO"]
+    return sorted({p for p in pins if pins.count(p) > 1})
+
+
+def undeclared(folder: Path, diagram: str) -> list[str]:
+    """Cut-off pins of a diagram that does not name the value of safety_out."""
+    value = harness.load(diagram, folder)["metadata"]["safety_out"]
+    return [p for w in harness.wires(diagram, folder)
+            if (p := w.pin_at("NANO")) in CUTOFF_PINS and CUTOFF_PINS[p] != value]
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """``copy(file, old, new)``: a copy of the sources with one thing broken."""
+    folder = tmp_path / "wiring"
+    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*"))
+
+    def broken(file: str, old: str, new: str) -> Path:
+        path = folder / file
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        return folder
+
+    return broken
+
+
+def test_the_pins_are_those_of_the_firmware():
+    assert set(firmware_pins()) - {"kLed"} == set(ENDS)
+    assert wrong_pins(WIRING) == []
+
+
+def test_a_swapped_pin_is_seen(copy):
+    folder = copy("minimal.yml", "[D4, GND by VIN, A4, A5]", "[D4, GND by VIN, A5, A4]")
+    assert [x.split(":")[0] for x in wrong_pins(folder)] == ["kSda A4", "kScl A5"]
+
+
+def test_a_pin_moved_in_the_firmware_is_seen():
+    text = PINS_H.read_text(encoding="utf-8").replace("_BV(PD7);", "_BV(PD6);")
+    assert any("kIrPower" in x for x in wrong_pins(WIRING, text))
+
+
+@pytest.mark.parametrize("diagram", harness.DIAGRAMS)
+def test_every_device_has_supply_and_ground(diagram):
+    assert unpowered(WIRING, diagram) == []
+
+
+def test_every_plug_is_powered_or_said_to_be_passive():
+    data = harness.parts()
+    need, passive = data["metadata"]["supply"], data["metadata"]["passive"]
+    assert set(need) | set(passive) == set(data["connectors"])
+    assert not set(need) & set(passive)
+
+
+def test_a_missing_ground_is_seen(copy):
+    folder = copy("minimal.yml", "[{NANO: [D7, GND by D2, D2]}, {W_IR: [1, 2, 3]}, "
+                  "{IR: [VCC, GND, OUT]}]",
+                  "[{NANO: [D7, D2]}, {W_IR: [1, 3]}, {IR: [VCC, OUT]}]")
+    assert unpowered(folder, "minimal") == ["IR GND"]
+
+
+@pytest.mark.parametrize("cutoff", ["cutoff_oe", "cutoff_mux"])
+def test_each_pin_of_the_nano_carries_one_wire(cutoff):
+    assert twice(WIRING, "minimal", "second_ring", "capture", "lidar_feed", cutoff) == []
+
+
+def test_a_pin_used_twice_is_seen(copy):
+    assert twice(copy("second_ring.yml", "GND ICSP 6, D3", "GND by D2, D3"),
+                 "minimal", "second_ring") == ["GND by D2"]
+
+
+@pytest.mark.parametrize("diagram", harness.DIAGRAMS)
+def test_cut_off_pins_only_with_their_parameter(diagram):
+    assert harness.load(diagram)["metadata"]["safety_out"] in CUTOFFS
+    assert undeclared(WIRING, diagram) == []
+
+
+def test_a_cut_off_without_its_parameter_is_seen(copy):
+    assert undeclared(copy("cutoff_mux.yml", "safety_out: mux", "safety_out: none"),
+                      "cutoff_mux") == ["D9", "D5"]
+
+
+def test_the_enum_of_the_firmware_has_the_same_values():
+    text = (PINS_H.parent / "outputs.h").read_text(encoding="utf-8")
+    values = dict(re.findall(r"k(None|Enable|Multiplexer) = (\d)", text))
+    assert [int(values[k]) for k in ("None", "Enable", "Multiplexer")] == [
+        CUTOFFS[k] for k in ("none", "oe", "mux")]
+
+
+def test_the_select_of_the_multiplexer_falls_to_the_nano_and_no_input_floats():
+    parts = harness.parts()
+    extra = parts["connectors"]["MUX"]["additional_components"]
+    assert any(c["pn"] == "res_10k" and c["subtype"] == "pin 1 to pin 8" for c in extra)
+    wired = {w.pin_at("MUX").split()[0] for w in harness.wires("cutoff_mux") if w.pin_at("MUX")}
+    grounded = set(map(str, parts["metadata"]["joined"]["MUX"][8]))
+    assert wired | grounded == set(map(str, range(1, 17))) - {"7", "9", "12"}  # other outputs
+
+
+def test_every_part_is_in_the_bill():
+    ids = {r.id for r in bom.load()}
+    data = harness.parts()["connectors"]
+    named = {c["pn"] for c in data.values()}
+    named |= {x["pn"] for c in data.values() for x in c.get("additional_components", [])}
+    named |= {c["pn"] for d in harness.DIAGRAMS for c in harness.load(d)["cables"].values()}
+    assert named <= ids
+
+
+def test_every_connector_is_drawn_somewhere():
+    drawn = {n for d in harness.DIAGRAMS for n in harness.load(d)["connectors"]}
+    assert drawn == set(harness.parts()["connectors"])
+
+
+def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
+    assert build.stale() == [], "make hardware ARGS=--write"
+
+
+def test_an_older_diagram_is_seen(copy):
+    """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
+    assert build.stale(copy("capture.yml", "GN", "YE")) == ["capture.svg", "nano_pins.svg"]
+
+
+def test_each_step_of_the_guide_shows_its_wires():
+    steps = harness.load("minimal")["metadata"]["steps"]
+    text = build.GUIDE.read_text(encoding="utf-8")
+    for step, cables in steps.items():
+        section = text.split(f"\n## {step}: ")[1].split("\n## ")[0]
+        assert f"wiring/minimal_{step}.svg" in section
+        assert set(cables) <= set(harness.load("minimal")["cables"])
+    drawn = {c for cables in steps.values() for c in cables}
+    assert set(harness.load("minimal")["cables"]) - drawn == {"W_CELLS"}  # a step with a picture
+
+
+def test_the_pinout_shows_every_wire_of_the_nano():
+    svg = pinout.nano()
+    named = {w.pin_at("NANO"): w for d in harness.DIAGRAMS for w in harness.wires(d)
+             if w.pin_at("NANO")}
+    known = harness.parts()["connectors"]
+    for pin, wire in named.items():
+        device, end = wire.end if wire.start[0] == "NANO" else wire.start
+        words = f"{known[device]['short']} {end.split(' by')[0]}"
+        assert svg.count(f">{words}") == (2 if "ICSP" not in pin else 0), (pin, words)
+    assert "Hall GND" in svg
+
+
+def test_seen_from_below_left_and_right_change_places():
+    """The USB socket stays above: the same pin is left once and right once."""
+    at = [float(x) for x in re.findall(r"<text x='([\d.]+)'[^>]*>D2</text>", pinout.nano())]
+    assert len(at) == 2
+    assert sum(at) == pytest.approx(drawing.WIDTH)
+
+
+def test_the_pins_of_the_multiplexer_are_those_of_the_diagram():
+    labels = dict(zip(map(str, harness.parts()["connectors"]["MUX"]["pins"]),
+                      harness.parts()["connectors"]["MUX"]["pinlabels"], strict=True))
+    numbers = dict(zip(map(str, [*range(1, 9), *range(16, 8, -1)]),
+                       [*pinout.MUX[0], *pinout.MUX[1]], strict=True))
+    assert labels.items() <= numbers.items()
+
+
+def test_a_typing_error_says_what_exists(copy):
+    with pytest.raises(harness.WiringError, match="no pin 'D77'; it has D7, "):
+        harness.wires("minimal", copy("minimal.yml", "[D7,", "[D77,"))
+
+
+def test_a_name_that_is_nowhere_says_what_exists(copy):
+    with pytest.raises(harness.WiringError, match=r"'NANNO'.*one of NANO, "):
+        harness.wires("minimal", copy("minimal.yml", "{NANO: [D7", "{NANNO: [D7"))
+
+
+def test_a_wire_too_few_is_said(copy):
+    with pytest.raises(harness.WiringError, match="W_IR"):
+        harness.wires("minimal", copy("minimal.yml", "{W_IR: [1, 2, 3]}", "{W_IR: [1, 2]}"))
+
+
+def said_in_the_guide(text: str) -> set[tuple[str, str]]:
+    """(what, pin) of sentences: "VCC to D7", "red D4", "blue A4"."""
+    return set(re.findall(r"\b(VCC|OUT) to ([DA]\d)\b", text)) | set(
+        re.findall(r"\b(red|blue|yellow|white) ([DA]\d)\b", text))
+
+
+def test_the_sentences_of_the_guide_name_the_same_pins():
+    told: set[tuple[str, str]] = set()
+    for page in sorted(build.GUIDE.parent.glob("*.md")):
+        told |= said_in_the_guide(page.read_text(encoding="utf-8"))
+    true = {(w.end[1], w.start[1]) for w in harness.wires("minimal") if w.end[0] == "IR"}
+    true |= {(harness.WORDS[w.colour], w.start[1]) for w in harness.wires("minimal")
+             if w.end[0] == "IMU"}
+    assert told <= true
+    assert {("VCC", "D7"), ("OUT", "D2"), ("red", "D4"), ("blue", "A4"), ("yellow", "A5")} <= told
+    assert not said_in_the_guide("red D4, blue A5") <= true, "the control: a swapped pin"
+
+
+def test_the_table_of_the_hardware_page_names_the_same_pins():
+    text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
+    table = text.split("## Wiring of the Nano")[1].split("##")[0]
+    pins = re.findall(r"\b[DA]\d\b", " ".join(re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)))
+    firmware = {p for name, p in firmware_pins().items() if name != "kLed"}
+    assert sorted(pins) == sorted(firmware)
