@@ -13,20 +13,24 @@ from dart_hal.sim.truth import world_of
 START, END = 3.0, 4.5
 
 
-@pytest.fixture(scope="module")
-def pulled(tmp_path_factory):
-    """(path, world): a pull of 1.5 s that rolls out, and the car it was driven by."""
-    folder = tmp_path_factory.mktemp("pull")
-    path, backend = folder / "pull.mcap", open_backend("sim://?seed=0&nano=mock")
+def recorded(folder, seconds, command):
+    """(path, world): a run of the simulated car by command(s since its start), and that car."""
+    path, backend = folder / "run.mcap", open_backend("sim://?seed=0&nano=mock")
     world = world_of(backend)
     with Car.over(backend, cars=folder, record=path) as car:
         car.arm()
         begin = None
-        for state in car.states(duration=6.0):
+        for state in car.states(duration=seconds):
             begin = state.t if begin is None else begin
-            pulls = START - 2.5 < state.t - begin < END - 2.5
-            car.drive(throttle=0.3 if pulls else 0.0)
+            car.drive(**command(state.t - begin))
     return path, world
+
+
+@pytest.fixture(scope="module")
+def pulled(tmp_path_factory):
+    """A pull of 1.5 s that rolls out."""
+    return recorded(tmp_path_factory.mktemp("pull"), 6.0, lambda t: {
+        "throttle": 0.3 if START - 2.5 < t < END - 2.5 else 0.0})
 
 
 @pytest.mark.parametrize("every", [1, 2, 5, 10])
@@ -72,15 +76,9 @@ def test_thinning_changes_how_many_messages_not_what_they_say(pulled):
 
 @pytest.fixture(scope="module")
 def woven(tmp_path_factory):
-    """(path, world): a weave of 1 Hz at 1 m/s."""
-    folder = tmp_path_factory.mktemp("weave")
-    path, backend = folder / "weave.mcap", open_backend("sim://?seed=0&nano=mock")
-    world = world_of(backend)
-    with Car.over(backend, cars=folder, record=path) as car:
-        car.arm()
-        for state in car.states(duration=5.0):
-            car.drive(throttle=0.3, steering=0.2 * np.sin(2.0 * np.pi * state.t))
-    return path, world
+    """A weave of 1 Hz at 1 m/s."""
+    return recorded(tmp_path_factory.mktemp("weave"), 5.0, lambda t: {
+        "throttle": 0.3, "steering": 0.2 * np.sin(2.0 * np.pi * t)})
 
 
 @pytest.mark.parametrize("every", [1, 10])

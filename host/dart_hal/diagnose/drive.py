@@ -107,7 +107,7 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
     turning = _calm_before(g.omega, at, CALM, CALM_BEND)
     shaken = _calm_before(g.omega, at, CALM, SHAKEN_BEND)
     steady = _calm_before(g.v_x, at, CALM_SPEED, CALM_SPEED_BEND)
-    read = _read(messages)
+    read = as_read(messages)
     read[~turning, 1] = np.nan
     read[~(shaken & steady), 2] = np.nan
     read[~shaken, 3] = np.nan
@@ -115,12 +115,13 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
     good[rest] = False
     heard = np.flatnonzero(good & shaken & steady)
     return Drive(recording, g, _starts(g, every), np.concatenate([at[good], at[rest]]),
-                 np.concatenate([read[good], dithered(_read(messages), rest)]),
+                 np.concatenate([read[good], dithered(as_read(messages), rest)]),
                  np.repeat([False, True], [good.sum(), len(rest)]),
                  shaking(messages, heard, rest))
 
 
-def _read(m: Messages) -> FloatArray:
+def as_read(m: Messages) -> FloatArray:
+    """What the sensors read in each message, (m, 4), as in ``Drive``."""
     return np.stack([m.speed, m.yaw_rate, m.accel_x, m.accel_y], axis=1)
 
 

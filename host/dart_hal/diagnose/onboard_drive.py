@@ -19,7 +19,7 @@ from dart_hal.identify.runs import RUN, finer, read_run
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.types import FloatArray
 
-from .drive import SLOWEST, STEP, Drive, held, message_time
+from .drive import SLOWEST, STEP, Drive, as_read, held, message_time
 from .standing import dithered, shaking, standing
 
 NOWHERE = Reference(0.0, 0.0, 0.0, "no motion capture")
@@ -97,7 +97,7 @@ def _outing(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
     said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
     rest = rows[standing(m.speed[rows] == 0.0, m, rows)]
     heard = index[:, HEARD[0]:HEARD[1]].ravel()
-    read = np.stack([m.speed, m.yaw_rate, m.accel_x, m.accel_y], axis=1)
+    read = as_read(m)
     quiet = dithered(read, rest)
     driven = read[heard]
     driven[:, :2] = np.nan

@@ -190,7 +190,7 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     on_sensors = tuple(a for a in p.effects if set(SENSED) & set(a.effect.signals))
     on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
     on_inputs = tuple(a for a in p.effects if INPUTS & set(a.effect.signals))
-    drive = (q.body.mass, q.motor, q.friction, q.delay, on_inputs) if on_sensors else ()
+    drive = (q.motor, q.friction, q.delay, on_inputs) if on_sensors else ()
     return ("readings", q.body, on_pose, on_sensors, drive)
 
 

@@ -87,15 +87,15 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
            fit_with: FitWith, settings: Settings, failed: dict[str, float]) -> Step:
     """The best effect that passes everything, and what else does apart from it.
 
-    trials: largest gain first.
-    failed: gain by name of what has been tried in vain in steps before; it is
-    not tried again unless it gains more, and what fails here is added.
+    trials: largest gain first. failed: gain by name of what has been tried in vain
+    in steps before; it is not tried again unless it gains more, and what fails here
+    is added.
     """
     rows = rows_at(evidence, point)
     first = fit_with(trials[0])
     rest = first.residual if first.loss() < point.loss() else point.residual
     nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, evidence.exact)
-    limits = {t.effect: nothing.needed(t.effect, settings.false_alarm) for t in trials}
+    limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again

@@ -42,8 +42,8 @@ class Nothing:
         """Share of the data sets without a cause in which something gains as much."""
         return p_value(gain / self.inflation.get(effect, 1.0), self.best)
 
-    def needed(self, effect: str, false_alarm: float) -> float:
-        """Gain that only this share of the data sets without a cause exceeds.
+    def needed(self, effects: Sequence[str], false_alarm: float) -> dict[str, float]:
+        """By effect, the gain that only this share of the data sets without a cause exceeds.
 
         Never less than Gaussian numbers give for as many effects: few blocks
         have few combinations of signs.
@@ -52,7 +52,7 @@ class Nothing:
 
         gaussian = float(chi2.isf(false_alarm / max(len(self.inflation), 1), 1))
         limit = max(float(np.quantile(self.best, 1.0 - false_alarm)), gaussian)
-        return self.inflation.get(effect, 1.0) * limit
+        return {name: self.inflation.get(name, 1.0) * limit for name in effects}
 
 
 def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],

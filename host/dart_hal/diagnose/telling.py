@@ -179,7 +179,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
     away = abs(number.value - number.null) / max(number.std, 1e-12)
     return (
         f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
-        f"that or the like of another effect is more than {named.threshold:.0f} in "
+        f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"loss {named.held_out:.0f} lower on parts left out of the fit",
         f"{key} is {away:.0f} standard errors from its null",
@@ -225,11 +225,9 @@ def _considered(found: Found, withdrawn: Sequence[str]) -> tuple[Considered, ...
 
 def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained]) -> str:
-    good = [c for c in causes if not c.gain.high < 0.0]
-    if good:
-        return "partly_explained" if left or len(good) < len(causes) else "explained"
-    if causes:
-        return "unexplained"  # what surely makes predictions worse explains nothing
+    if causes:  # one that surely makes predictions worse does not explain
+        worse = any(c.gain.high < 0.0 for c in causes)
+        return "partly_explained" if left or worse else "explained"
     if left:
         return "unexplained"
     if q.refit:
