@@ -16,6 +16,7 @@ from dart_hal.diagnose.result import VERDICTS
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search import Search
 from dart_hal.diagnose.selection import Settings, rows_at
+from dart_hal.diagnose.space import TIMES
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
@@ -106,7 +107,6 @@ DRIFTS = pytest.mark.xfail(strict=True, reason=(
     "every measuring of the noise moves the base on, by several standard errors"))
 
 
-@DRIFTS
 def test_no_error_on_other_days_grows(case):
     assert worse(case[1]) == {}
 
@@ -127,7 +127,7 @@ def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     few, many = (settled(train, passes, monkeypatch) for passes in (2, 4))
     block = rows_at(evidence_of(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
-    assert (np.abs(many.x - few.x) / std)[:-2].max() < 0.5
+    assert (np.abs(many.x - few.x) / std)[:-TIMES].max() < 0.5
 
 
 def test_every_cause_has_an_interval_around_its_gain_and_evidence(case):

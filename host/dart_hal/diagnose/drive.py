@@ -150,6 +150,14 @@ def held(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
     return np.asarray(np.diff(integral) / STEP)
 
 
+def spread_over(g: Grid, spread: float) -> Grid:
+    """With commands that come up to ``spread`` [s] earlier or later: what they do in the mean."""
+    if 2.0 * spread <= STEP:
+        return g
+    return replace(g, throttle=_blurred(g.throttle, spread / STEP),
+                   steering=_blurred(g.steering, spread / STEP))
+
+
 def between(series: FloatArray, at: FloatArray) -> FloatArray:
     """A series (n,) at times (k,) in samples: cubic through four samples (Catmull-Rom).
 
@@ -205,3 +213,12 @@ def _clean(g: Grid, at: FloatArray) -> NDArray[np.bool_]:
     inside = (here > 30) & (here < len(g) - 30)
     here = np.clip(here, 30, max(len(g) - 30, 30))
     return np.asarray(inside & (bad[here + 10] == bad[here - 25]))
+
+
+def _blurred(series: FloatArray, reach: float) -> FloatArray:
+    """Mean of a series (n,) over ``reach`` samples to each side of the middle of each."""
+    total = np.concatenate([[0.0], np.cumsum(series)])
+    middle = np.arange(len(series)) + 0.5
+    low, high = (np.clip(middle + r, 0.0, len(series)) for r in (-reach, reach))
+    edges = np.arange(len(total), dtype=np.float64)
+    return np.asarray((np.interp(high, edges, total) - np.interp(low, edges, total)) / (high - low))

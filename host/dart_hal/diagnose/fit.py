@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.identify.shooting.descent import descend
+from dart_hal.identify.shooting.descent import bounded, descend
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -17,7 +17,6 @@ from .residuals import Evidence
 from .space import Space, Timing
 
 ROUNDS, QUICK = 15, 6
-SWEEPS = 4  # of the box: what leaves it is held at its edge
 
 
 Part = slice | NDArray[np.bool_]
@@ -78,20 +77,8 @@ class Point:
 
     def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
         """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
-        normal = normal + np.diag(self.space.pull + 1e-9)
-        slope = slope + self.space.pull * self.x
-        move = np.zeros(len(self.x))
-        free = np.ones(len(self.x), dtype=bool)
-        for _ in range(SWEEPS):
-            rest = slope[free] + normal[np.ix_(free, ~free)] @ move[~free]
-            move[free] = -np.linalg.solve(normal[np.ix_(free, free)], rest)
-            out = np.clip(self.x + move, self.space.low, self.space.high) - self.x
-            over = free & (out != move)
-            if not over.any():
-                break
-            move[over] = out[over]
-            free &= ~over
-        return move
+        return bounded(normal + np.diag(self.space.pull + 1e-9), slope + self.space.pull * self.x,
+                       self.space.low - self.x, self.space.high - self.x)
 
     def follow(self, residual: FloatArray, rows: Part = ALL) -> FloatArray:
         """Move (k,) of all that is free which suits other residuals (N,) best, to first order."""
@@ -144,11 +131,7 @@ def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
     residual (N,): at x, before what is free has followed.
     """
-    moved_along, moved = x.copy(), near.x + near.follow(residual)
-    tail = len(near.space.names)
-    for i, name in enumerate(near.space.names):
-        moved_along[space.names.index(name)] = moved[i]
-    moved_along[len(space.names):] = moved[tail:]
+    moved_along = space.carried(x, near.space, near.x + near.follow(residual))
     x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
             key=lambda z: loss_at(evidence, noise, space, z))
     return refit_near(evidence, noise, space, x, near)

@@ -96,10 +96,10 @@ class OnboardEvidence(Evidence):
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
         """Of the model p with its effects, as ``Evidence.residuals``."""
-        p, late = timing.advanced(p), timing.late
+        p = timing.advanced(p)
         q = settled(p)
         parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),
-                 *(_of(drive, p, q, late) for drive in self.drives)]
+                 *(_of(drive, p, q, timing) for drive in self.drives)]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # what says nothing of any model still needs a size
             if not np.isfinite(sensors[:, k]).any():
@@ -128,11 +128,11 @@ def limits(evidence: OnboardEvidence) -> tuple[str, ...]:
     return (*UNKNOWN, *own)
 
 
-def _of(drive: Outing, p: Vehicle, q: Vehicle, late: float) -> tuple[FloatArray, FloatArray]:
+def _of(drive: Outing, p: Vehicle, q: Vehicle, timing: Timing) -> tuple[FloatArray, FloatArray]:
     rest = at_rest(drive, p)
     if not len(drive.begin):
         return np.empty((0, READS * len(MOTION))), rest
-    said = told(drive, p, q, late)
+    said = told(drive, p, q, timing)
     motion = (said[:2] - drive.said).transpose(2, 1, 0).reshape(len(drive.begin), -1)
     felt = said[2:, HEARD[0]:HEARD[1]].transpose(2, 1, 0).reshape(-1, 2)
     driven = np.full((len(felt), 4), np.nan)

@@ -22,8 +22,9 @@ from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.tyres import make_tyres
 
-from .drive import STEP
+from .drive import STEP, spread_over
 from .onboard_drive import COUNTED, READS, STRAY, Outing
+from .space import Timing
 from .subsample import FINE, fine
 
 BEFORE = 30  # samples ahead of a start: an encoder looks back, a late sensor further
@@ -32,16 +33,16 @@ AFTER = round((READS * COUNTED + STRAY) / STEP) + 1
 STEEPEST = 0.2  # rad; slip of the rear axle at a start
 
 
-def told(drive: Outing, p: Vehicle, q: Vehicle, late: float) -> FloatArray:
+def told(drive: Outing, p: Vehicle, q: Vehicle, timing: Timing) -> FloatArray:
     """What encoder, gyro and accelerometer would have said in each window, (4, READS, n).
 
     The model has driven for BEFORE samples when a window starts, which gives it
     a speed sideways; speed and turning are then set right by what was read last.
     """
-    g, throttle, angle = _measured(drive, p, q)
+    g, throttle, angle = _measured(drive, p, q, timing.spread)
     over = np.arange(-BEFORE, AFTER + 1)[:, None] + drive.begin
-    tau = _along(throttle, over - late / STEP)
-    delta = fine(angle, over - late / STEP)
+    tau = _along(throttle, over - timing.late / STEP)
+    delta = fine(angle, over - timing.late / STEP)
     t, way = _along(g.t, over), _along(np.cumsum(g.v_x) * STEP, over[:1])
     none = np.zeros(len(drive.begin))
     first = np.stack([none, none, *(_along(f, over[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
@@ -93,13 +94,14 @@ class Lanes:
         return (wheel, gyro, *through(p, "accel", (a_x, a_y), now, STEP))
 
 
-def _measured(drive: Outing, p: Vehicle, q: Vehicle) -> tuple[Grid, FloatArray, FloatArray]:
+def _measured(drive: Outing, p: Vehicle, q: Vehicle,
+              spread: float) -> tuple[Grid, FloatArray, FloatArray]:
     """The measured motion without what the effects of p do to the sensors, and the actuators.
 
     Small changes: an effect is taken off once. The speed sideways is that of a
     car that has been turning like this for a while.
     """
-    throttle, angle = actuated(p, drive.grid, smooth=True, means=True)
+    throttle, angle = actuated(p, spread_over(drive.grid, spread), smooth=True, means=True)
     g = _with_sideways(drive.grid, q)
     rates = [np.gradient(f, STEP) for f in (g.v_x, g.omega)]
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)

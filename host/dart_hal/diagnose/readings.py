@@ -52,8 +52,11 @@ def measured(g: Grid) -> Measured:
                     np.cumsum(g.v_x) * STEP / GEAR_REVOLUTION)
 
 
-def driven(p: Vehicle, m: Measured, drive: Drive, late: float) -> FloatArray:
-    """What each sensor of the moving car should read, minus what it read; (k, 4)."""
+def driven(p: Vehicle, m: Measured, drive: Drive, late: float, apart: float) -> FloatArray:
+    """What each sensor of the moving car should read, minus what it read; (k, 4).
+
+    late: age of the readings [s]; apart: by how much more that of the gyro.
+    """
     when, read = drive.at[~drive.still], drive.read[~drive.still]
     if not len(when):
         return np.empty((0, len(SENSORS)))
@@ -72,7 +75,7 @@ def driven(p: Vehicle, m: Measured, drive: Drive, late: float) -> FloatArray:
     encoder = (between(way, at) - between(way, at - WINDOW)) / WINDOW
     gyro, at = behind("gyro", m.omega)
     accel, at_accel = behind("accel", (m.a_x, m.a_y))
-    said = [encoder, between(gyro, at), *(between(v, at_accel) for v in accel)]
+    said = [encoder, between(gyro, at - apart / STEP), *(between(v, at_accel) for v in accel)]
     return np.stack(said, axis=1) - read
 
 

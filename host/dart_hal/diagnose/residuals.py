@@ -21,7 +21,7 @@ from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import late_last
 
-from .drive import HALF, READ, STEP, Drive
+from .drive import HALF, READ, STEP, Drive, spread_over
 from .readings import SENSORS, at_rest, driven, measured
 from .space import EXACT, LATE, Timing
 from .subsample import FINE, fine
@@ -116,12 +116,12 @@ class Evidence:
         they would be smoothed, and windows would start where the motion bends.
         """
         p, behind = late_last(p, "pose")
-        timing = Timing(timing.late - behind, timing.ahead - behind)
-        p, late = timing.advanced(p), timing.late
+        timing = replace(timing, late=timing.late - behind, ahead=timing.ahead - behind)
+        p, late = timing.advanced(p), (timing.late, timing.gyro)
         moves = _moves(p)
         return Residuals(
-            self._once(moves, lambda: self._motion(moves)),
-            self._once((*_reads(p), late), lambda: self._sensors(p, late)))
+            self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
+            self._once((*_reads(p), late), lambda: self._sensors(p, *late)))
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
@@ -132,12 +132,13 @@ class Evidence:
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _motion(self, p: Vehicle) -> FloatArray:
+    def _motion(self, p: Vehicle, spread: float) -> FloatArray:
         q = settled(p)
         on = {c: tuple(a for a in p.effects if c & set(a.effect.signals)) for c in (POSE, INPUTS)}
         start, seen = self._once(("seen", q.body.l_r, on[POSE]), lambda: self._seen(p, q))
         throttle, angle = self._once(
-            ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS]), lambda: self._inputs(p))
+            ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS], spread),
+            lambda: self._inputs(p, spread))
         states = rollout(p, start, throttle, angle, at=[FINE * k for k in AT],
                          sample=STEP / FINE, substeps=1)
         error = _velocities(states) - seen
@@ -153,24 +154,25 @@ class Evidence:
             seen.append(rows.swapaxes(0, 1))
         return np.concatenate(starts, axis=-1), np.concatenate(seen, axis=-1)
 
-    def _inputs(self, p: Vehicle) -> tuple[FloatArray, FloatArray]:
+    def _inputs(self, p: Vehicle, spread: float) -> tuple[FloatArray, FloatArray]:
         """Of all windows: throttle and road-wheel angle (FINE * samples, n)."""
         parts = []
         for drive in self.drives:
             over = drive.starts + np.arange(float(AT[-1]))[:, None]
-            throttle, angle = _actuated(p, drive)
+            throttle, angle = _actuated(p, drive, spread)
             held = np.repeat(throttle[over.astype(np.int64)], FINE, axis=0)
             parts.append((held, fine(angle, over)))
         throttle, angle = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return throttle, angle
 
-    def _sensors(self, p: Vehicle, late: float) -> FloatArray:
+    def _sensors(self, p: Vehicle, late: float, apart: float) -> FloatArray:
         q = settled(p)
         on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
         seen = self._once(("measured", q.body.l_r, on_pose),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
         return np.concatenate([part for drive, m in zip(self.drives, seen, strict=True)
-                               for part in (driven(p, m, drive, late), at_rest(drive, p, True))])
+                               for part in (driven(p, m, drive, late, apart),
+                                            at_rest(drive, p, True))])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
@@ -194,14 +196,14 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     return ("readings", q.body, on_pose, on_sensors, drive)
 
 
-def _actuated(p: Vehicle, drive: Drive) -> tuple[FloatArray, FloatArray]:
-    """As ``commands.actuated``, with delays to a part of a sample."""
+def _actuated(p: Vehicle, drive: Drive, spread: float) -> tuple[FloatArray, FloatArray]:
+    """As ``commands.actuated``, with delays to a part of a sample and spread by as much [s]."""
     q = settled(p)
     g = drive.commanded(q.delay.throttle_s, q.delay.steering_s)
     if g is None:
-        return actuated(q, drive.grid, smooth=True, means=True)
-    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}), g,
-                    means=True)
+        return actuated(q, spread_over(drive.grid, spread), smooth=True, means=True)
+    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}),
+                    spread_over(g, spread), means=True)
 
 
 def _velocities(states: FloatArray) -> FloatArray:

@@ -14,16 +14,19 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
 from .fit import Point, loss_at, refit, refit_near, refit_with
-from .noise import Noise, measure
+from .noise import Noise, loss, measure
 from .residuals import Evidence
 from .rows import BLOCK
 from .scan import Progress, Scan, Trial, scan
 from .selection import Named, Rejected, Settings, rows_at, select
-from .space import Space, Timing
+from .space import Space, Timing, widest
 
-AGES = (0.0, 0.02, 0.04, 0.06, 0.08)  # s, of commands before their message
+AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
+             for share in ((0.0, 0.8) if a else (0.0,)))
+"""s, of commands before their message, and how far they spread around it."""
 PASSES = 2  # the second with the sizes of the residuals of the first
 LAST = 2  # rounds with slopes of their own, of a fit that begins near its end
+SURELY = 4.0  # loss: two standard deviations of one number
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 
@@ -83,20 +86,33 @@ class Search:
         named = self._likes(point, noise, named)
         if named:
             noise = noise.with_motion(sizes)
-            point = refit(self._evidence, noise, point.space, point.x)
+            point = self._from_base(base, point, noise)
         return Found(base, point, noise, tuple(named), rejected, first, refit_loss)
 
-    def fit(self, found: Found, effects: Sequence[str]) -> Point:
-        """The base with some of the effects that were found, fitted anew."""
+    def fit(self, found: Found, effects: Sequence[str], start: Point) -> Point:
+        """The base with some of the effects that were found, fitted anew from a point nearby."""
         p = found.point.vehicle
         if set(effects) == {a.name for a in p.effects} - {a.name for a in self._base.effects}:
             return found.point
         keep = {*effects, *(a.name for a in self._base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self._space(vehicle)
-        near = refit_near(self._evidence, found.noise, space,
-                          space.start(vehicle, found.point.timing), found.point)
+        x = space.carried(space.start(vehicle, found.point.timing), start.space, start.x)
+        near = refit_near(self._evidence, found.noise, space, x, found.point)
         return refit(self._evidence, found.noise, space, near.x, LAST)
+
+    def _from_base(self, base: Point, point: Point, noise: Noise) -> Point:
+        """The last fit, from where the base is: along what the data hardly tell nothing moves.
+
+        From where the search has ended only if the motion is surely better told:
+        for what a sensor gains the car is not moved.
+        """
+        starts = (point.space.carried(point.x, base.space, base.x), point.x)
+        near, far = (refit(self._evidence, noise, point.space, x) for x in starts)
+        motion = rows_at(self._evidence, point).channel >= 0
+        told = [float(p.worth[motion] @ loss(p.residual[motion])) + p.prior(np.zeros(len(p.x)))
+                for p in (near, far)]
+        return far if told[1] < told[0] - SURELY else near
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
@@ -114,7 +130,7 @@ class Search:
     def _begun(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the
         nearest that suits it, not the best."""
-        points = [space.point(Timing(timing.late, ahead)) for ahead in AGES]
+        points = [space.point(Timing(timing.late, *ages)) for ages in AGES]
         vehicle, _ = space.split(points[0])
         noise = measure(self._evidence.residuals(vehicle, timing), self._evidence.blocks(BLOCK),
                         self._evidence.overlap)

@@ -2,7 +2,10 @@
 
 Nuisances are of the recordings and not of the car: how old a sensor message is
 when it is stamped, and how long before its message a command was already
-acting. Within what they may do nothing is named.
+acting: a little more at one message and a little less at the next, which
+blurs a step as a lag does. A gyro is read a little earlier or later than an
+encoder; and where commands keep step with messages, smoothing moves a yaw rate
+by as much. Within what nuisances may do nothing is named.
 """
 
 from __future__ import annotations
@@ -21,21 +24,27 @@ from dart_hal.vehicle.parameters import Vehicle
 LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
 """s; age of a message at its stamp, beside mocap: the promptest arrival still waits for its line
 and for the next row, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
+APART_REACH, APART_SPREAD = 0.008, 0.004
+"""s; between gyro and encoder, at most and usually: half of what the smoothing reaches."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
 BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
 STEP = 1e-3  # of the prior, one-sided
 TIMING_STEP = 4e-3  # s, both sides: what is held has no slope below its grid
+TIMES = 4  # numbers of a Timing
 NONE: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message."""
+    """late: age of a sensor message at its stamp [s]; ahead: of a command, before its message,
+    anywhere within ``spread`` of it; gyro: how much older the gyro is than the encoder."""
 
     late: float = LATE
     ahead: float = 0.0
+    spread: float = 0.0
+    gyro: float = 0.0
 
     def advanced(self, p: Vehicle) -> Vehicle:
         """The vehicle with delays counted from the messages of its commands."""
@@ -49,7 +58,10 @@ EXACT = Timing(late=0.0)
 
 
 class Space:
-    """Points x (k,) in prior standard deviations: parameters by name, then late and ahead."""
+    """Points x (k,) in prior standard deviations: parameters by name, then those of ``Timing``.
+
+    Spread as a share of what it can be: no command is younger than its message.
+    """
 
     def __init__(self, p: Vehicle, free: Sequence[str],
                  known: Mapping[str, float] = NONE, late: float = LATE) -> None:
@@ -61,9 +73,9 @@ class Space:
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
-        self._timed = (*(unit(p, n) == "s" for n in self.names), True, True)
+        self._timed = (*(unit(p, n) == "s" for n in self.names), *[True] * TIMES)
         self._inner = Coordinates(p, self.names, known, amounts)
-        ends = (np.array([-1.0, 0.0]), np.array([1.0, AHEAD / LATE_REACH]))
+        ends = (np.array([-1.0, 0.0, 0.0, -1.0]), np.array([1.0, AHEAD / LATE_REACH, 1.0, 1.0]))
         reach = np.array([BELIEVED if n in known else np.inf for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), ends[0]])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), ends[1]])
@@ -74,13 +86,16 @@ class Space:
     @property
     def pull(self) -> FloatArray:
         """(k,) how hard the prior pulls to 0; not at all at the age of commands: it has bounds."""
-        return np.concatenate([np.ones(len(self.names)), [(LATE_REACH / LATE_SPREAD)**2, 0.0]])
+        return np.concatenate([np.ones(len(self.names)), [
+            (LATE_REACH / LATE_SPREAD)**2, 0.0, 0.0, (APART_REACH / APART_SPREAD)**2]])
 
     def split(self, x: FloatArray) -> tuple[Vehicle, Timing]:
         """The vehicle and the timing at a point."""
         n = len(self.names)
+        ahead = float(x[n + 1] * LATE_REACH)
         return self._inner.vehicle(x[:n]), Timing(
-            float(self._late + x[n] * LATE_REACH), float(x[n + 1] * LATE_REACH))
+            float(self._late + x[n] * LATE_REACH), ahead, float(x[n + 2]) * widest(ahead),
+            float(x[n + 3]) * APART_REACH)
 
     def point(self, timing: Timing) -> FloatArray:
         """The base with that timing."""
@@ -91,12 +106,24 @@ class Space:
         inner = self._inner.find(np.array([value(vehicle, n) for n in self.names]))
         return np.asarray(np.clip(np.concatenate([inner, self._ends(timing)]), self.low, self.high))
 
+    def carried(self, x: FloatArray, other: Space, y: FloatArray) -> FloatArray:
+        """The point x with what is also in another space as it is at y there, timing included."""
+        out = x.copy()
+        for i, name in enumerate(other.names):
+            if name in self.names:
+                out[self.names.index(name)] = y[i]
+        out[len(self.names):] = y[len(other.names):]
+        return np.asarray(np.clip(out, self.low, self.high))
+
     def steps(self, x: FloatArray) -> list[tuple[float, float]]:
         """(up, down) by which each coordinate is varied for its derivative, within bounds."""
         out = []
-        for i in range(len(self.names) + 2):
+        n = len(self.names)
+        blur = 0.5 * widest(x[n + 1] * LATE_REACH)  # steps twice as wide: a narrow one does nothing
+        widths = (LATE_REACH, LATE_REACH, max(blur, TIMING_STEP), APART_REACH)
+        for i in range(len(self)):
             timed = self._timed[i]
-            width = LATE_REACH if i >= len(self.names) else self._inner.width(i)
+            width = widths[i - n] if i >= n else self._inner.width(i)
             size = TIMING_STEP / width if timed else STEP
             up = min(size, self.high[i] - x[i])
             down = min(size, x[i] - self.low[i]) if timed or up < size else 0.0
@@ -110,4 +137,11 @@ class Space:
         return dict(zip(self.names, sizes.tolist(), strict=True))
 
     def _ends(self, timing: Timing) -> FloatArray:
-        return np.array([timing.late - self._late, timing.ahead]) / LATE_REACH
+        late, ahead = (timing.late - self._late) / LATE_REACH, timing.ahead / LATE_REACH
+        return np.array([late, ahead, timing.spread / max(widest(timing.ahead), 1e-9),
+                         timing.gyro / APART_REACH])
+
+
+def widest(ahead: float) -> float:
+    """How far ages of commands may spread around their mean [s]: from 0 to AHEAD they may be."""
+    return max(min(ahead, AHEAD - ahead), 0.0)

@@ -32,7 +32,9 @@ from .result import Unexplained
 READ_OUT = 2  # the one at 0.5 s: as far as from window to window
 UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
-MATERIAL = 0.05  # share of the variance below which structure is not worth a word
+MATERIAL = 0.05
+"""Share of the variance below which structure is not worth a word; of what can be told, where a
+channel errs by less."""
 NEARLY = 2.0  # times the level
 MORE, MORE_THAN = 0.01, 1.25  # what another variable must add, and by how much it must multiply
 BLOCK = 2.0  # s
@@ -131,10 +133,11 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
     p_value = found.p_values()
     out = []
     for group in of:
+        material = MATERIAL / np.minimum(group.y.var(axis=0), 1.0)
         for i, channel in enumerate(group.channels):
             mine = {found.of[k][1]: (float(found.share[k]), float(p_value[k]))
                     for k in range(len(found.of)) if found.of[k][0] == channel
-                    and p_value[k] <= level and found.share[k] >= MATERIAL}
+                    and p_value[k] <= level and found.share[k] >= material[i]}
             if mine:
                 along = _simplest({k: share for k, (share, _) in mine.items()})
                 share, p = mine[along]

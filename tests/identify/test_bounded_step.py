@@ -1,0 +1,56 @@
+"""A step within a box: no lower point is in it, however alike the parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dart_hal.identify.shooting.descent import bounded
+
+
+def quadratic(normal, slope, move):
+    return 0.5 * move @ normal @ move + slope @ move
+
+
+@given(st.integers(0, 10**6), st.integers(1, 20), st.floats(0.0, 0.3))
+def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(n + 2, n)) * 10.0**rng.uniform(-2.0, 2.0, n)
+    a[:, -1] = a[:, 0] + 1e-3 * rng.normal(size=n + 2)  # two that nearly do the same
+    normal, slope = a.T @ a + 1e-6 * np.eye(n), 10.0 * rng.normal(size=n)
+    low, high = (sign * rng.uniform(size=n) * (rng.random(n) >= pinned) for sign in (-1.0, 1.0))
+    move = bounded(normal, slope, low, high)
+    assert ((low <= move) & (move <= high)).all()
+    g = (slope + normal @ move) / np.sqrt(np.diag(normal))
+    assert (g[move > low] < 1e-5).all()
+    assert (g[move < high] > -1e-5).all()
+
+
+def held(normal, slope, low, high):
+    """What is tempting: the free minimum, and whatever leaves the box stays at its edge."""
+    move, free = np.zeros(len(slope)), np.ones(len(slope), dtype=bool)
+    while free.any():
+        rest = slope[free] + normal[np.ix_(free, ~free)] @ move[~free]
+        move[free] = -np.linalg.solve(normal[np.ix_(free, free)], rest)
+        out = free & ((move < low) | (move > high))
+        if not out.any():
+            break
+        move[out] = np.clip(move, low, high)[out]
+        free &= ~out
+    return move
+
+
+def test_to_hold_whatever_leaves_the_box_ends_above_the_beginning():
+    a = np.array([[0.5, -0.9, 0.7], [1.7, 1.4, 1.7], [-1.1, -1.1, -1.0], [1.9, 2.3, 2.0]])
+    box = np.array([-0.2, -0.7, 0.0]), np.array([0.6, 1.0, 0.9])
+    of = a.T @ a + 0.01 * np.eye(3), np.array([0.9, 0.6, 0.4])
+    assert quadratic(*of, held(*of, *box)) > 12.0
+    assert quadratic(*of, bounded(*of, *box)) < 0.0
+
+
+def test_without_a_bound_it_is_the_newton_step():
+    normal, slope = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([1.0, -3.0])
+    far = np.full(2, 1e9)
+    assert bounded(normal, slope, -far, far) == pytest.approx(-np.linalg.solve(normal, slope))
