@@ -147,7 +147,7 @@ def held(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
     total = np.concatenate([[0.0], np.cumsum(np.diff(since) * value[:-1])])
     edges = np.arange(n + 1) * STEP
     integral = np.interp(edges, since, total) + np.maximum(edges - since[-1], 0.0) * value[-1]
-    return np.asarray(np.diff(integral) / STEP)
+    return _level(np.diff(integral) / STEP)
 
 
 def spread_over(g: Grid, spread: float) -> Grid:
@@ -221,4 +221,9 @@ def _blurred(series: FloatArray, reach: float) -> FloatArray:
     middle = np.arange(len(series)) + 0.5
     low, high = (np.clip(middle + r, 0.0, len(series)) for r in (-reach, reach))
     edges = np.arange(len(total), dtype=np.float64)
-    return np.asarray((np.interp(high, edges, total) - np.interp(low, edges, total)) / (high - low))
+    return _level((np.interp(high, edges, total) - np.interp(low, edges, total)) / (high - low))
+
+
+def _level(command: FloatArray) -> FloatArray:
+    """What stands still does so to the last bit: differences of sums do not."""
+    return np.round(command, 9)

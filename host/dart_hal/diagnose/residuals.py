@@ -180,10 +180,14 @@ class Evidence:
         return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
 
 
+def only_read(effect: Effect) -> bool:
+    """Whether an effect changes nothing but what sensors read."""
+    return (set(effect.signals) <= set(SENSED) and effect.vehicle is None
+            and effect.force is None)
+
+
 def _moves(p: Vehicle) -> Vehicle:
-    """Without effects that only change what sensors read."""
-    return replace(p, effects=tuple(a for a in p.effects if not set(a.effect.signals) <= set(SENSED)
-                                    or a.effect.vehicle or a.effect.force))
+    return replace(p, effects=tuple(a for a in p.effects if not only_read(a.effect)))
 
 
 def _reads(p: Vehicle) -> tuple[Hashable, ...]:

@@ -13,9 +13,9 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
-from .fit import Point, loss_at, refit, refit_near, refit_with
+from .fit import Point, at, loss_at, refit, refit_near, refit_with
 from .noise import Noise, loss, measure
-from .residuals import Evidence
+from .residuals import Evidence, only_read
 from .rows import BLOCK
 from .scan import Progress, Scan, Trial, scan
 from .selection import Named, Rejected, Settings, rows_at, select
@@ -25,14 +25,13 @@ AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
              for share in ((0.0, 0.8) if a else (0.0,)))
 """s, of commands before their message, and how far they spread around it."""
 PASSES = 2  # the second with the sizes of the residuals of the first
-LAST = 2  # rounds with slopes of their own, of a fit that begins near its end
 SURELY = 4.0  # loss: two standard deviations of one number
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """base: the fitted base; point: with all effects named; ranking: trials of the first round.
+    """points: the fitted base, and with one effect more each; ranking: trials of the first round.
 
     noise: that of the motion as the base left it. The search measures it anew with
     every cause, to see smaller ones; but to weigh by what a fit has left makes the
@@ -40,13 +39,21 @@ class Found:
     refit_loss: by how much the fit of the base lowered the loss.
     """
 
-    base: Point
-    point: Point
+    points: tuple[Point, ...]
     noise: Noise
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
     refit_loss: float
+
+    @property
+    def base(self) -> Point:
+        return self.points[0]
+
+    @property
+    def point(self) -> Point:
+        """With all effects that were named."""
+        return self.points[-1]
 
 
 class Search:
@@ -84,31 +91,46 @@ class Search:
             point, noise = self._settle(*fitted)
             point, noise, named = self._go_back(point, noise, named, [one for one, _ in new])
         named = self._likes(point, noise, named)
-        if named:
-            noise = noise.with_motion(sizes)
-            point = self._from_base(base, point, noise)
-        return Found(base, point, noise, tuple(named), rejected, first, refit_loss)
+        if not named:
+            return Found((base,), noise, (), rejected, first, refit_loss)
+        noise = noise.with_motion(sizes)
+        points = self.steps(base, point, noise, [one.effect for one in named])
+        return Found((*points[:-1], self._last(points[-1], point, noise)), noise, tuple(named),
+                     rejected, first, refit_loss)
 
-    def fit(self, found: Found, effects: Sequence[str], start: Point) -> Point:
-        """The base with some of the effects that were found, fitted anew from a point nearby."""
-        p = found.point.vehicle
-        if set(effects) == {a.name for a in p.effects} - {a.name for a in self._base.effects}:
-            return found.point
-        keep = {*effects, *(a.name for a in self._base.effects)}
+    def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
+              ) -> tuple[Point, ...]:
+        """The base, and with one effect more each, as they are at a point; each fitted anew.
+
+        Each from the one before: along what the data hardly tell nothing moves.
+        """
+        points = [at(self._evidence, noise, base.space, base.x)]
+        for i in range(len(effects)):
+            points.append(self.fit(point, noise, effects[:i + 1], points[-1]))
+        return (base, *points[1:])
+
+    def fit(self, point: Point, noise: Noise, effects: Sequence[str], start: Point) -> Point:
+        """The base with some of the effects of a point, fitted anew from another one nearby.
+
+        What differs only in what sensors read has the slopes of that one.
+        """
+        p, keep = point.vehicle, {*effects, *(a.name for a in self._base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self._space(vehicle)
-        x = space.carried(space.start(vehicle, found.point.timing), start.space, start.x)
-        near = refit_near(self._evidence, found.noise, space, x, found.point)
-        return refit(self._evidence, found.noise, space, near.x, LAST)
+        x = space.carried(space.start(vehicle, point.timing), start.space, start.x)
+        near = refit_near(self._evidence, noise, space, x, start)
+        other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
+        if all(only_read(catalogue()[name]) for name in other):
+            return near
+        return refit(self._evidence, noise, space, near.x)
 
-    def _from_base(self, base: Point, point: Point, noise: Noise) -> Point:
-        """The last fit, from where the base is: along what the data hardly tell nothing moves.
+    def _last(self, near: Point, point: Point, noise: Noise) -> Point:
+        """The last of the steps, or the fit from where the search has ended.
 
-        From where the search has ended only if the motion is surely better told:
-        for what a sensor gains the car is not moved.
+        That only if the motion is surely better told: for what a sensor gains the
+        car is not moved.
         """
-        starts = (point.space.carried(point.x, base.space, base.x), point.x)
-        near, far = (refit(self._evidence, noise, point.space, x) for x in starts)
+        far = refit(self._evidence, noise, point.space, point.x)
         motion = rows_at(self._evidence, point).channel >= 0
         told = [float(p.worth[motion] @ loss(p.residual[motion])) + p.prior(np.zeros(len(p.x)))
                 for p in (near, far)]

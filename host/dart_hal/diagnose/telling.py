@@ -59,10 +59,9 @@ def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
     left = _left(q, found.point, found.noise)
     withdrawn = _impostors(q, found, left)
     named = tuple(n for n in found.named if n.effect not in withdrawn)
-    points = [found.base]
-    for i in range(len(named)):
-        points.append(q.search.fit(found, [m.effect for m in named[:i + 1]], points[-1]))
+    points = found.points
     if withdrawn:
+        points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
         left = _left(q, points[-1], found.noise)
     stages = _stages(q, points, named)
     last = points[-1]
@@ -105,12 +104,13 @@ def _impostors(q: Question, found: Found, left: Sequence[Unexplained]) -> tuple[
     nobody knows. What differs from recording to recording says nothing of a
     cause that is the same in all.
     """
-    if not left:
+    if all("recording" in u.along for u in left):
         return ()
     after, out = _structure(q, found, found.point), []
     names = [n.effect for n in found.named]
     for name in names:
-        without = q.search.fit(found, [n for n in names if n != name], found.point)
+        without = q.search.fit(found.point, found.noise, [n for n in names if n != name],
+                               found.point)
         taken = _taken(q, without, found.point)
         total = sum(max(t, 0.0) for t in taken.values())
         suspect = [u.channel for u in left if "recording" not in u.along

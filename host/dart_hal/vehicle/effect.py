@@ -79,9 +79,11 @@ class Stateful:
     """``make(p, f, dt, *values) -> (first, step)``: a signal with memory, every dt [s].
 
     first(signal) -> state, a tuple; step(signal, now, *state) -> (signal, *state).
+    blind: step does not look at now.
     """
 
     make: Callable[..., tuple[Callable[..., tuple[Any, ...]], Callable[..., tuple[Any, ...]]]]
+    blind: bool = False
 
 
 @dataclass(frozen=True, slots=True)

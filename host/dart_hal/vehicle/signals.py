@@ -103,12 +103,30 @@ def _stateful(p: Vehicle, a: Applied, hook: Stateful, signal: FloatArray, now: N
     """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
     single = signal.ndim == 1
     first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
+    if single and hook.blind:
+        return _blind(signal, first, step)
     rows = signal.tolist() if single else signal
     out = np.empty_like(signal, dtype=np.float64)
     state: list[Any] = list(first(rows[0])) if len(rows) else []
     fields = [field if np.ndim(field) > 0 else repeat(field) for field in now]
     for i, (row, here) in enumerate(zip(rows, map(Now, *fields), strict=False)):
         out[i], *state = step(row, here, *state)
+    return out
+
+
+def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any]) -> FloatArray:
+    """Where neither the signal nor the state moves, nothing will until the signal does."""
+    out, here = np.empty(len(signal)), Now()
+    turns = np.flatnonzero(np.diff(signal)) + 1
+    state = list(first(float(signal[0]))) if len(signal) else []
+    for begin, end in zip([0, *turns.tolist()], [*turns.tolist(), len(signal)], strict=True):
+        value = float(signal[begin]) if end else 0.0
+        for i in range(begin, end):
+            out[i], *after = step(value, here, *state)
+            if after == state:
+                out[i:end] = out[i]
+                break
+            state = after
     return out
 
 

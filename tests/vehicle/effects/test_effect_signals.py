@@ -42,6 +42,18 @@ def test_tick_by_tick_gives_the_series(name, channel):
                   - np.array(through(p, channel, signal, now, DT))).max() < 1e-12
 
 
+@pytest.mark.parametrize("name", ["steering_backlash", "steering_rate_limit"])
+def test_tick_by_tick_gives_the_series_where_the_signal_stands_still(name):
+    """It is not asked again until it moves, and not before the state has come to rest."""
+    (channel,) = effect(name).signals
+    p = apply(PAPER, name, **medium(effect(name)))
+    signal = np.repeat([0.0, 0.3, 0.3, -0.2, -0.21, 0.4], [5, 40, 1, 60, 2, 1])
+    now = Now(*[np.zeros(len(signal))] * len(Now._fields))
+    got = through(p, channel, signal, now, DT)
+    assert (got == stepped(p, channel, signal, now)).all()
+    assert len(np.unique(got)) > 4
+
+
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_tick_by_tick_gives_the_series_through_all_of_them(channel):
     p = extended(PAPER, parse(TWO[channel]))

@@ -22,6 +22,7 @@ from .words import CHANNELS, channel, percent, significant, variable
 TWO = 2.0
 """Standard errors that a whisker reaches to each side."""
 ROW = 17.0
+FEW = 6  # steps whose figures stand beside each other without touching
 MOST = 24
 """Bars of the ranking; the table below it holds all."""
 
@@ -72,8 +73,9 @@ def _steps(name: str, errors: FloatArray, held: float, horizon: str) -> Html:
                   svg.text(end[0] - 4, end[1] - 5, f"CTRV {significant(held)}", "end")]
     x, nothing = np.arange(len(errors), dtype=float), np.full(len(errors), math.nan)
     parts += svg.curve(frame, x, errors, nothing, nothing, "after")
+    told = set(range(len(errors))) if len(errors) <= FEW else {0, 1, len(errors) - 1}
     for i, error in enumerate(errors.tolist()):
-        if math.isfinite(error):
+        if math.isfinite(error) and i in told:
             px, py = frame.at(i, error)
             parts.append(svg.text(px, py - 9, significant(error), "middle"))
     return el("figure", el("figcaption", channel(name)),

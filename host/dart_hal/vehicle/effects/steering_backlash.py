@@ -36,5 +36,5 @@ EFFECT = Effect(
     experiment=(
         "Circles of the same command reached from the left and from the right at "
         "constant low speed: play gives two radii, a trim gives one."),
-    signals={"angle": Stateful(play)},
+    signals={"angle": Stateful(play, blind=True)},
 )

@@ -35,5 +35,5 @@ EFFECT = Effect(
     experiment=(
         "Steering steps of different size at constant speed: the time to arrive grows "
         "with the size of the step, where a lag takes the same time for all."),
-    signals={"steering": Stateful(limited)},
+    signals={"steering": Stateful(limited, blind=True)},
 )

@@ -1,0 +1,64 @@
+"""Every recording of the car predicted by models that have not seen it, one left out at a time.
+
+    python benchmarks/left_out.py ../shared/data/dart --only cornering_drag steering_compliance
+
+For each recording that is left out, a diagnosis of all others from the paper's
+model, with the effects that may be named (none: the whole catalogue, some
+minutes each). Errors after 1 s, pooled over the windows of all recordings.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from dart_hal.diagnose import diagnose
+from dart_hal.errors import DartHalError
+from dart_hal.identify.runs import read_any
+from dart_hal.vehicle.load import find_model
+
+OF_ONE_CAR = ("60_", "80_", "81_throttle", "91_free", "steering_identification_25", "circles_27")
+"""July to September 2024: the same tyres, floor and weight."""
+CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
+
+
+def main() -> None:
+    """Ask, pool, print."""
+    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p.add_argument("data", type=Path, help="folder of the recordings")
+    p.add_argument("--only", nargs="*", default=[], metavar="EFFECT", help="that may be named")
+    o = p.parse_args()
+    model, vehicle = find_model("paper")
+    folders = [f for f in sorted(o.data.iterdir()) if f.name.startswith(OF_ONE_CAR)]
+    every = [r for r in read_any(folders)[0] if r.mocap is not None]
+    squares: dict[str, list[np.ndarray]] = defaultdict(list)
+    windows = []
+    for left in track(every, "leaving one out"):
+        others = [r for r in every if r is not left]
+        try:
+            d = diagnose(model, vehicle, others, [left], only=o.only)
+        except DartHalError as err:
+            Console(stderr=True).print(f"{left.name}: {err.what}")
+            continue
+        rows = {"holding the velocities": d.ctrv, "paper": d.stages[0].horizons,
+                "its parameters estimated anew": d.stages[1].horizons,
+                "with the causes found": d.stages[-1].horizons}
+        windows.append(rows["paper"]["1.0"]["pooled"]["n"])
+        for name, horizons in rows.items():
+            pooled = horizons["1.0"]["pooled"]
+            squares[name].append(np.array([pooled[c] for c in CHANNELS])**2)
+    table = Table("model", *CHANNELS, title=f"RMSE at 1 s, {sum(windows)} windows")
+    for name, of in squares.items():
+        error = np.sqrt(np.average(of, axis=0, weights=windows))
+        table.add_row(name, *(f"{e:.3f}" for e in error))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
