@@ -14,7 +14,7 @@ from dart_hal.vehicle.effects import catalogue
 from .alike import alike, directions
 from .fit import Point
 from .noise import Noise, loss
-from .residuals import Evidence
+from .residuals import Evidence, only_read
 from .rows import Rows, rows_of
 from .scan import Scan, Trial, scanned
 from .significance import nothing_missing
@@ -31,6 +31,10 @@ MORE = 1.5  # times what it gained when it failed
 PER_PARAMETER = 2.0  # of the loss; of two that gain the same, the simpler is the cause
 RIVAL = 0.3  # of the gain of the winner
 OWN_PART = 0.1  # of the gain must be where the effect enters
+AT_ODDS, OF_GAIN, KNOWS = 4.0, 0.05, 0.02
+"""Loss that a size for each axis of a sensor may gain (2 standard deviations), at least that share
+of what the effect gains; and share of all that is known of its size from where on an axis is
+asked. What smoothing leaves of a turn looks like an effect, but not alike on both axes."""
 FitWith = Callable[[Trial], Point]
 
 
@@ -160,10 +164,26 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
         return "does not surely lower the loss of data left out of the fit"
     if rows.recording.max() + 1 >= MANY and held.without_best <= 0.0:
         return "lowers the loss of a single recording only, of those left out of the fit"
+    if only_read(effect) and _at_odds(candidate, effect, rows) > max(AT_ODDS, OF_GAIN * gain):
+        return "one axis of the sensor says another size of it than the other"
     by_row = point.worth * loss(point.residual) - candidate.worth * loss(candidate.residual)
     if float(by_row[evidence.entered(effect, rows.channel)].sum()) <= OWN_PART * gain:
         return "gains only where it does not enter"
     return ""
+
+
+def _at_odds(candidate: Point, effect: Effect, rows: Rows) -> float:
+    """How much the loss would drop if each axis of a sensor had a size of its own."""
+    told, most = rows.channel < 0, 0.0
+    channel = -1 - rows.channel[told]
+    for q in effect.parameters:
+        slope = candidate.jacobian[told, candidate.space.names.index(f"{effect.name}.{q.name}")]
+        weight = candidate.weights[told]
+        pull = np.bincount(channel, weight * candidate.residual[told] * slope)
+        normal = np.bincount(channel, weight * slope**2)
+        knows = normal > KNOWS * normal.sum()
+        most = max(most, float((pull[knows]**2 / normal[knows]).sum()))
+    return most
 
 
 @dataclass(frozen=True, slots=True)
