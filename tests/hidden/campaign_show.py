@@ -14,6 +14,7 @@ from rich.table import Table
 from stranger_causes import CAUSES
 
 NOBODY = ("unexplained", "nothing")
+DARK = 0.6  # share from where on dark figures cannot be read
 
 
 def table(rows: Sequence[Row]) -> Table:
@@ -67,7 +68,7 @@ def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
         off = [(j, share[i, j]) for j in range(len(named)) if share[i, j] > 0.0 and j != i]
         for j, s in off:
             axes.text(j, i, f"{s:.0%}"[:-1], ha="center", va="center", fontsize=7,
-                      color="#222222", zorder=3)
+                      color="#222222" if s < DARK else "#ffffff", zorder=3)
     axes.set_xlabel("named")
     axes.set_ylabel("hidden")
     axes.grid(color="#eeeeee", lw=0.5)
