@@ -40,6 +40,7 @@ def main() -> None:
     model, vehicle = find_model("paper")
     for effect in o.given:
         vehicle = apply(vehicle, effect)
+    # nothing may be named, and the one effect that is looked at costs little
     searched = {"max_causes": 0, "only": ["gyro_bias"]} if o.given else {"only": o.only}
     folders = [f for f in sorted(o.data.iterdir()) if f.name.startswith(OF_ONE_CAR)]
     every = [r for r in read_any(folders)[0] if r.mocap is not None]
@@ -53,8 +54,9 @@ def main() -> None:
             Console(stderr=True).print(f"{left.name}: {err.what}")
             continue
         rows = {"holding the velocities": d.ctrv, "paper": d.stages[0].horizons,
-                "all that is in it estimated anew": d.stages[1].horizons,
-                "with the causes found": d.stages[-1].horizons}
+                "all that is in it estimated anew": d.stages[1].horizons}
+        if not o.given:
+            rows["with the causes found"] = d.stages[-1].horizons
         windows.append(rows["paper"]["1.0"]["pooled"]["n"])
         for name, horizons in rows.items():
             pooled = horizons["1.0"]["pooled"]

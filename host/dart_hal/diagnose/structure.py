@@ -133,11 +133,11 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
     p_value = found.p_values()
     out = []
     for group in of:
-        material = MATERIAL / np.minimum(group.y.var(axis=0), 1.0)
+        told = np.minimum(group.y.var(axis=0), 1.0)
         for i, channel in enumerate(group.channels):
             mine = {found.of[k][1]: (float(found.share[k]), float(p_value[k]))
                     for k in range(len(found.of)) if found.of[k][0] == channel
-                    and p_value[k] <= level and found.share[k] >= material[i]}
+                    and p_value[k] <= level and found.share[k] * told[i] >= MATERIAL}
             if mine:
                 along = _simplest({k: share for k, (share, _) in mine.items()})
                 share, p = mine[along]

@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import repeat
+from itertools import pairwise, repeat
 from typing import Any
 
 import numpy as np
@@ -117,10 +117,12 @@ def _stateful(p: Vehicle, a: Applied, hook: Stateful, signal: FloatArray, now: N
 def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any]) -> FloatArray:
     """Where neither the signal nor the state moves, nothing will until the signal does."""
     out, here = np.empty(len(signal)), Now()
-    turns = np.flatnonzero(np.diff(signal)) + 1
-    state = list(first(float(signal[0]))) if len(signal) else []
-    for begin, end in zip([0, *turns.tolist()], [*turns.tolist(), len(signal)], strict=True):
-        value = float(signal[begin]) if end else 0.0
+    if not len(signal):
+        return out
+    state = list(first(float(signal[0])))
+    ends = [0, *(np.flatnonzero(np.diff(signal)) + 1).tolist(), len(signal)]
+    for begin, end in pairwise(ends):
+        value = float(signal[begin])
         for i in range(begin, end):
             out[i], *after = step(value, here, *state)
             if after == state:

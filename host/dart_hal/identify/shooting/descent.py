@@ -101,19 +101,19 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
         free = ~(((move <= low) & (g > 0.0)) | ((move >= high) & (g < 0.0)))
         way = np.zeros(len(slope))
         while free.any():
-            way[:] = 0.0
+            way[~free] = 0.0
             way[free] = -np.linalg.solve(normal[np.ix_(free, free)], g[free])
             stopped = ((move <= low) & (way < 0.0)) | ((move >= high) & (way > 0.0))
             if not stopped.any():
                 break
             free &= ~stopped
-        ends = np.where(way > 0.0, high, low) - move
-        share = np.divide(ends, way, out=np.full(len(way), np.inf), where=way != 0.0)
+        edge = np.where(way > 0.0, high, low)
+        share = np.divide(edge - move, way, out=np.full(len(way), np.inf), where=way != 0.0)
         nearest = float(share.min(initial=np.inf))
         move = np.clip(move + min(nearest, 1.0) * way, low, high)
         if nearest < 1.0:
-            edge = share <= nearest * (1.0 + 1e-12)
-            move[edge] = np.where(way > 0.0, high, low)[edge]
+            met = share <= nearest * (1.0 + 1e-12)
+            move[met] = edge[met]
         elif np.abs(way).max(initial=0.0) < SMALL:
             break
     return move
