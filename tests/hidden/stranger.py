@@ -167,7 +167,9 @@ def drive(car: Car, driver: Callable[[float, Now], tuple[float, float]],
         px, py, pm = (hold * p for p in pushes[i])
         fx, fy, dw, pull = _forces(car, now, px, py, pm)
         still = v < STANDS  # tyres of a standing car hold it, steered or not
-        now.ax, now.ay = (fx / car.m, 0.0 if still else fy / car.m)
+        gx, gy = car.tilt  # a tyre that holds the car on a slope pushes against gravity
+        hold_side = gx * math.sin(yaw) - gy * math.cos(yaw)
+        now.ax, now.ay = (fx / car.m, hold_side if still else fy / car.m)
         rows.append((t, x, y, yaw, v, side, turn, now.ax, now.ay, pull, u, s))
         half = 0.5 * H
         dv, ds = _slide(car, now, fx, fy)

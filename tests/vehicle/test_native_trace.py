@@ -31,7 +31,7 @@ VALUES = {"car": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.2, 0.1, 0.35, -0.2),
 
 @CARS
 @pytest.mark.parametrize("kind", STATES)
-@pytest.mark.parametrize("method", ["rk4", "euler"])
+@pytest.mark.parametrize("method", ["rk4", "midpoint", "euler"])
 def test_the_graph_computes_the_step(p, kind, method):
     traced = trace(form_of(p), kind, method)
     symbols = {**{name: min(value(p, name), 1e30) for name in names(p)}, DT: 0.01,

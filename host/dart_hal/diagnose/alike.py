@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from dart_hal.types import FloatArray
 from .fit import Point
 from .noise import loss
 from .rows import Rows
-from .scan import Scan, Trial
+from .scan import Trial
 
 CLEAR = 2.0  # standard deviations of the difference of losses
 TOGETHER = 0.6
@@ -30,12 +30,17 @@ def directions(point: Point) -> Callable[[Trial], FloatArray]:
     return direction
 
 
-def alike(scan: Scan, best: Trial, trials: Sequence[Trial], rows: Rows) -> tuple[str, ...]:
-    """Effects whose loss differs from the best one's by less than its noise over blocks."""
-    point, direction = scan.point, directions(scan.point)
+def alike(point: Point, best: Trial, trials: Sequence[Trial], rows: Rows,
+          fits: Mapping[str, Point]) -> tuple[str, ...]:
+    """Effects whose loss differs from the best one's by less than its noise over blocks.
+
+    fits: with some of the effects; of the others the linear answer counts.
+    """
+    direction = directions(point)
 
     def by_block(trial: Trial) -> FloatArray:
-        r = point.after(trial.residual.astype(np.float64))
+        fit = fits.get(trial.effect)
+        r = point.after(trial.residual.astype(np.float64)) if fit is None else fit.residual
         return np.asarray(np.bincount(rows.block, weights=point.worth * loss(r)), dtype=float)
 
     mine, along = by_block(best), direction(best)

@@ -164,10 +164,12 @@ def between(series: FloatArray, at: FloatArray) -> FloatArray:
     Straight lines would be off by what a signal bends within a sample, more or
     less of it at every age of the messages, and the loss rough along that age.
     """
-    at = np.clip(at, 0.0, len(series) - 1.0)
-    i = np.clip(at.astype(np.int64), 0, len(series) - 2)
+    last = len(series) - 1
+    at = np.minimum(np.maximum(at, 0.0), last)
+    i = np.minimum(at.astype(np.int64), last - 1)
     u = at - i
-    a, b, c, d = (series[np.clip(i + k, 0, len(series) - 1)] for k in (-1, 0, 1, 2))
+    a, b, c, d = series[np.maximum(i - 1, 0)], series[i], series[i + 1], series[
+        np.minimum(i + 2, last)]
     return np.asarray(b + 0.5 * u * (c - a + u * (2.0 * a - 5.0 * b + 4.0 * c - d
                                                   + u * (3.0 * (b - c) + d - a))))
 

@@ -25,7 +25,7 @@ from dart_hal.vehicle.tyres import make_tyres
 from .drive import STEP, spread_over
 from .onboard_drive import COUNTED, READS, STRAY, Outing
 from .space import Timing
-from .subsample import FINE, fine
+from .subsample import FINE, METHOD, fine
 
 BEFORE = 30  # samples ahead of a start: an encoder looks back, a late sensor further
 BEYOND = 10  # samples behind a start: a sensor may be early
@@ -67,7 +67,7 @@ def _driven(p: Vehicle, start: FloatArray, tau: FloatArray, delta: FloatArray) -
     """States (6, samples + 1, n) from a start (6, n) on; delta in FINE steps per sample."""
     at = range(FINE, FINE * len(tau) + 1, FINE)
     after = rollout(p, start, np.repeat(tau, FINE, axis=0), delta, at=at, sample=STEP / FINE,
-                    substeps=1)
+                    substeps=1, method=METHOD)
     return np.asarray(np.concatenate([start[None], after]).swapaxes(0, 1))
 
 

@@ -24,7 +24,7 @@ from dart_hal.vehicle.signals import late_last
 from .drive import HALF, READ, STEP, Drive, spread_over
 from .readings import SENSORS, at_rest, driven, measured
 from .space import EXACT, LATE, Timing
-from .subsample import FINE, fine
+from .subsample import FINE, METHOD, fine
 
 MOTION = ("v_x", "v_y", "omega")
 SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
@@ -83,10 +83,12 @@ class Evidence:
     def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which residuals an effect must lower to be believed, (N,): see ``channel``.
 
-        Causes in the car and in the mocap must show in the motion, those of a sensor in a sensor.
+        Causes in the car must show in the motion, those of a sensor in a sensor; what motion
+        capture errs in shows in either, for sensors are held against it.
         """
-        of_sensor = effect.stage == "measurement" and "pose" not in effect.signals
-        return np.asarray((channel < 0) == of_sensor)
+        if effect.stage != "measurement":
+            return channel >= 0
+        return (channel < 0) | ("pose" in effect.signals)
 
     def _motion_at(self, sample: int) -> dict[str, int]:
         first = READ.index(sample) * len(MOTION)
@@ -140,7 +142,7 @@ class Evidence:
             ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS], spread),
             lambda: self._inputs(p, spread))
         states = rollout(p, start, throttle, angle, at=[FINE * k for k in AT],
-                         sample=STEP / FINE, substeps=1)
+                         sample=STEP / FINE, substeps=1, method=METHOD)
         error = _velocities(states) - seen
         return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
 

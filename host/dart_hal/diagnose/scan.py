@@ -25,6 +25,7 @@ from .residuals import Evidence
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
 PARTS = 8  # of a scan over several processes
 FAINT = 3.0  # gain; far below any threshold
+KEPT = 0.05  # of what a parabola promises: as near its top is where it says
 REFINE = 2  # parabola steps after the ladder
 
 Progress = Callable[[float, str], None]
@@ -97,7 +98,7 @@ class Scan:
 
         near, far = ladder(parameter)
         gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
-        if _promises(gains, parameter):
+        if _goes_on(gains, parameter, gain):
             gains |= {k: gain(k) for k in far}
         while (k := _beyond(gains, parameter)) is not None:
             gains[k] = gain(k)
@@ -129,13 +130,26 @@ def ladder(p: Parameter) -> tuple[list[float], list[float]]:
     return steps[0], steps[1] + steps[2]
 
 
-def _promises(gains: Mapping[float, float], p: Parameter) -> bool:
-    """Whether more than FAINT may be gained; what is one-sided may begin beyond a threshold."""
+def _goes_on(gains: dict[float, float], p: Parameter, gain: Callable[[float], float]) -> bool:
+    """Whether sizes further from the null are worth a look; ``gains`` near it may grow by one.
+
+    Not where the parabola of those near it promises less than FAINT, nor where its
+    top is near and gains what it promises. What is one-sided may begin beyond a threshold.
+    """
     ks = sorted(gains)
-    if len(ks) < 3 or max(gains.values()) > 0.0:
+    if len(ks) < 3:
         return True
-    curve = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
-    return not curve[0] < 0.0 or -curve[1]**2 / (4.0 * curve[0]) > FAINT
+    bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    if not bend < 0.0:
+        return True
+    top, promised = -0.5 * slope / bend, -0.25 * slope**2 / bend
+    if promised <= FAINT:
+        return False
+    if abs(top) > LADDER[1] * p.sizes[1]:
+        return True
+    k = float(np.clip(p.null + top, p.low, p.high))
+    gains[k] = gain(k)
+    return bool(abs(gains[k] - promised) > KEPT * promised)
 
 
 def _beyond(gains: Mapping[float, float], p: Parameter) -> float | None:

@@ -14,16 +14,18 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .alike import alike
 from .fit import Point, at, loss_at, refit, refit_near, refit_with
-from .noise import Noise, loss, measure
+from .noise import UNTOLD, Noise, loss, measure
 from .residuals import Evidence, only_read
 from .rows import BLOCK
-from .scan import Progress, Scan, Trial, scan
-from .selection import Named, Rejected, Settings, rows_at, select
+from .scan import Progress, Trial, scan
+from .selection import CLOSE, Named, Rejected, Settings, rows_at, select
 from .space import Space, Timing, widest
 
 AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
              for share in ((0.0, 0.8) if a else (0.0,)))
 """s, of commands before their message, and how far they spread around it."""
+OLDER = (-0.025, -0.008, 0.008, 0.025)
+"""s, by which commands are moved to see what their age does; a step does it at one instant."""
 PASSES = 2  # the second with the sizes of the residuals of the first
 SURELY = 4.0  # loss: two standard deviations of one number
 NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
@@ -81,7 +83,7 @@ class Search:
             first = first or tuple(trials)
             if not trials or not s.max_causes:  # all that may be named is named
                 break
-            step = select(self._evidence, noise, point, trials,
+            step = select(self._evidence, point, trials,
                           partial(self._with, point, noise), s, failed)
             rejected = step.rejected
             new = step.accepted[:s.max_causes - len(named)]
@@ -143,11 +145,23 @@ class Search:
         x = self._begun(space, timing) if x is None else x
         for _ in range(passes):
             vehicle, timing = space.split(x)
-            noise = measure(self._evidence.residuals(vehicle, timing),
-                            self._evidence.blocks(BLOCK), self._evidence.overlap)
+            noise = self._measured(vehicle, timing)
             point = refit(self._evidence, noise, space, x)
             x = point.x
         return point, noise
+
+    def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
+        """How large the residuals are, but for what commands do that come at a time of their own.
+
+        Only where some change between messages, and nobody knows when.
+        """
+        blocks, overlap = self._evidence.blocks(BLOCK), self._evidence.overlap
+        r = self._evidence.residuals(vehicle, timing)
+        if widest(timing.ahead) < UNTOLD:
+            return measure(r, blocks, overlap)
+        moved = [np.abs(self._evidence.residuals(vehicle, replace(timing, ahead=timing.ahead + d))
+                        .motion - r.motion) / abs(d) for d in OLDER]
+        return measure(r, blocks, overlap, np.max(moved, axis=0))
 
     def _begun(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the
@@ -229,7 +243,9 @@ class Search:
             without = self._without(point, noise, one.effect)
             trials = scan(self._evidence, noise, without, (one.effect, *one.rivals))
             mine = next(t for t in trials if t.effect == one.effect)
-            work = Scan(self._evidence, noise, without)
+            fits = {t.effect: self._with(without, noise, t) for t in trials
+                    if t.gain > CLOSE * mine.gain}
             out.append(replace(one, gain=without.loss() - point.loss(),
-                               like=alike(work, mine, trials, rows_at(self._evidence, without))))
+                               like=alike(without, mine, trials,
+                                          rows_at(self._evidence, without), fits)))
         return sorted(out, key=lambda n: -n.gain)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import comb
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from dart_hal.vehicle.effects import catalogue
 
 from .alike import alike, directions
 from .fit import Point
-from .noise import Noise, loss
+from .noise import loss
 from .residuals import Evidence, only_read
 from .rows import Rows, rows_of
-from .scan import Scan, Trial, scanned
+from .scan import Trial, scanned
 from .significance import nothing_missing
 
 TRIES = 5  # effects of one round that may fail after a full refit
@@ -24,8 +25,13 @@ APART, AS_MUCH = 0.1, 0.5
 """Cosine, and share of the largest gain: causes that hardly touch the same residuals, and gain as
 much, are accepted in one round."""
 CLOSE = 0.7  # of the largest gain: the full fit decides between these
-LEAST = 0.8  # of the small size of an effect: below that it is within what conventions do
-FIRM = 1.0  # standard errors by which data left out must like an effect
+LEAST, NOT_TRIED = 0.8, 0.4
+"""Of the small size of an effect: below that it is within what conventions do, and what is found
+even smaller before a full fit is not tried."""
+FAINT = "smaller than what sampling and timing conventions can pretend"
+FIRM, CHANCE = 1.0, 0.05
+"""Standard errors by which data left out must like an effect; or how seldom chance alone would
+make as many recordings like it: a few that gain much more than the others are no doubt."""
 MANY = 6  # recordings from which on they are the unit: no single one may be all the gain
 MORE = 1.5  # times what it gained when it failed
 PER_PARAMETER = 2.0  # of the loss; of two that gain the same, the simpler is the cause
@@ -87,7 +93,7 @@ class Step:
     rejected: tuple[Rejected, ...]
 
 
-def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Trial],
+def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
            fit_with: FitWith, settings: Settings, failed: dict[str, float]) -> Step:
     """The best effect that passes everything, and what else does apart from it.
 
@@ -101,7 +107,8 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
     nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, evidence.exact)
     limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
-    again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)]
+    again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)
+             and not _faint(catalogue()[t.effect], t.values, NOT_TRIED)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
             if t.gain > CLOSE * again[0].gain}
     direction = directions(point)
@@ -117,17 +124,19 @@ def select(evidence: Evidence, noise: Noise, point: Point, trials: Sequence[Tria
         elif accepted and (trial.gain < AS_MUCH * trials[0].gain or any(
                 abs(float(direction(trial) @ d)) > APART for d in taken)):
             why = f"gains less than {accepted[0][0].effect}"
+        elif _faint(catalogue()[trial.effect], trial.values, NOT_TRIED):
+            why = FAINT
         elif trial not in again:
             why = "does not surely lower the loss of data left out of the fit, nor did it before"
         elif failures == TRIES:
             why = "not tried: so many that gained more were tried in vain"
         else:
-            candidate = fits.get(trial.effect) or fit_with(trial)
+            candidate = fits[trial.effect] = fits.get(trial.effect) or fit_with(trial)
             held = held_out(point, candidate, rows)
             why = _why_not(evidence, point, candidate, trial, rows, held, limit)
             if not why:
                 one = Named(trial.effect, p, point.loss() - candidate.loss(), held.gain, limit,
-                            *_likes(evidence, noise, point, trial, trials, rows))
+                            alike(point, trial, trials, rows, fits), rivals(trial, trials))
                 accepted.append((one, candidate))
                 taken.append(direction(trial))
             else:
@@ -143,12 +152,10 @@ def rows_at(evidence: Evidence, point: Point) -> Rows:
     return rows_of(evidence, evidence.residuals(point.vehicle, point.timing))
 
 
-def _likes(evidence: Evidence, noise: Noise, point: Point, trial: Trial,
-           trials: Sequence[Trial], rows: Rows) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(what an effect cannot be told from, what gains enough to be that later)."""
-    rivals = tuple(t.effect for t in trials
-                   if t is not trial and t.gain > max(0.0, RIVAL * trial.gain))
-    return alike(Scan(evidence, noise, point), trial, trials, rows), rivals
+def rivals(trial: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
+    """What gains enough beside an effect to be its like, had it been there."""
+    return tuple(t.effect for t in trials
+                 if t is not trial and t.gain > max(0.0, RIVAL * trial.gain))
 
 
 def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, rows: Rows,
@@ -157,19 +164,22 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
     gain = point.loss() - candidate.loss()
     if gain <= limit:
         return "the full fit does not keep what the linear one promised"
-    values = dict(zip(effect.parameters, _values(candidate, effect), strict=True))
-    if all(abs(values[q] - q.null) < LEAST * q.sizes[0] for q in scanned(effect)):
-        return "smaller than what sampling and timing conventions can pretend"
-    if held.gain <= 0.0 or held.gain < FIRM * held.std:
-        return "does not surely lower the loss of data left out of the fit"
-    if rows.recording.max() + 1 >= MANY and held.without_best <= 0.0:
-        return "lowers the loss of a single recording only, of those left out of the fit"
+    if _faint(effect, _values(candidate, effect), LEAST):
+        return FAINT
+    if doubt := held.doubt(int(rows.recording.max()) + 1):
+        return doubt
     if only_read(effect) and _at_odds(candidate, effect, rows) > max(AT_ODDS, OF_GAIN * gain):
         return "one axis of the sensor says another size of it than the other"
     by_row = point.worth * loss(point.residual) - candidate.worth * loss(candidate.residual)
     if float(by_row[evidence.entered(effect, rows.channel)].sum()) <= OWN_PART * gain:
         return "gains only where it does not enter"
     return ""
+
+
+def _faint(effect: Effect, values: Mapping[str, float], share: float) -> bool:
+    """Whether every parameter that is an effect of its own is below a share of its small size."""
+    return all(abs(values.get(q.name, q.null) - q.null) < share * q.sizes[0]
+               for q in scanned(effect))
 
 
 def _at_odds(candidate: Point, effect: Effect, rows: Rows) -> float:
@@ -188,11 +198,26 @@ def _at_odds(candidate: Point, effect: Effect, rows: Rows) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Gain on folds that the fit did not see, its standard error, and that without the best."""
+    """Gain on each fold that the fit did not see."""
 
-    gain: float = np.nan
-    std: float = np.nan
-    without_best: float = np.nan
+    gains: tuple[float, ...] = ()
+
+    @property
+    def gain(self) -> float:
+        """On all of them; NaN without any."""
+        return sum(self.gains) if self.gains else np.nan
+
+    def doubt(self, recordings: int) -> str:
+        """Why they do not surely like it, if they do not; from MANY on a fold is a recording."""
+        n, many = len(self.gains), recordings >= MANY
+        std = float(np.std(self.gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf
+        like = sum(g > 0.0 for g in self.gains)
+        chance = sum(comb(n, k) for k in range(like, n + 1)) / 2.0**n
+        if self.gain <= 0.0 or not (self.gain >= FIRM * std or (many and chance <= CHANCE)):
+            return "does not surely lower the loss of data left out of the fit"
+        if many and self.gain - max(self.gains) <= 0.0:
+            return "lowers the loss of a single recording only, of those left out of the fit"
+        return ""
 
 
 def held_out(before: Point, after: Point, rows: Rows) -> HeldOut:
@@ -206,13 +231,9 @@ def held_out(before: Point, after: Point, rows: Rows) -> HeldOut:
             r = point.residual[inside] + point.jacobian[inside] @ move
             losses.append(float(point.worth[inside] @ loss(r)))
         gains.append(losses[0] - losses[1])
-    n = len(gains)
-    return HeldOut(float(np.sum(gains)),
-                   float(np.std(gains, ddof=1) * np.sqrt(n)) if n > 1 else np.inf,
-                   float(np.sum(gains) - np.max(gains)))
+    return HeldOut(tuple(gains))
 
 
-def _values(point: Point, effect: Effect) -> tuple[float, ...]:
-    values: tuple[float, ...] = next(a.values for a in point.vehicle.effects
-                                     if a.name == effect.name)
-    return values
+def _values(point: Point, effect: Effect) -> dict[str, float]:
+    values = next(a.values for a in point.vehicle.effects if a.name == effect.name)
+    return {q.name: v for q, v in zip(effect.parameters, values, strict=True)}

@@ -1,10 +1,11 @@
 """How often nothing at all would have looked as good as an effect does.
 
-Nothing at all has residuals without a side: turning the sign of whole blocks
-of them gives as many data sets without a cause as one wants, with the same
-disturbance and its memory. What counts is the best of all effects in each, so
-a threshold holds for the family and not for one name. Effects are made
-comparable first: each by what it gains itself where nothing is missing, for
+Nothing at all has residuals without a side: whole blocks of them, each times a
+normal random number, give as many data sets without a cause as one wants, with the
+same disturbance and its memory (wild bootstrap; signs instead of numbers would be
+too tame, few blocks have few combinations of them). What counts is the best of all
+effects in each, so a threshold holds for the family and not for one name. Effects
+are made comparable first: each by what it gains itself where nothing is missing, for
 residuals are larger and remember longer where the motion is quick.
 """
 
@@ -22,7 +23,7 @@ from .fit import Point
 from .noise import weight
 from .scan import Trial
 
-FLIPS = 1999
+DRAWS = 1999
 FAINT = 1e-6  # square of a change of the residuals: what changes nothing has rounding errors
 
 
@@ -31,7 +32,7 @@ class Nothing:
     """What effects gain where nothing is missing.
 
     inflation: by effect, how much more it gains there than independent residuals
-    would give it; best (FLIPS,): the largest gain of any effect over its
+    would give it; best (DRAWS,): the largest gain of any effect over its
     inflation, in each data set without a cause, ascending.
     """
 
@@ -45,28 +46,28 @@ class Nothing:
     def needed(self, effects: Sequence[str], false_alarm: float) -> dict[str, float]:
         """By effect, the gain that only this share of the data sets without a cause exceeds.
 
-        Never less than Gaussian numbers give for as many effects: few blocks
-        have few combinations of signs.
+        Never less than independent numbers give for as many effects: what is left may
+        be no noise.
         """
         from scipy.stats import chi2
 
-        gaussian = float(chi2.isf(false_alarm / max(len(self.inflation), 1), 1))
-        limit = max(float(np.quantile(self.best, 1.0 - false_alarm)), gaussian)
+        independent = float(chi2.isf(false_alarm / max(len(self.inflation), 1), 1))
+        limit = max(float(np.quantile(self.best, 1.0 - false_alarm)), independent)
         return {name: self.inflation.get(name, 1.0) * limit for name in effects}
 
 
 def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
                     block: NDArray[np.int64], seed: int, apart: bool = True) -> Nothing:
-    """From the signs of blocks.
+    """From residuals in blocks.
 
     apart: each effect by its own inflation; else all by the largest gain of any,
-    where residuals have errors of the method in them that signs do not show.
+    where residuals have errors of the method in them that no draw shows.
     rest (N,): residuals with the best explanation taken away, so that no cause
-    is in them; block (N,): labels of what turns its sign together.
+    is in them; block (N,): labels of what has one random number.
     """
     w = point.worth * weight(rest)
     _, index = np.unique(block, return_inverse=True)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, int(index.max()) + 1))
+    numbers = _numbers(int(index.max()) + 1, seed)
     inflation, scores = {}, []
     project = point.projection()
     for trial in trials:
@@ -78,7 +79,7 @@ def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
         square = float(sums @ sums)
         inflation[trial.effect] = max(1.0, square / size) if apart else 1.0
         scores.append(sums / np.sqrt(max(square, 1e-300) if apart else size))
-    best = np.max((signs @ np.stack(scores, axis=1))**2, axis=1) if scores else np.zeros(FLIPS)
+    best = np.max((numbers @ np.stack(scores, axis=1))**2, axis=1) if scores else np.zeros(DRAWS)
     return Nothing(inflation, np.sort(best))
 
 
@@ -94,7 +95,10 @@ def refit_p_value(point: Point, drop: float, block: NDArray[np.int64], seed: int
     point: where the refit ended; block: labels (N,) of its rows.
     """
     scores = point.scores(block)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, len(scores)))
-    sums = signs @ scores
+    sums = _numbers(len(scores), seed) @ scores
     drops = np.sum(sums * np.linalg.solve(point.normal, sums.T).T, axis=1)
     return p_value(drop, np.sort(drops))
+
+
+def _numbers(blocks: int, seed: int) -> FloatArray:
+    return np.random.default_rng(seed).standard_normal((DRAWS, blocks))

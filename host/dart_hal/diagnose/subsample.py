@@ -13,6 +13,7 @@ import numpy as np
 from dart_hal.types import FloatArray
 
 FINE = 4  # steps per sample
+METHOD = "midpoint"  # of their integration; at 2.5 ms what it is off is far below any residual
 SAME = 1e-12
 
 

@@ -34,7 +34,7 @@ from .selection import MANY, Named, Settings, rows_at
 from .significance import refit_p_value
 from .structure import groups, shares, unexplained
 
-IMPOSTOR = 0.7
+IMPOSTOR = 0.6
 """Share of the structure that may be left after the causes: above it they have not explained it."""
 MAINLY = 0.2  # of what a cause takes away, from where on a channel is one it acts on
 FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dart_hal.errors import UsageError
-from dart_hal.vehicle.flat import names, value
+from dart_hal.vehicle.flat import values
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile
 from dart_hal.vehicle.native.kernel import Kernel, make_native_step
@@ -31,7 +31,7 @@ ENGINES = ("auto", "numpy", "native")
 
 def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
             at: Sequence[int] | None = None, sample: float = SAMPLE,
-            substeps: int = SUBSTEPS, engine: str = "auto") -> Array:
+            substeps: int = SUBSTEPS, method: str = "rk4", engine: str = "auto") -> Array:
     """States of n cars under held inputs, (len(at), 6, n); at: numbers of samples passed.
 
     start (6, n): x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of the
@@ -48,10 +48,10 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
         raise UsageError("a rollout needs time to pass",
                          found=f"{substeps} substep(s) in {sample} s",
                          expected="at least one, in more than 0 s")
-    kernel = prepare(p, "motion", sample / substeps, start.dtype, "rk4", engine)
+    kernel = prepare(p, "motion", sample / substeps, start.dtype, method, engine)
     if kernel and _finite(start, throttle, angle):
         return kernel(start, throttle, angle, wanted, substeps)
-    step = make_motion_step(p, ARRAY, sample / substeps, substeps)
+    step = make_motion_step(p, ARRAY, sample / substeps, substeps, method)
     return _by_hand(step, start, throttle, angle, wanted)
 
 
@@ -182,7 +182,7 @@ def _floats(a: Array) -> Array:
 
 
 def _check_lanes(p: Vehicle, n: int) -> None:
-    sizes = {np.shape(v) for name in names(p) if np.ndim(v := value(p, name))}
+    sizes = {np.shape(v) for v in values(p).values() if np.ndim(v)}
     if sizes - {(n,)}:
         raise UsageError("a stack has a vehicle for each car", found=f"{n} cars and parameters "
                          f"of shapes {sorted(sizes)}", expected=f"({n},)")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,18 @@ GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
 
 def names(p: Vehicle) -> tuple[str, ...]:
     """Names of all parameters, "group.key" and "effect.key", in a fixed order."""
-    base = tuple(f"{group}.{f.name}" for group in GROUPS for f in fields(getattr(p, group))
-                 if "unit" in f.metadata)
-    return base + tuple(f"{applied.name}.{parameter.name}" for applied in p.effects
-                        for parameter in applied.effect.parameters)
+    return tuple(values(p))
+
+
+def values(p: Vehicle) -> dict[str, Any]:
+    """All parameters by name, in the order of ``names``."""
+    parts = ((group, getattr(p, group)) for group in GROUPS)
+    out = {f"{group}.{key}": getattr(part, key) for group, part in parts
+           for key in _parameters(part)}
+    for applied in p.effects:
+        for parameter, number in zip(applied.effect.parameters, applied.values, strict=True):
+            out[f"{applied.name}.{parameter.name}"] = number
+    return out
 
 
 def value(p: Vehicle, name: str) -> Any:
@@ -55,7 +64,7 @@ def bounds(p: Vehicle, name: str) -> tuple[float, float]:
     return parameter.low, parameter.high
 
 
-def with_values(p: Vehicle, values: Mapping[str, float]) -> Vehicle:
+def with_values(p: Vehicle, changed: Mapping[str, float]) -> Vehicle:
     """The same vehicle with some parameters changed and checked.
 
     Raises ConfigError when one is out of its bounds, UsageError for an
@@ -63,7 +72,7 @@ def with_values(p: Vehicle, values: Mapping[str, float]) -> Vehicle:
     """
     changes: dict[str, dict[str, float]] = {}
     effects = {applied.name: applied for applied in p.effects}
-    for name, number in values.items():
+    for name, number in changed.items():
         group, key, applied = _find(p, name)
         if applied is None:
             changes.setdefault(group, {})[key] = float(number)
@@ -74,10 +83,10 @@ def with_values(p: Vehicle, values: Mapping[str, float]) -> Vehicle:
     return replace(p, effects=tuple(effects.values()), **groups)
 
 
-def applied_with(applied: Applied, values: Mapping[str, float]) -> Applied:
+def applied_with(applied: Applied, changed: Mapping[str, float]) -> Applied:
     """An effect with some values changed. Raises ConfigError out of bounds."""
     numbers = list(applied.values)
-    for key, number in values.items():
+    for key, number in changed.items():
         i = _index(applied, key)
         parameter = applied.effect.parameters[i]
         if not parameter.low <= number <= parameter.high:
@@ -92,8 +101,8 @@ def applied_with(applied: Applied, values: Mapping[str, float]) -> Applied:
 
 def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
     """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
-    changed = {group: {f.name: of(f"{group}.{f.name}") for f in fields(getattr(p, group))
-                       if "unit" in f.metadata} for group in GROUPS}
+    changed = {group: {key: of(f"{group}.{key}") for key in _parameters(getattr(p, group))}
+               for group in GROUPS}
     effects = tuple(Applied(a.effect, tuple(of(f"{a.name}.{parameter.name}")
                                             for parameter in a.effect.parameters))
                     for a in p.effects)
@@ -106,8 +115,8 @@ def unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) -> Vehicle
     for group, part in changes.items():
         old = getattr(p, group)
         new = object.__new__(type(old))
-        for f in fields(old):
-            object.__setattr__(new, f.name, part.get(f.name, getattr(old, f.name)))
+        for key in _fields(old):
+            object.__setattr__(new, key, part[key] if key in part else getattr(old, key))
         object.__setattr__(out, group, new)
     return out
 
@@ -141,13 +150,27 @@ def form(p: Vehicle) -> str:
 
 def _find(p: Vehicle, name: str) -> tuple[str, str, Applied | None]:
     group, _, key = name.partition(".")
-    if group in GROUPS and any(f.name == key and "unit" in f.metadata
-                               for f in fields(getattr(p, group))):
+    if group in GROUPS and key in _parameters(getattr(p, group)):
         return group, key, None
     for applied in p.effects:
         if applied.name == group and any(q.name == key for q in applied.effect.parameters):
             return group, key, applied
     raise UsageError(f"no parameter is called {name!r}", expected=", ".join(names(p)))
+
+
+def _parameters(group: Any) -> tuple[str, ...]:
+    return _keys(group.__class__)[0]
+
+
+def _fields(group: Any) -> tuple[str, ...]:
+    return _keys(group.__class__)[1]
+
+
+@cache
+def _keys(group: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(fields that are parameters, all fields): asked for thousands of times in a fit."""
+    every = fields(group)
+    return (tuple(f.name for f in every if "unit" in f.metadata), tuple(f.name for f in every))
 
 
 def _index(applied: Applied, key: str) -> int:

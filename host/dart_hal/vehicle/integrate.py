@@ -61,6 +61,34 @@ def make_kinematic_step(rates: Callable[..., Any]) -> Callable[..., State4]:
     return step
 
 
+def make_dynamic_midpoint(rates: Callable[..., Any]) -> Callable[..., State6]:
+    """As ``make_dynamic_step``, second order: half the work, for steps as fine as commands are."""
+
+    def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
+             start: Inputs, middle: Inputs, end: Inputs) -> State6:
+        h = 0.5 * dt
+        _, _, a2, a3, a4, a5 = rates(eta, vx, vy, om, *start)
+        b0, b1, b2, b3, b4, b5 = rates(eta + h * a2, vx + h * a3, vy + h * a4, om + h * a5,
+                                       *middle)
+        return (x + dt * b0, y + dt * b1, eta + dt * b2, vx + dt * b3, vy + dt * b4,
+                om + dt * b5)
+
+    return step
+
+
+def make_kinematic_midpoint(rates: Callable[..., Any]) -> Callable[..., State4]:
+    """As ``make_kinematic_step``, second order."""
+
+    def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
+             end: Inputs) -> State4:
+        h = 0.5 * dt
+        _, _, a2, a3 = rates(eta, v, *start)
+        b0, b1, b2, b3 = rates(eta + h * a2, v + h * a3, *middle)
+        return x + dt * b0, y + dt * b1, eta + dt * b2, v + dt * b3
+
+    return step
+
+
 def make_dynamic_euler(rates: Callable[..., Any]) -> Callable[..., State6]:
     """As ``make_dynamic_step``, first order: four times cheaper, error in proportion to dt."""
 

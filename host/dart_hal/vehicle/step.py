@@ -18,8 +18,10 @@ from dart_hal.vehicle.integrate import (
     Inputs,
     State6,
     make_dynamic_euler,
+    make_dynamic_midpoint,
     make_dynamic_step,
     make_kinematic_euler,
+    make_kinematic_midpoint,
     make_kinematic_step,
 )
 from dart_hal.vehicle.motor import make_motor_gains
@@ -27,7 +29,9 @@ from dart_hal.vehicle.namespace import Namespace, Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-METHODS = ("rk4", "euler")
+METHODS = {"rk4": (make_dynamic_step, make_kinematic_step),
+           "midpoint": (make_dynamic_midpoint, make_kinematic_midpoint),
+           "euler": (make_dynamic_euler, make_kinematic_euler)}
 NO_LAG = 1e-6
 """s; a lag of a few of these is one, a lag of 0 acts at once, without a branch."""
 
@@ -104,7 +108,7 @@ def _parts(p: Vehicle, f: Namespace,
         raise UsageError(f"no integration method {method!r}", expected=", ".join(METHODS))
     gains = make_motor_gains(p.motor, f)
     sin, cos, tan = f.sin, f.cos, f.tan
-    rk4 = method == "rk4"
+    make_slipping, make_rolling = METHODS[method]
 
     def slipping(tau: Value, delta: Value) -> Inputs:
         k0, k1 = gains(tau)
@@ -115,9 +119,8 @@ def _parts(p: Vehicle, f: Namespace,
         return k0, k1, 0.0, tan(delta)
 
     if p.kind == "kinematic":
-        advance = (make_kinematic_step if rk4 else make_kinematic_euler)(make_kinematic(p, f))
-        return rolling, advance, True
-    return slipping, (make_dynamic_step if rk4 else make_dynamic_euler)(make_dynamic(p, f)), False
+        return rolling, make_rolling(make_kinematic(p, f)), True
+    return slipping, make_slipping(make_dynamic(p, f)), False
 
 
 def _body(p: Vehicle, f: Namespace, method: str) -> Body6:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.vehicle.flat import bind, names, value
+from dart_hal.vehicle.flat import bind, values
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, needed
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
@@ -103,7 +103,7 @@ def slug(p: Vehicle) -> str:
 
 def coefficients(traced: Traced, p: Vehicle, dt: float, lanes: int = 0) -> Any:
     """Values of ``traced.uniform`` for a vehicle in f64: (H,), or (H, lanes) for a stack."""
-    return computed(traced, {**{name: value(p, name) for name in names(p)}, DT: dt}, lanes)
+    return computed(traced, {**values(p), DT: dt}, lanes)
 
 
 def computed(traced: Traced, parameters: Mapping[str, Any], lanes: int = 0) -> Any:

@@ -1,0 +1,70 @@
+"""Sizes of residuals where commands come whenever they like, and what recordings left out like."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.residuals import Residuals
+from dart_hal.diagnose.selection import HeldOut
+
+WINDOWS, COLUMNS, AGES = 400, 6, 0.025
+MOVED = slice(0, 2)
+"""Columns that a command moves, in every fourth window."""
+
+
+@pytest.fixture
+def whenever():
+    """(residuals, by how much the age of a command moves them [1/s])."""
+    rng = np.random.default_rng(1)
+    older = np.zeros((WINDOWS, COLUMNS))
+    older[::4, MOVED] = 8.0
+    age = rng.uniform(-1.0, 1.0, (WINDOWS, 1)) * AGES * np.sqrt(3.0)
+    motion = 0.01 * rng.normal(size=(WINDOWS, COLUMNS)) + older * age
+    return Residuals(motion, rng.normal(size=(WINDOWS, 4))), older
+
+
+def whitened(residuals, older):
+    blocks = np.arange(WINDOWS), np.arange(WINDOWS)
+    return measure(residuals, blocks, older=older).whiten(residuals)[0]
+
+
+def test_ages_of_commands_are_seen_in_what_they_move(whenever):
+    residuals, older = whenever
+    certain = measure(residuals, (np.arange(WINDOWS), np.arange(WINDOWS)), older=older).certain
+    assert (certain[older == 0.0] == 1.0).all()
+    assert certain[older > 0.0] == pytest.approx(0.01 / (8.0 * AGES), rel=0.2)
+
+
+def test_what_an_age_moves_is_no_larger_than_the_rest(whenever):
+    residuals, older = whenever
+    moved = whitened(residuals, older)[::4, MOVED]
+    assert np.std(moved) == pytest.approx(1.0, rel=0.25)
+    alike = whitened(residuals, None)[::4, MOVED]
+    assert np.std(alike) > 3.0, "by the sizes of columns alone"
+
+
+def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
+    residuals, older = whenever
+    rng = np.random.default_rng(2)
+    quiet = Residuals(0.01 * rng.normal(size=residuals.motion.shape) + 0.003 * older,
+                      residuals.sensors)
+    certain = measure(quiet, (np.arange(WINDOWS), np.arange(WINDOWS)), older=older).certain
+    assert (certain == 1.0).all(), "one age for all is what a fit finds"
+
+
+FEW_GAIN_MOST = (-30.0, -15.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 30.0, 40.0)
+
+
+def test_what_most_recordings_like_needs_not_be_liked_evenly():
+    assert HeldOut(FEW_GAIN_MOST).doubt(11) == ""
+    assert "surely" in HeldOut(FEW_GAIN_MOST).doubt(4), "as stretches of few recordings"
+    half = (-30.0, -15.0, -2.0, -3.0, -4.0, 5.0, 6.0, 7.0, 8.0, 40.0, 50.0)
+    assert sum(half) > 0.0
+    assert "surely" in HeldOut(half).doubt(11), "six of eleven"
+
+
+def test_what_one_recording_likes_is_not_enough():
+    assert "single" in HeldOut((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -9.0, 30.0)).doubt(8)
+    assert "surely" in HeldOut().doubt(1)
