@@ -9,8 +9,9 @@ import pytest
 from searched import car, drive, evidence, fitted, names, search, size_of
 from stranger_files import Habits, record
 
-from dart_hal.diagnose import diagnose
+from dart_hal.diagnose import diagnose, readings
 from dart_hal.diagnose import search as searching
+from dart_hal.diagnose.readings import at_rest
 from dart_hal.diagnose.scan import Trial, ladder, scan
 from dart_hal.diagnose.space import Space
 from dart_hal.recording.dart import read
@@ -36,6 +37,19 @@ def test_two_delays_are_those_two_and_no_third(two):
     assert sorted(names(found)) == sorted(two)
     for name, k in two.items():
         assert size_of(found, name) == pytest.approx(k, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["clock_offset", "gyro_latency"])
+def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
+    """Messages are no series of samples: to shift them by parts of one averages neighbours, and
+    less noise looks like a cause."""
+    standing = evidence(drive()).drives[0]
+    assert standing.still.sum() > 5
+    late = apply(PAPER, name, k=0.013)
+    as_it_is = at_rest(standing, PAPER, seen=True)
+    assert np.array_equal(at_rest(standing, late, seen=True), as_it_is, equal_nan=True)
+    monkeypatch.setattr(readings, "late_last", lambda p, channel: (p, 0.0))
+    assert np.nanmax(np.abs(at_rest(standing, late, seen=True) - as_it_is)) > 0.0
 
 
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),

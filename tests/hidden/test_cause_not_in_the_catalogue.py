@@ -34,8 +34,10 @@ LEVEL = ("steering_trim", "gyro_bias", "imu_pitch", "imu_roll", "load_transfer",
 """What moves a whole channel to one side, or hardly shows: without its name there is silence."""
 BY_DEFAULT = ("mocap_offset_x", "mocap_yaw", "gyro_scale")
 RELATIVES = tuple(n for n in SIZES if n not in SHOWN and n not in LEVEL)
-NOT_WRITTEN_DOWN = {("yaw_inertia", "steering_delay"), ("centre_of_mass", "yaw_damping")}
-"""Pairs that are taken for each other though neither file of an effect says so."""
+NOT_WRITTEN_DOWN = {("yaw_inertia", "steering_delay"), ("centre_of_mass", "yaw_damping"),
+                    ("gyro_latency", "encoder_slip")}
+"""Pairs that are taken for each other though neither file of an effect says so: a late gyro draws
+the age of all messages along, and an encoder that is then early reads more under drive force."""
 
 
 def files(folder, name, seed):

@@ -90,8 +90,9 @@ def at_rest(drive: Drive, p: Vehicle, seen: bool = False) -> FloatArray:
     sample = np.arange(len(g))
     now = Now(np.interp(at, sample, g.t), zero, zero, zero, np.interp(at, sample, g.yaw))
     turning = (between(g.yaw, at + AROUND) - between(g.yaw, at - AROUND)) / (2 * AROUND * STEP)
-    gyro = through(p, "gyro", turning if seen else zero, now, STEP)
-    a_x, a_y = through(p, "accel", (zero, zero), now, STEP)
+    # read late, a standing car reads the same: and messages are no series of samples
+    gyro = through(late_last(p, "gyro")[0], "gyro", turning if seen else zero, now, STEP)
+    a_x, a_y = through(late_last(p, "accel")[0], "accel", (zero, zero), now, STEP)
     out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.read[drive.still]
     out[:, 0] = np.nan
     out[:, 2:] *= drive.felt

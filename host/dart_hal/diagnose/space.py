@@ -31,7 +31,9 @@ BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
 STEP = 1e-3  # of the prior, one-sided
-TIMING_STEP = 4e-3  # s, both sides: what is held has no slope below its grid
+TIMING_STEP, READING_STEP = 4e-3, 5e-4
+"""s, both sides: what is held has no slope below its grid; a reading bends within milliseconds, and
+a slope over more of it leads a fit beside the best."""
 TIMES = 4  # numbers of a Timing
 NONE: Mapping[str, float] = MappingProxyType({})
 
@@ -73,7 +75,9 @@ class Space:
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: WIDTH * q.sizes[1] for n, q in effects.items()}
-        self._timed = (*(unit(p, n) == "s" for n in self.names), *[True] * TIMES)
+        # with mocap the age of a message moves readings alone, without it commands as well
+        own = (READING_STEP if late else TIMING_STEP, TIMING_STEP, TIMING_STEP, READING_STEP)
+        self._timed = (*(TIMING_STEP if unit(p, n) == "s" else 0.0 for n in self.names), *own)
         self._inner = Coordinates(p, self.names, known, amounts)
         ends = (np.array([-1.0, 0.0, 0.0, -1.0]), np.array([1.0, AHEAD / LATE_REACH, 1.0, 1.0]))
         reach = np.array([BELIEVED if n in known else np.inf for n in self.names])
@@ -124,7 +128,7 @@ class Space:
         for i in range(len(self)):
             timed = self._timed[i]
             width = widths[i - n] if i >= n else self._inner.width(i)
-            size = TIMING_STEP / width if timed else STEP
+            size = timed / width if timed else STEP
             up = min(size, self.high[i] - x[i])
             down = min(size, x[i] - self.low[i]) if timed or up < size else 0.0
             out.append((float(up), float(down)))
