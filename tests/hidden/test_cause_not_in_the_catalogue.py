@@ -34,10 +34,11 @@ LEVEL = ("steering_trim", "gyro_bias", "imu_pitch", "imu_roll", "load_transfer",
 """What moves a whole channel to one side, or hardly shows: without its name there is silence."""
 BY_DEFAULT = ("mocap_offset_x", "mocap_yaw", "gyro_scale")
 RELATIVES = tuple(n for n in SIZES if n not in SHOWN and n not in LEVEL)
-NOT_WRITTEN_DOWN = {("yaw_inertia", "steering_delay"), ("centre_of_mass", "yaw_damping"),
-                    ("gyro_latency", "encoder_slip")}
-"""Pairs that are taken for each other though neither file of an effect says so: a late gyro draws
-the age of all messages along, and an encoder that is then early reads more under drive force."""
+NOT_WRITTEN_DOWN = {("yaw_inertia", "steering_delay"), ("centre_of_mass", "yaw_damping")}
+"""Pairs that are taken for each other though neither file of an effect says so."""
+WRONG = {"gyro_latency": "a late gyro draws the age of all messages along, and an encoder that is "
+                         "then early looks like encoder_slip: a wrong name, and nothing is flagged"}
+"""What still gets another name than a relative's."""
 
 
 def files(folder, name, seed):
@@ -61,6 +62,11 @@ def share_of_right(without, recording, name, other=""):
     point = refit(seen, noise, exact, exact.point(Timing()))
     gains = {t.effect: t.gain for t in scan(seen, noise, point, [name, other])}
     return gains[other] / gains[name]
+
+
+def still_wrong(names):
+    return [pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=WRONG[n]))
+            if n in WRONG else n for n in names]
 
 
 def by_default(names):
@@ -89,7 +95,7 @@ def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", RELATIVES)
+@pytest.mark.parametrize("name", still_wrong(RELATIVES))
 def test_what_takes_the_place_of_a_cause_is_its_relative_and_explains_less(tmp_path, name):
     """Near relatives are named for each other. Where nothing is said to be left, the first of them
     must be one that is written down as such, and it never gains more than the right one does."""

@@ -28,7 +28,7 @@ CLOSE = 0.7  # of the largest gain: the full fit decides between these
 LEAST, NOT_TRIED = 0.8, 0.4
 """Of the small size of an effect: below that it is within what conventions do, and what is found
 even smaller before a full fit is not tried."""
-FAINT = "smaller than what sampling and timing conventions can pretend"
+TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
 FIRM, CHANCE = 1.0, 0.05
 """Standard errors by which data left out must like an effect; or how seldom chance alone would
 make as many recordings like it: a few that gain much more than the others are no doubt."""
@@ -108,7 +108,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)
-             and not _faint(catalogue()[t.effect], t.values, NOT_TRIED)]
+             and not _too_small(catalogue()[t.effect], t.values, NOT_TRIED)]
     fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
             if t.gain > CLOSE * again[0].gain}
     direction = directions(point)
@@ -124,8 +124,8 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
         elif accepted and (trial.gain < AS_MUCH * trials[0].gain or any(
                 abs(float(direction(trial) @ d)) > APART for d in taken)):
             why = f"gains less than {accepted[0][0].effect}"
-        elif _faint(catalogue()[trial.effect], trial.values, NOT_TRIED):
-            why = FAINT
+        elif _too_small(catalogue()[trial.effect], trial.values, NOT_TRIED):
+            why = TOO_SMALL
         elif trial not in again:
             why = "does not surely lower the loss of data left out of the fit, nor did it before"
         elif failures == TRIES:
@@ -164,8 +164,8 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
     gain = point.loss() - candidate.loss()
     if gain <= limit:
         return "the full fit does not keep what the linear one promised"
-    if _faint(effect, _values(candidate, effect), LEAST):
-        return FAINT
+    if _too_small(effect, _values(candidate, effect), LEAST):
+        return TOO_SMALL
     if doubt := held.doubt(int(rows.recording.max()) + 1):
         return doubt
     if only_read(effect) and _at_odds(candidate, effect, rows) > max(AT_ODDS, OF_GAIN * gain):
@@ -176,7 +176,7 @@ def _why_not(evidence: Evidence, point: Point, candidate: Point, trial: Trial, r
     return ""
 
 
-def _faint(effect: Effect, values: Mapping[str, float], share: float) -> bool:
+def _too_small(effect: Effect, values: Mapping[str, float], share: float) -> bool:
     """Whether every parameter that is an effect of its own is below a share of its small size."""
     return all(abs(values.get(q.name, q.null) - q.null) < share * q.sizes[0]
                for q in scanned(effect))
