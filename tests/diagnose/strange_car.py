@@ -45,6 +45,19 @@ def wind(newton):
     return pushed(force)
 
 
+def out_of_round(newton):
+    """A wheel with a flat that is met once in a metre."""
+    def wrap(step, dt):
+        way = [0.0]
+
+        def stranger(*now):
+            x, y, eta, vx, vy, om = step(*now)
+            way[0] += vx * dt
+            return (x, y, eta, vx + newton * np.sin(2.0 * np.pi * way[0]) / MASS * dt, vy, om)
+        return stranger
+    return wrap
+
+
 def torque_steer(rad):
     """The motor turns the wheels: by ``rad`` at a tenth of full throttle."""
     return steered(lambda vx, tau, delta: delta + rad * (tau - 0.2) / 0.1)
@@ -80,6 +93,7 @@ CARS = {
     "rubs_to_the_left": (rubs_to_the_left(0.3), {"v_x"},
                          {"steering_angle", "direction", "lateral_acceleration"}),
     "wind": (wind(0.3), {"v_x", "v_y"}, {"heading", "x", "y"}),
+    "out_of_round": (out_of_round(0.3), {"v_x"}, {"way"}),
     "torque_steer": (torque_steer(0.02), {"omega", "v_y"}, {"throttle", "speed"}),
     "soft_at_speed": (soft_at_speed(0.15), {"omega", "v_y"},
                       {"steering_angle", "direction", "lateral_acceleration"}),

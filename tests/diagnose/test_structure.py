@@ -31,9 +31,9 @@ def group(channels, step, seed, recordings=1, memory=0.0):
     features = {name: smooth(rng, t, forgets) for name, forgets in {
         "speed": 3.0, "steering_angle": 1.0, "throttle": 2.0, "x": 5.0, "y": 5.0}.items()}
     heading = np.cumsum(features["steering_angle"]) * step
-    turns = np.cumsum(2.0 + 0.3 * features["speed"]) * step / 0.0413
-    features |= {"time": t, "heading": heading % (2.0 * np.pi) - np.pi,
-                 "revolution_angle": turns % 1.0,
+    way = np.cumsum(2.0 + 0.3 * features["speed"]) * step
+    features |= {"time": t, "way": way, "heading": heading % (2.0 * np.pi) - np.pi,
+                 "revolution_angle": way / 0.0413 % 1.0,
                  "direction": np.sign(features["steering_angle"])}
     y = np.stack([smooth(rng, t, memory) for _ in channels], axis=1)
     return Group(channels, y, np.full(len(channels), 0.02), features,
@@ -82,6 +82,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     (windows, "v_x", lambda f: f["time"], {("time",)}),
     (messages, "encoder", lambda f: np.sin(2.0 * np.pi * (f["revolution_angle"] + 0.2)),
      {("revolution_angle",)}),
+    (windows, "v_x", lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3 + 2.0), {("way",)}),
     (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
 ])
 def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
@@ -94,13 +95,33 @@ def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
     assert found[0].along[0] in found[0].structure
 
 
-def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise():
+@pytest.mark.parametrize("curve", [lambda f: f["speed"],
+                                   lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3)])
+def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     """The negative control: as large, as smooth, but it follows no function of the features."""
-    of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
+    of = planted(windows(5), "v_x", curve, 0.6)
     assert structure([of])
     _, stretch = np.unique(of.block, return_inverse=True)
     signs = np.random.default_rng(3).choice([-1.0, 1.0], stretch.max() + 1)
     assert not structure([replace(of, y=of.y * signs[stretch][:, None])])
+
+
+def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_own():
+    of = windows(6, recordings=3)
+    phase = np.array([0.3, 2.1, 4.0])[of.recording]
+    wave = 0.8 * np.sin(2.0 * np.pi * of.features["way"] / 0.9 + phase)
+    found, = structure([replace(of, y=of.y + np.outer(wave, [1.0, 0.0, 0.0]))])
+    assert (found.channel, found.along) == ("v_x", ("way",))
+    assert found.period == pytest.approx(0.9, rel=0.01)
+    assert "every 0.90 m" in found.structure
+    size = float(found.structure.split("+-")[1].split()[0])
+    assert size == pytest.approx(0.8 * of.size[0], rel=0.15)
+
+
+def test_a_car_that_hardly_moves_has_no_waves():
+    of = windows(6)
+    standing = {**of.features, "way": 1e-3 * of.features["time"]}
+    assert structure([replace(of, features=standing)]) == ()
 
 
 def test_a_level_of_each_recording_is_called_that():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.identify.shooting.descent import bounded
+from dart_hal.identify.shooting.descent import bounded, descend
 
 
 def quadratic(normal, slope, move):
@@ -54,3 +54,11 @@ def test_without_a_bound_it_is_the_newton_step():
     normal, slope = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([1.0, -3.0])
     far = np.full(2, 1e9)
     assert bounded(normal, slope, -far, far) == pytest.approx(-np.linalg.solve(normal, slope))
+
+
+@pytest.mark.parametrize(("reach", "ends"), [(0.5, 0.5 * np.pi), (np.inf, 5.5 * np.pi)])
+def test_no_step_goes_further_than_its_slope_is_believed(reach, ends):
+    """Where a slope is nearly flat a step would leap over the nearest bottom; beyond others."""
+    found = descend(lambda x: np.cos(x), lambda x, r: -np.sin(x)[:, None], np.array([0.04]),
+                    np.array([-50.0]), np.array([50.0]), robust=1e6, prior=0.0, reach=reach)
+    assert found.x[0] == pytest.approx(ends, abs=1e-2)

@@ -22,16 +22,16 @@ WAVES, PAIR_WAVES = 5, 4
 TAIL = 0.02  # beyond these quantiles a function is flat: a few extreme values do not lead
 DRIVING = ("speed", "steering_angle", "steering_rate", "throttle", "lateral_acceleration",
            "direction")
-MIXED = (("x", "y"), ("x", "y", "direction"), ("heading", "speed"), ("time", "speed"),
-         ("time", "throttle"), ("time", "steering_angle"), ("revolution_angle", "speed"),
-         ("recording", "time"))
+MIXED = (("x", "y"), ("x", "direction"), ("y", "direction"), ("x", "y", "direction"),
+         ("heading", "speed"), ("time", "speed"), ("time", "throttle"), ("time", "steering_angle"),
+         ("revolution_angle", "speed"), ("recording", "time"))
 """Sets of more than one variable that a cause could plausibly need, besides pairs of DRIVING."""
 
 
 def sets(features: Mapping[str, FloatArray]) -> list[tuple[str, ...]]:
-    """Sets of variables to try, the small ones first."""
+    """Sets of variables to try, the small ones first; of the way there are waves alone."""
     several = [*combinations(DRIVING, 2), *MIXED]
-    return [*((name,) for name in features),
+    return [*((name,) for name in features if name != "way"),
             *(s for s in several if all(name in features for name in s))]
 
 

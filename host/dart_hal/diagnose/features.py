@@ -24,10 +24,12 @@ from .residuals import Evidence
 UNITS = MappingProxyType({
     "speed": "m/s", "steering_angle": "rad", "steering_rate": "rad/s", "throttle": "-",
     "acceleration": "m/s2", "lateral_acceleration": "m/s2", "yaw_rate": "rad/s", "time": "s",
-    "x": "m", "y": "m", "heading": "rad", "revolution_angle": "turn", "direction": "-"})
+    "x": "m", "y": "m", "heading": "rad", "revolution_angle": "turn", "direction": "-",
+    "way": "m"})
 """Every feature and its unit. steering_angle: of the road wheels, behind delay, lag and map;
 steering_rate: its mean change; time: since the recording began; heading: -pi to pi;
-revolution_angle: of the encoder's gear, 0 to 1; direction: 1 left, -1 right, 0 straight on."""
+revolution_angle: of the encoder's gear, 0 to 1; direction: 1 left, -1 right, 0 straight on;
+way: driven since the recording began."""
 STRAIGHT = 0.15
 """rad/s; a mean yaw rate below it is no turn."""
 Features = dict[str, FloatArray]
@@ -84,7 +86,8 @@ def _of(drive: Drive, p: Vehicle, first: FloatArray, last: FloatArray) -> Featur
         "yaw_rate": turn, "time": at(g.t, middle), "x": at(g.x, middle), "y": at(g.y, middle),
         "heading": _wrapped(at(g.yaw, middle)),
         "revolution_angle": at(turns * STEP / GEAR_REVOLUTION, middle) % 1.0,
-        "direction": np.sign(np.where(np.abs(turn) < STRAIGHT, 0.0, turn))}
+        "direction": np.sign(np.where(np.abs(turn) < STRAIGHT, 0.0, turn)),
+        "way": at(turns * STEP, middle)}
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:

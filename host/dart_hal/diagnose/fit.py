@@ -163,7 +163,8 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     found = descend(residual, jacobian, x, space.low, space.high,
-                    robust=np.concatenate([ROBUST * root, far]), prior=1e-9, rounds=rounds)
+                    robust=np.concatenate([ROBUST * root, far]), prior=1e-9, rounds=rounds,
+                    reach=space.reach)
     n = len(root)
     return Point(space, found.x, found.residual[:n] / root, worth,
                  found.jacobian[:n] / root[:, None])

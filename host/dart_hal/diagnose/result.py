@@ -114,6 +114,7 @@ class Unexplained:
     """Structure of the last residual that no effect of the catalogue explains.
 
     along: the variables it depends on; share: of the variance of that residual.
+    period: of its one variable, after which it comes again; 0 where it does not.
     """
 
     channel: str
@@ -121,6 +122,7 @@ class Unexplained:
     along: tuple[str, ...]
     p_value: float
     share: float
+    period: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``unexplained``."""

@@ -27,6 +27,7 @@ and for the next row, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SP
 APART_REACH, APART_SPREAD = 0.008, 0.004
 """s; between gyro and encoder, at most and usually: half of what the smoothing reaches."""
 AHEAD = 0.100  # s; commands are logged with the next message, up to this late
+AHEAD_STEP = 0.020  # s; of one step of a fit
 BELIEVED = 3.5
 """Stated standard errors that a parameter may move: beyond, something else must be the cause."""
 WIDTH = 4.0  # medium sizes that an effect is expected to have, one standard deviation
@@ -92,6 +93,13 @@ class Space:
         """(k,) how hard the prior pulls to 0; not at all at the age of commands: it has bounds."""
         return np.concatenate([np.ones(len(self.names)), [
             (LATE_REACH / LATE_SPREAD)**2, 0.0, 0.0, (APART_REACH / APART_SPREAD)**2]])
+
+    @property
+    def reach(self) -> FloatArray:
+        """(k,) how far one step may go: commands change in steps and ramps, and how well an age
+        suits them has more than one best."""
+        return np.concatenate([np.full(len(self.names), np.inf),
+                               [np.inf, AHEAD_STEP / LATE_REACH, np.inf, np.inf]])
 
     def split(self, x: FloatArray) -> tuple[Vehicle, Timing]:
         """The vehicle and the timing at a point."""

@@ -28,6 +28,7 @@ from .onboard import OnboardEvidence
 from .readings import SENSORS
 from .residuals import MOTION, Evidence, Residuals
 from .result import Unexplained
+from .waves import WAY, wave, waves
 
 READ_OUT = 2  # the one at 0.5 s: as far as from window to window
 UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
@@ -40,6 +41,7 @@ MORE, MORE_THAN = 0.01, 1.25  # what another variable must add, and by how much 
 BLOCK = 2.0  # s
 MOST_BLOCKS, FEWEST_BLOCKS = 200, 10  # 2**10 ways to turn signs: enough for a level of 1 %
 FOLDS, RECORDINGS = 8, 3  # recordings from which on they are left out whole
+LAST = 9  # a set of more variables than any has
 WITHIN = ("time", "recording")  # variables whose effect need not carry over to another recording
 
 
@@ -62,12 +64,14 @@ class Found:
 
     of: (channel, variables) of each. turned, left (s, k): the same by chance,
     with turned signs of the residuals and of what the best functions leave of them.
+    least (k,): share below which it is not worth a word.
     """
 
     of: list[tuple[str, tuple[str, ...]]]
     share: FloatArray
     turned: FloatArray
     left: FloatArray
+    least: FloatArray
 
     def p_values(self) -> FloatArray:
         """Of each function, over the family of all of them, (k,).
@@ -77,8 +81,15 @@ class Found:
         little too narrow for noise with a memory. So the sharp one decides, and
         the exact one must nearly agree.
         """
-        return np.maximum(_family_wise(self.share, self.left),
-                          _family_wise(self.share, self.turned) / NEARLY)
+        return np.maximum(self._family_wise(self.left), self._family_wise(self.turned) / NEARLY)
+
+    def _family_wise(self, null: FloatArray) -> FloatArray:
+        """By chance alone, too, only what is worth a word is in the way of the others."""
+        share = np.vstack([self.share, null])
+        scores = np.where(share >= self.least, normal_scores(share), -np.inf)
+        chance = np.sort(scores[1:].max(axis=1))
+        beaten_by = len(chance) - np.searchsorted(chance, scores[0])
+        return np.asarray((1.0 + beaten_by) / (1.0 + len(chance)))
 
 
 def unexplained(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise, seed: int = 0,
@@ -133,15 +144,15 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
     p_value = found.p_values()
     out = []
     for group in of:
-        told = np.minimum(group.y.var(axis=0), 1.0)
         for i, channel in enumerate(group.channels):
             mine = {found.of[k][1]: (float(found.share[k]), float(p_value[k]))
                     for k in range(len(found.of)) if found.of[k][0] == channel
-                    and p_value[k] <= level and found.share[k] * told[i] >= MATERIAL}
+                    and p_value[k] <= level and found.share[k] >= found.least[k]}
             if mine:
                 along = _simplest({k: share for k, (share, _) in mine.items()})
                 share, p = mine[along]
-                out.append(Unexplained(channel, _words(group, i, along), along, p, share))
+                period, words = _words(group, i, along)
+                out.append(Unexplained(channel, words, along, p, share, period))
     return tuple(sorted(out, key=lambda u: (u.p_value, -u.share)))
 
 
@@ -169,24 +180,19 @@ def _search(of: list[Group], seed: int, turns: int) -> Found | None:
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], (turns, len(labels)))
     names: list[tuple[str, tuple[str, ...]]] = []
-    tables = []
+    tables, least = [], []
     for group in of:
         present, block = np.unique(group.block, return_inverse=True)
         if len(present) >= FEWEST_BLOCKS:
             table, tried = _tried(group, block, signs[:, np.searchsorted(labels, present)], rng)
             tables.append(table)
+            told = np.clip(group.y.var(axis=0), 1e-12, 1.0)
+            least.append(np.tile(MATERIAL / told, len(tried)))
             names += [(channel, along) for along in tried for channel in group.channels]
     if not tables:
         return None
     table = np.concatenate(tables, axis=1)
-    return Found(names, table[0], table[1:1 + turns], table[1 + turns:])
-
-
-def _family_wise(share: FloatArray, null: FloatArray) -> FloatArray:
-    scores = normal_scores(np.vstack([share, null]))
-    chance = np.sort(scores[1:].max(axis=1))
-    beaten_by = len(chance) - np.searchsorted(chance, scores[0])
-    return np.asarray((1.0 + beaten_by) / (1.0 + len(chance)))
+    return Found(names, table[0], table[1:1 + turns], table[1 + turns:], np.concatenate(least))
 
 
 def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.random.Generator
@@ -196,18 +202,20 @@ def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.ra
     within, across = _folds(group, block, rng)
     tried = sets(features)
     folds = [within if set(along) & set(WITHIN) else across for along in tried]
+    _, recording = np.unique(group.recording, return_inverse=True)
 
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
-        return np.stack([predicted_share(basis(features, along), Rows(y, block, fold), signs)
-                         for along, fold in zip(tried, folds, strict=True)], axis=1)
+        return np.stack([*(predicted_share(basis(features, along), Rows(y, block, fold), signs)
+                           for along, fold in zip(tried, folds, strict=True)),
+                         waves(Rows(y, block, within), features["way"], recording, signs)], axis=1)
 
     share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
     left = y.copy()
-    for i, best in enumerate(share[0].argmax(axis=0)):
+    for i, best in enumerate(share[0, :len(tried)].argmax(axis=0)):
         if share[0, best, i] > 0.0:
             left[:, i] -= held_out(basis(features, tried[best]), y[:, i], folds[best])
     both = np.concatenate([share, table(left, signs)])
-    return both.reshape(len(both), -1), tried
+    return both.reshape(len(both), -1), [*tried, WAY]
 
 
 def _features(group: Group) -> dict[str, FloatArray]:
@@ -233,26 +241,34 @@ def _folds(group: Group, block: NDArray[np.int64], rng: np.random.Generator
 
 
 def _simplest(share: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
-    """The best variable, or the best set of more where one is not nearly enough."""
+    """The best variable, or the best set of more where one is not nearly enough.
+
+    Last of all waves along the way: on circles what depends on the place comes again as well.
+    """
     best: tuple[str, ...] = ()
-    for size in sorted({len(along) for along in share}):
-        here = max((along for along in share if len(along) == size), key=lambda a: share[a])
+    rank = {along: LAST if along == WAY else len(along) for along in share}
+    for size in sorted(set(rank.values())):
+        here = max((along for along in share if rank[along] == size), key=lambda a: share[a])
         if not best or share[here] > MORE_THAN * share[best] + MORE:
             best = here
     return best
 
 
-def _words(group: Group, channel: int, along: tuple[str, ...]) -> str:
-    """Where the model is furthest off to either side."""
+def _words(group: Group, channel: int, along: tuple[str, ...]) -> tuple[float, str]:
+    """Its period, 0 if it has none; where the model is furthest off, or how large its waves are."""
     features = _features(group)
+    name, unit = group.channels[channel], UNIT[group.channels[channel]]
+    lead = f"model minus measured {name}{' after 0.5 s' if name in MOTION else ''}"
+    if along == WAY:
+        length, size = wave(_centred(group)[:, channel], features["way"], group.recording)
+        size *= float(group.size[channel])
+        return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m of way"
     curve = fitted(basis(features, along), _centred(group)[:, channel]) * group.size[channel]
-    name = group.channels[channel]
-    after = " after 0.5 s" if name in MOTION else ""
     ends = []
     for row in (int(np.argmax(curve)), int(np.argmin(curve))):
         where = ", ".join(f"{n} {features[n][row]:.3g}{_unit(n)}" for n in along)
-        ends.append(f"{curve[row]:+.2g} {UNIT[name]} at {where}")
-    return f"model minus measured {name}{after}: {ends[0]}; {ends[1]}"
+        ends.append(f"{curve[row]:+.2g} {unit} at {where}")
+    return 0.0, f"{lead}: {ends[0]}; {ends[1]}"
 
 
 def _unit(name: str) -> str:

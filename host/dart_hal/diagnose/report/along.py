@@ -118,9 +118,14 @@ class Rows:
         values = column.of(r)
         return values * self.features(column)["direction"] if column.folded else values
 
-    def means(self, column: Column, variable: str, r: Residuals) -> Means | None:
-        """Along a variable; None with too few rows, or where the variable does not vary."""
+    def means(self, column: Column, variable: str, r: Residuals, period: float = 0.0
+              ) -> Means | None:
+        """Along a variable; None with too few rows, or where the variable does not vary.
+
+        period: after which it counts from 0 again.
+        """
         x, y = self.features(column)[variable], self.values(column, r)
+        x = x % period if period else x
         good = np.isfinite(x) & np.isfinite(y)
         if column.folded:
             good &= self.features(column)["direction"] != 0.0
@@ -180,13 +185,13 @@ def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | Non
                key=lambda a: order.index(a.variable))
 
 
-def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage | None = None
-          ) -> Along | None:
+def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage | None = None,
+          period: float = 0.0) -> Along | None:
     """One picture; None where there is too little to draw."""
     if variable not in UNITS:
         return None
-    was = rows.means(column, variable, before.residuals)
-    now = rows.means(column, variable, after.residuals) if after is not None else was
+    was = rows.means(column, variable, before.residuals, period)
+    now = rows.means(column, variable, after.residuals, period) if after is not None else was
     if was is None or now is None:
         return None
     values = rows.values(column, before.residuals)
@@ -205,9 +210,9 @@ def stages_of(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
 
 def _tried(rows: Rows, column: Column, before: Stage, after: Stage | None) -> Iterator[Along]:
     for variable in UNITS:
-        if variable == "direction" or (column.folded and variable in (
+        if variable in ("direction", "way") or (column.folded and variable in (
                 "steering_angle", "lateral_acceleration", "yaw_rate")):
-            continue  # there the sense of the turn is the axis itself
+            continue  # there the sense of the turn is the axis itself; of the way there are waves
         found = along(rows, column, variable, before, after)
         if found is not None:
             yield found

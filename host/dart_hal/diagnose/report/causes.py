@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dart_hal.diagnose.result import Cause, Diagnosis
+from dart_hal.diagnose.result import Cause, Diagnosis, Unexplained
 from dart_hal.vehicle.effects import catalogue
 
 from . import svg
@@ -55,10 +55,11 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
     parts: list[Html] = []
     for u in d.unexplained:
         parts.append(el("div", el("p", structure(u)), class_="cause bad"))
-        picture = _left(d, u.channel, u.along, rows)
+        picture = _left(d, u, rows)
         if picture is not None:
-            words = (f"{picture.column.words}, along {variable(picture.variable)}: the last model "
-                     "on the test recordings (found on the training recordings)")
+            again = f", from 0 again every {u.period:.2f} m" if u.period else ""
+            words = (f"{picture.column.words}, along {variable(picture.variable)}{again}: the last "
+                     "model on the test recordings (found on the training recordings)")
             parts.append(el("figure", el("figcaption", words),
                             before_after(picture, u.channel, only_before=True)))
     head = ("channel", "structure", "with", "p", "share of the rest")
@@ -112,11 +113,11 @@ def _captioned(a: Along, what: str) -> Html:
     return el("figure", el("figcaption", words), before_after(a, what))
 
 
-def _left(d: Diagnosis, name: str, variables: tuple[str, ...], rows: Rows) -> Along | None:
+def _left(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:
     """The last residual of a channel along the first variable that can be drawn."""
-    wanted = columns(d.evidence, name)
-    for v in variables:
-        tried = [along(rows, column, v, d.stages[-1]) for column in wanted]
+    wanted = columns(d.evidence, u.channel)
+    for v in u.along:
+        tried = [along(rows, column, v, d.stages[-1], period=u.period) for column in wanted]
         found = [a for a in tried if a is not None]
         if found:
             return max(found, key=lambda a: a.score)

@@ -142,7 +142,8 @@ def variable(name: str) -> str:
     """A feature in words."""
     return {"x": "place (x)", "y": "place (y)", "time": "time in the recording",
             "revolution_angle": "angle of the encoder's gear",
-            "direction": "direction of the turn"}.get(name, name.replace("_", " "))
+            "direction": "direction of the turn",
+            "way": "way since the start"}.get(name, name.replace("_", " "))
 
 
 def listed(names: Sequence[str], word: str) -> str:

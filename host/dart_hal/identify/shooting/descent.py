@@ -37,10 +37,11 @@ class Descent:
 def descend(residual: Callable[[FloatArray], FloatArray],
             jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
             low: FloatArray, high: FloatArray, *, robust: float | FloatArray, prior: float,
-            rounds: int = ROUNDS) -> Descent:
+            rounds: int = ROUNDS, reach: float | FloatArray = np.inf) -> Descent:
     """Minimise the soft L1 of residual(x) beyond ``robust`` (a number or (n,)), plus prior * |x|^2.
 
-    jacobian(x, r) (n, k) at x, where the residual is r.
+    jacobian(x, r) (n, k) at x, where the residual is r. reach: how far a slope is
+    believed, a number or (k,); no step goes further.
     """
     x = np.clip(x, low, high)
     r = residual(x)
@@ -52,7 +53,8 @@ def descend(residual: Callable[[FloatArray], FloatArray],
         slope = jac.T @ (weight * r) + prior * x
         cost, moved = _cost(r, x, robust, prior), False
         while damping < TOO_HARD:
-            trial = _step(x, hessian, slope, damping, low, high)
+            trial = _step(x, hessian, slope, damping, np.maximum(low, x - reach),
+                          np.minimum(high, x + reach))
             r_trial = residual(trial)
             gain = cost - _cost(r_trial, trial, robust, prior)
             if gain > 0.0:
