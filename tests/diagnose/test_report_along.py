@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import made_by_hand as made
 import numpy as np
 import pytest
@@ -47,6 +49,8 @@ def test_the_causes_in_the_other_order_are_not_confused():
     d = made.diagnosis()
     assert [s.label for s in stages_of(d, 1)] == ["+ steering_lag", "+ gyro_scale"]
     assert [s.label for s in stages_of(d, 0)] == ["refitted base", "+ steering_lag"]
+    together = replace(d.stages[-1], label="all fitted together")
+    assert stages_of(replace(d, stages=(*d.stages, together)), 1) == stages_of(d, 1)
 
 
 def test_a_stage_that_changes_nothing_has_nothing_to_show():

@@ -58,7 +58,9 @@ GROUPS: dict[str, Group] = {
     "null paper": Group("null", seeds=20, base="paper"),
     "null fixed": Group("null", seeds=20, base="fixed"),
     "null onboard": Group("null", seeds=20, mocap=False),
-    "pair": Group("pair", seeds=40), "far": Group("far", seeds=2), "near": Group("near", seeds=2)}
+    "pair": Group("pair", seeds=40), "pair fixed": Group("pair", seeds=40, base="fixed"),
+    "far": Group("far", seeds=2), "far fixed": Group("far", seeds=2, base="fixed"),
+    "near": Group("near", seeds=2)}
 
 
 @dataclass(frozen=True)

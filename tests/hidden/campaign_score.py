@@ -19,7 +19,8 @@ TARGETS: dict[str, dict[str, float]] = {
     "disturbed": {"right": 0.80}, "rough": {"right": 0.75}, "onboard": {"right": 0.60},
     "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "null fixed": {"wrong": 0.01},
     "fixed": {"right": 0.95, "wrong": 0.02}, "pair": {"right": 0.85},
-    "far": {"right": 0.95}, "near": {"right": 0.80}}
+    "pair fixed": {"right": 0.85}, "far": {"right": 0.95}, "far fixed": {"right": 0.95},
+    "near": {"right": 0.80}}
 """Least share that is right, largest share that is wrong."""
 PROTOTYPE = {"small": 0.76, "medium": 0.895, "large": 1.0, "disturbed": 0.71, "gentle": 0.71,
              "rough": 0.58, "onboard": 0.44, "onboard large": 0.67, "null": 1.0, "pair": 1.0,

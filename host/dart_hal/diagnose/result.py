@@ -132,7 +132,8 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """The model after one more step: the base, the refitted base, and each cause in order.
+    """The model after one more step: the base, the refitted base, each cause in order, and all
+    fitted together where that is surely better.
 
     horizons: errors on the test recordings as ``evaluate`` gives them, numbers
     that cannot be known None; residuals: on the test drives, in SI units.

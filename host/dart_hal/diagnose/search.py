@@ -33,7 +33,8 @@ NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """points: the fitted base, and with one effect more each; ranking: trials of the first round.
+    """points: the fitted base, with one effect more each, and if that is better the fit from
+    where the search has ended; ranking: trials of the first round.
 
     noise: that of the motion as the base left it. The search measures it anew with
     every cause, to see smaller ones; but to weigh by what a fit has left makes the
@@ -97,7 +98,7 @@ class Search:
             return Found((base,), noise, (), rejected, first, refit_loss)
         noise = noise.with_motion(sizes)
         points = self.steps(base, point, noise, [one.effect for one in named])
-        return Found((*points[:-1], self._last(points[-1], point, noise)), noise, tuple(named),
+        return Found((*points, *self._together(points[-1], point, noise)), noise, tuple(named),
                      rejected, first, refit_loss)
 
     def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
@@ -126,17 +127,17 @@ class Search:
             return near
         return refit(self._evidence, noise, space, near.x)
 
-    def _last(self, near: Point, point: Point, noise: Noise) -> Point:
-        """The last of the steps, or the fit from where the search has ended.
+    def _together(self, near: Point, point: Point, noise: Noise) -> tuple[Point, ...]:
+        """The fit from where the search has ended, if it is better than the last of the steps.
 
-        That only if the motion is surely better told: for what a sensor gains the
-        car is not moved.
+        That is, if the motion is surely better told: for what a sensor gains the car
+        is not moved.
         """
         far = refit(self._evidence, noise, point.space, point.x)
         motion = rows_at(self._evidence, point).channel >= 0
         told = [float(p.worth[motion] @ loss(p.residual[motion])) + p.prior(np.zeros(len(p.x)))
                 for p in (near, far)]
-        return far if told[1] < told[0] - SURELY else near
+        return (far,) if told[1] < told[0] - SURELY else ()
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:

@@ -36,6 +36,7 @@ from .structure import groups, shares, unexplained
 
 IMPOSTOR = 0.6
 """Share of the structure that may be left after the causes: above it they have not explained it."""
+TOGETHER = "all fitted together"  # where that is better than one after the other
 MAINLY = 0.2  # of what a cause takes away, from where on a channel is one it acts on
 FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe
 
@@ -145,8 +146,9 @@ def _by_channel(q: Question, rows: Rows, x: FloatArray) -> dict[str, float]:
 
 
 def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tuple[Stage, ...]:
-    labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named)]
-    stages = [_stage(q, label, as_logged(q, p), p) for label, p in zip(labels, points, strict=True)]
+    labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named), TOGETHER]
+    stages = [_stage(q, label, as_logged(q, p), p)
+              for label, p in zip(labels[:len(points)], points, strict=True)]
     base = [_stage(q, q.model, q.base, points[0])] if q.refit else []
     return tuple(base + stages)
 

@@ -204,7 +204,7 @@ def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage
 
 def stages_of(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
     """The stage before and the one with the cause number i."""
-    at = len(d.stages) - len(d.causes) + i
+    at = [s.label for s in d.stages].index(f"+ {d.causes[i].effect}")
     return d.stages[at - 1], d.stages[at]
 
 
