@@ -63,18 +63,16 @@ class Drive:
     still: NDArray[np.bool_]
     felt: FloatArray
 
-    def commanded(self, throttle_s: float, steering_s: float) -> Grid | None:
-        """With commands that come so much later [s]; None where no message says when they came.
+    def commanded(self, channel: str, later: float) -> FloatArray | None:
+        """A command that comes so much later [s]; None where no message says when it came.
 
         To move the series of samples instead would smear a step over two of
         them, more or less at every delay, and the loss would be rough along it.
         """
         if self.recording.schema == "C":
             return None
-        g, m = self.grid, self.recording.messages
-        sent = message_time(m)
-        return replace(g, throttle=held(sent + throttle_s, m.throttle, len(g)),
-                       steering=held(sent + steering_s, m.steering, len(g)))
+        m = self.recording.messages
+        return held(message_time(m) + later, getattr(m, channel), len(self.grid))
 
     def without_mocap_effects(self, p: Vehicle, l_r: float) -> Grid:
         """The motion if the mocap had not done to the pose what the effects of p say.
@@ -150,12 +148,9 @@ def held(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
     return _level(np.diff(integral) / STEP)
 
 
-def spread_over(g: Grid, spread: float) -> Grid:
-    """With commands that come up to ``spread`` [s] earlier or later: what they do in the mean."""
-    if 2.0 * spread <= STEP:
-        return g
-    return replace(g, throttle=_blurred(g.throttle, spread / STEP),
-                   steering=_blurred(g.steering, spread / STEP))
+def spread_over(command: FloatArray, spread: float) -> FloatArray:
+    """A series (n,) that comes up to ``spread`` [s] earlier or later: what it is in the mean."""
+    return _blurred(command, spread / STEP) if 2.0 * spread > STEP else command
 
 
 def between(series: FloatArray, at: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.identify.commands import actuated
+from dart_hal.identify.commands import angle_behind, throttle_behind
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
@@ -101,8 +101,10 @@ def _measured(drive: Outing, p: Vehicle, q: Vehicle,
     Small changes: an effect is taken off once. The speed sideways is that of a
     car that has been turning like this for a while.
     """
-    throttle, angle = actuated(p, spread_over(drive.grid, spread), smooth=True, means=True)
-    g = _with_sideways(drive.grid, q)
+    g = drive.grid
+    throttle = throttle_behind(p, spread_over(g.throttle, spread), g.t, smooth=True, means=True)
+    angle = angle_behind(p, spread_over(g.steering, spread), g.t, smooth=True, means=True)
+    g = _with_sideways(g, q)
     rates = [np.gradient(f, STEP) for f in (g.v_x, g.omega)]
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
     now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, rates[0] - g.omega * g.v_y, g.omega * g.v_x,

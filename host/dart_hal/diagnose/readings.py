@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.commands import actuated
 from dart_hal.recording.dart import Grid, savgol_derivative
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
@@ -52,16 +51,17 @@ def measured(g: Grid) -> Measured:
                     np.cumsum(g.v_x) * STEP / GEAR_REVOLUTION)
 
 
-def driven(p: Vehicle, m: Measured, drive: Drive, late: float, apart: float) -> FloatArray:
+def driven(p: Vehicle, m: Measured, throttle: FloatArray, drive: Drive, late: float,
+           apart: float) -> FloatArray:
     """What each sensor of the moving car should read, minus what it read; (k, 4).
 
-    late: age of the readings [s]; apart: by how much more that of the gyro.
+    throttle (n,): behind its actuator. late: age of the readings [s]; apart: by how
+    much more that of the gyro.
     """
     when, read = drive.at[~drive.still], drive.read[~drive.still]
     if not len(when):
         return np.empty((0, len(SENSORS)))
     g, q = m.grid, settled(p)
-    throttle, _ = actuated(p, g, smooth=True)
     force = make_motor(q.motor, ARRAY)(throttle, g.v_x) + make_friction(q.friction, ARRAY)(g.v_x)
     now = Now(g.t, g.v_x, g.v_y, g.omega, g.yaw, m.a_x, m.a_y, m.alpha, force, m.turns)
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.identify.commands import actuated
+from dart_hal.identify.commands import angle_behind, throttle_behind
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Effect
+from dart_hal.vehicle.effect import Applied, Effect
 from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.signals import late_last
@@ -30,13 +30,15 @@ MOTION = ("v_x", "v_y", "omega")
 SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
                            "accel": ("accel_x", "accel_y")})
 """By signal that is only read: channels of the residuals in which an effect on it shows."""
-POSE, INPUTS = frozenset({"pose"}), frozenset({"throttle", "steering", "angle"})
-KEPT = 16  # parts of models
+POSE, THROTTLE, STEERING = (frozenset(c) for c in (
+    ("pose",), ("throttle",), ("steering", "angle")))
+KEPT = 24  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / STEP
 """Weights by which POINTS poses give a derivative [1/s]."""
+Read = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +138,12 @@ class Evidence:
 
     def _motion(self, p: Vehicle, spread: float) -> FloatArray:
         q = settled(p)
-        on = {c: tuple(a for a in p.effects if c & set(a.effect.signals)) for c in (POSE, INPUTS)}
-        start, seen = self._once(("seen", q.body.l_r, on[POSE]), lambda: self._seen(p, q))
-        throttle, angle = self._once(
-            ("inputs", q.delay, q.steering, q.motor.g, on[INPUTS], spread),
-            lambda: self._inputs(p, spread))
+        start, seen = self._once(("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
+        throttle = self._once(("throttle", _throttle(p, q), spread), lambda: np.repeat(
+            self._inputs(p, spread, "throttle", _held), FINE, axis=0))
+        angle = self._once(
+            ("angle", q.delay.steering_s, q.delay.steering_lag_s, q.steering, _on(p, STEERING),
+             spread), lambda: self._inputs(p, spread, "steering", fine))
         states = rollout(p, start, throttle, angle, at=[FINE * k for k in AT],
                          sample=STEP / FINE, substeps=1, method=METHOD)
         error = _velocities(states) - seen
@@ -156,24 +159,21 @@ class Evidence:
             seen.append(rows.swapaxes(0, 1))
         return np.concatenate(starts, axis=-1), np.concatenate(seen, axis=-1)
 
-    def _inputs(self, p: Vehicle, spread: float) -> tuple[FloatArray, FloatArray]:
-        """Of all windows: throttle and road-wheel angle (FINE * samples, n)."""
-        parts = []
-        for drive in self.drives:
-            over = drive.starts + np.arange(float(AT[-1]))[:, None]
-            throttle, angle = _actuated(p, drive, spread)
-            held = np.repeat(throttle[over.astype(np.int64)], FINE, axis=0)
-            parts.append((held, fine(angle, over)))
-        throttle, angle = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-        return throttle, angle
+    def _inputs(self, p: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
+        """Of all windows, what an actuator did with its command: (samples, n) or finer."""
+        return np.concatenate([read(_actuated(p, drive, spread, channel),
+                                    drive.starts + np.arange(float(AT[-1]))[:, None])
+                               for drive in self.drives], axis=1)
 
     def _sensors(self, p: Vehicle, late: float, apart: float) -> FloatArray:
         q = settled(p)
-        on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
-        seen = self._once(("measured", q.body.l_r, on_pose),
+        seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
-        return np.concatenate([part for drive, m in zip(self.drives, seen, strict=True)
-                               for part in (driven(p, m, drive, late, apart),
+        pulled = self._once(("pulled", _throttle(p, q)), lambda: [
+            throttle_behind(p, d.grid.throttle, d.grid.t, smooth=True) for d in self.drives])
+        return np.concatenate([part for drive, m, throttle
+                               in zip(self.drives, seen, pulled, strict=True)
+                               for part in (driven(p, m, throttle, drive, late, apart),
                                             at_rest(drive, p, True))])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
@@ -195,21 +195,34 @@ def _moves(p: Vehicle) -> Vehicle:
 def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     """What readings depend on, of a vehicle and a measured motion."""
     q = settled(p)
-    on_sensors = tuple(a for a in p.effects if set(SENSED) & set(a.effect.signals))
-    on_pose = tuple(a for a in p.effects if POSE & set(a.effect.signals))
-    on_inputs = tuple(a for a in p.effects if INPUTS & set(a.effect.signals))
-    drive = (q.motor, q.friction, q.delay, on_inputs) if on_sensors else ()
-    return ("readings", q.body, on_pose, on_sensors, drive)
+    on_sensors = _on(p, frozenset(SENSED))
+    drive = (q.motor, q.friction, _throttle(p, q)) if on_sensors else ()
+    return ("readings", q.body, _on(p, POSE), on_sensors, drive)
 
 
-def _actuated(p: Vehicle, drive: Drive, spread: float) -> tuple[FloatArray, FloatArray]:
-    """As ``commands.actuated``, with delays to a part of a sample and spread by as much [s]."""
-    q = settled(p)
-    g = drive.commanded(q.delay.throttle_s, q.delay.steering_s)
-    if g is None:
-        return actuated(q, spread_over(drive.grid, spread), smooth=True, means=True)
-    return actuated(unchecked(q, {"delay": {"throttle_s": 0.0, "steering_s": 0.0}}),
-                    spread_over(g, spread), means=True)
+def _on(p: Vehicle, channels: frozenset[str]) -> tuple[Applied, ...]:
+    """The effects on some signals."""
+    return tuple(a for a in p.effects if channels & set(a.effect.signals))
+
+
+def _throttle(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
+    """What the throttle behind its actuator depends on; q: p settled."""
+    return (q.delay.throttle_s, q.delay.throttle_lag_s, q.motor.g, _on(p, THROTTLE))
+
+
+def _actuated(p: Vehicle, drive: Drive, spread: float, channel: str) -> FloatArray:
+    """As in ``commands.actuated``, with delays to a part of a sample and spread by as much [s]."""
+    q, g, key = settled(p), drive.grid, f"{channel}_s"
+    later = drive.commanded(channel, getattr(q.delay, key))
+    if later is not None:
+        q = unchecked(q, {"delay": {key: 0.0}})
+    command = spread_over(getattr(g, channel) if later is None else later, spread)
+    of = throttle_behind if channel == "throttle" else angle_behind
+    return of(q, command, g.t, smooth=later is None, means=True)
+
+
+def _held(series: FloatArray, at: FloatArray) -> FloatArray:
+    return np.asarray(series[at.astype(np.int64)])
 
 
 def _velocities(states: FloatArray) -> FloatArray:

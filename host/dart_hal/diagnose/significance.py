@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +50,8 @@ class Nothing:
         Never less than independent numbers give for as many effects: what is left may
         be no noise.
         """
-        from scipy.stats import chi2
-
-        independent = float(chi2.isf(false_alarm / max(len(self.inflation), 1), 1))
+        share = false_alarm / max(len(self.inflation), 1)
+        independent = NormalDist().inv_cdf(1.0 - 0.5 * share)**2  # of chi square, one number
         limit = max(float(np.quantile(self.best, 1.0 - false_alarm)), independent)
         return {name: self.inflation.get(name, 1.0) * limit for name in effects}
 

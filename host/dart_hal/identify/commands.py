@@ -21,6 +21,7 @@ from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.steering import make_steering
 
 SAMPLE = 0.01  # s, step of the grid
+BLOCK = 64  # samples of a lag at once
 PARTS = 4  # of a sample, in which an effect with a memory has its mean
 
 
@@ -43,15 +44,33 @@ def lagged(command: FloatArray, lag: float, means: bool = False) -> FloatArray:
     y_0 = u_0, y_i = y_(i-1) + (1 - exp(-0.01/T)) (u_(i-1) - y_(i-1)): what it is as
     sample i begins; means: its mean while u_i is held, u_i + (y_i - u_i) (1 - exp(-0.01/T)) T/0.01.
     """
-    from scipy.signal import lfilter
-
     if lag <= 0.0:
         return command
     keep = math.exp(-SAMPLE / lag)
-    out, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=command[:1])
-    if means:
-        out = command + (out - command) * (1.0 - keep) * lag / SAMPLE
-    return np.asarray(out)
+    out = following(command, keep)
+    return command + (out - command) * (1.0 - keep) * lag / SAMPLE if means else out
+
+
+def following(u: FloatArray, keep: float) -> FloatArray:
+    """y (..., n) with y_0 = u_0 and y_i = keep y_(i-1) + (1 - keep) u_(i-1), u (..., n).
+
+    In blocks, each a product with the same triangle. (scipy's ``lfilter`` does the same;
+    its module alone takes longer to import than a recording to evaluate.)
+    """
+    n, ahead = u.shape[-1], np.arange(BLOCK)
+    padded = np.concatenate([u, np.repeat(u[..., -1:], -n % BLOCK, axis=-1)], axis=-1)
+    blocks = padded.reshape(*u.shape[:-1], -1, BLOCK)
+    since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
+    answer = np.where(since >= 0, (1.0 - keep) * keep**np.maximum(since, 0), 0.0)
+    forced = blocks @ answer
+    last = keep * forced[..., -1] + (1.0 - keep) * blocks[..., -1]
+    begin = np.empty_like(last)
+    y = u[..., 0]
+    for i in range(begin.shape[-1]):
+        begin[..., i] = y
+        y = keep**BLOCK * y + last[..., i]
+    out = forced + begin[..., None] * keep**ahead
+    return np.asarray(out.reshape(padded.shape)[..., :n])
 
 
 def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, means: bool = False
@@ -65,13 +84,28 @@ def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, means: bool = False
     it. Errors: UsageError for one that wants to know the motion: it is not known
     before the rollout.
     """
+    return (throttle_behind(p, g.throttle, g.t, smooth=smooth, means=means),
+            angle_behind(p, g.steering, g.t, smooth=smooth, means=means))
+
+
+def throttle_behind(p: Vehicle, command: FloatArray, t: FloatArray, *, smooth: bool = False,
+                means: bool = False) -> FloatArray:
+    """The first of ``actuated`` by its command (n,) at times t (n,)."""
     p = settled(p)
     d = p.delay
-    throttle = lagged(delayed(g.throttle, d.throttle_s, smooth), d.throttle_lag_s, means)
-    steering = lagged(delayed(g.steering, d.steering_s, smooth), d.steering_lag_s, means)
-    steering = _through(p, "steering", steering, g.t, means)
+    throttle = lagged(delayed(command, d.throttle_s, smooth), d.throttle_lag_s, means)
+    return _through(p, "throttle", throttle, t, means)
+
+
+def angle_behind(p: Vehicle, command: FloatArray, t: FloatArray, *, smooth: bool = False,
+             means: bool = False) -> FloatArray:
+    """The second of ``actuated`` by its command (n,) at times t (n,)."""
+    p = settled(p)
+    d = p.delay
+    steering = lagged(delayed(command, d.steering_s, smooth), d.steering_lag_s, means)
+    steering = _through(p, "steering", steering, t, means)
     angle = np.asarray(make_steering(p.steering, ARRAY)(steering))
-    return _through(p, "throttle", throttle, g.t, means), _through(p, "angle", angle, g.t, means)
+    return _through(p, "angle", angle, t, means)
 
 
 def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,

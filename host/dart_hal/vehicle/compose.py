@@ -19,6 +19,8 @@ def settled(p: Vehicle) -> Vehicle:
     The others stay. To do it twice changes nothing more.
     """
     effects = p.effects
+    if all(a.effect.vehicle is None and (a.effect.force or a.effect.signals) for a in effects):
+        return p
     for applied in effects:
         if applied.effect.vehicle is not None:
             p = applied.effect.vehicle(p, *applied.values)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.commands import actuated, delayed, lagged
+from dart_hal.identify.commands import actuated, delayed, following, lagged
 from dart_hal.vehicle.effect import Applied, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
@@ -33,6 +33,16 @@ def test_a_step_reaches_its_share_after_one_time_constant():
     assert lagged(u, 0.2)[50 + 20] == pytest.approx(1.0 - math.exp(-1.0), abs=1e-12)
     assert lagged(u, 0.2)[50] == 0.0, "the lag answers one sample later"
     assert np.array_equal(lagged(u, 0.0), u)
+
+
+@pytest.mark.parametrize("shape", [(1,), (63,), (65,), (3, 200)])
+@pytest.mark.parametrize("keep", [0.0, 1e-8, 0.5, 0.9999])
+def test_blocks_of_a_lag_are_its_recursion(shape, keep):
+    u = np.random.default_rng(3).normal(size=shape)
+    y = [u[..., 0]]
+    for i in range(1, shape[-1]):
+        y.append(keep * y[-1] + (1.0 - keep) * u[..., i - 1])
+    assert np.abs(following(u, keep) - np.stack(y, axis=-1)).max() < 1e-12
 
 
 @pytest.mark.parametrize(("delay", "samples"), [(0.0, 0), (0.004, 0), (0.15, 15), (0.1501, 15),

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.identify.commands import following
 from dart_hal.identify.runs import RUN
 from dart_hal.recording.dart import Recording
 from dart_hal.types import FloatArray
@@ -77,10 +78,8 @@ def lagged(u: FloatArray, lag: float) -> FloatArray:
     """First-order lag [s] of u (..., n) on the grid, settled at u[..., 0], step middles."""
     if lag < 1e-4:
         return u
-    from scipy.signal import lfilter
-
     keep = float(np.exp(-DT / lag))
     half = float(np.exp(-0.5 * DT / lag))
     # state at the edge before a step, then half a step towards that step's command
-    edge, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], u, zi=np.atleast_1d(u[..., 0]))
+    edge = following(u, keep)
     return np.asarray(half * edge + (1.0 - half) * u)
