@@ -91,13 +91,13 @@ def test_the_limit_says_what_is_not_supported(verb):
     assert any("no limit" in s for s in limit["statement"])
 
 
-def test_table_shows_both_and_keeps_standard_output_empty(verb):
+def test_table_shows_both_on_standard_output(verb):
     ran = verb("evaluate", FREE)
     assert ran.code == 0
-    assert ran.out == ""
-    assert "holding the velocities" in ran.err
-    assert ".42|.78" in ran.err, "yaw rate at 1 s, model and held"
-    assert "how far the kinematic model reaches" in ran.err
+    assert ran.err.strip() == ""
+    assert "holding the velocities" in ran.out
+    assert ".42|.78" in ran.out, "yaw rate at 1 s, model and held"
+    assert "how far the kinematic model reaches" in ran.out
 
 
 def test_a_recording_without_mocap_is_refused_by_name(verb):
@@ -207,10 +207,10 @@ def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     model.write_text(f'{BODY}[provenance.files]\n"elsewhere/renamed.csv" = "{digest}"\n')
     seen = verb("evaluate", "--json", "--model", model, FREE, CIRCLE).json["fitted_to"]
     assert [name.split("/")[0] for name in seen] == [FREE.name], "by content, whatever its name"
-    said = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).err.split())
+    said = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).out.split())
     assert "caution: 1 of 2 recordings are those that this model was fitted to: 91_" in said
     other = verb("evaluate", "--model", model, CIRCLE)
-    assert "caution" not in other.err
+    assert "caution" not in other.out
 
 
 def test_a_model_among_the_recordings_is_told_where_it_belongs(verb):
@@ -230,17 +230,17 @@ def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
 
 
 def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
-    said = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).err
+    said = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).out
     assert "/later): " in said
-    assert "skipped 13 file(s): " in verb("evaluate", FREE, STRAIGHT).err
+    assert "skipped 13 file(s): " in verb("evaluate", FREE, STRAIGHT).out
 
 
 def test_names_take_the_room_there_is(verb, monkeypatch):
     """And the folder is the one that says what was driven, not "csv"."""
-    monkeypatch.setattr(evaluate_table, "console", Console(stderr=True, soft_wrap=True, width=120))
-    said = verb("evaluate", FREE).err
+    monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=120))
+    said = verb("evaluate", FREE).out
     assert FREE.name in said
-    monkeypatch.setattr(evaluate_table, "console", Console(stderr=True, soft_wrap=True, width=80))
-    said = verb("evaluate", FREE).err
+    monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=80))
+    said = verb("evaluate", FREE).out
     assert FREE.name not in said.split("how far")[0]
     assert max(map(len, said.split("recording (1 s)")[1].split("change of")[0].splitlines())) <= 80

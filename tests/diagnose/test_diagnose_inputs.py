@@ -70,8 +70,8 @@ def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
 
 @pytest.mark.parametrize(("column", "factor"), [
     ("vicon x", 1000.0), ("vel encoder", 1000.0), ("vel encoder", 0.001), ("vel encoder", 3.6),
-    ("vel encoder", 100.0), ("W (IMU)", 57.2958), ("W (IMU)", 0.001), ("W (IMU)", 1000.0),
-    ("W (IMU)", -1.0), ("vicon yaw", 57.2958), ("acc y (IMU)", 1 / 9.81),
+    ("vel encoder", 100.0), ("vel encoder", -1.0), ("W (IMU)", 57.2958), ("W (IMU)", 0.001),
+    ("W (IMU)", 1000.0), ("W (IMU)", -1.0), ("vicon yaw", 57.2958), ("acc y (IMU)", 1 / 9.81),
     ("acc y (IMU)", 1000.0), ("elapsed time sensors", 1000.0)])
 def test_a_wrong_unit_is_refused_by_column(drive, tmp_path, column, factor):
     with pytest.raises(RecordingError) as refused:
@@ -124,6 +124,12 @@ def test_without_mocap_it_is_said_what_cannot_be_known(drive):
     mixed = checked([drive, replace(other(drive), mocap=None)], [], PAPER)
     assert [r.name for r in mixed.train] == [drive.name]
     assert "left out" in mixed.notes[0]
+
+
+def test_mocap_on_one_side_alone_is_of_no_use(drive):
+    bare = replace(drive, mocap=None, schema="A")
+    inputs = checked([bare], [other(drive)], PAPER)
+    assert [r.mocap for r in (*inputs.train, *inputs.test)] == [None, None]
 
 
 def test_neither_mocap_nor_encoder_is_refused(drive):
@@ -225,6 +231,7 @@ def test_the_recordings_of_the_real_car_are_not_refused_for_their_units():
 def test_a_ratio_needs_to_be_one_and_a_slope_a_line():
     x = np.linspace(0.5, 2.0, 50)
     assert ratio(3.6 * x, x) == pytest.approx(3.6)
+    assert ratio(-x, x) == pytest.approx(-1.0)
     assert np.isnan(ratio(np.where(np.arange(50) % 2, 1.0, 5.0), x))
     assert slope(2.0 * x + 7.0, x) == pytest.approx(2.0)
     assert np.isnan(slope(np.cos(40 * x), x))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from onboard_files import recorded
 
@@ -47,3 +50,15 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
     assert found.causes[0].parameters["k"].value == pytest.approx(0.04, rel=0.25)
     assert found.causes[0].gain.channel == "encoder"
     assert found.causes[0].gain.low > 0.0
+
+
+def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
+    """A refit that predicts the other drive worse is no explanation, and that is said."""
+    file, base = find_model("paper")
+    straight, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
+    m = straight.messages
+    held = replace(m, steering=np.where(np.abs(m.steering) < 2.0, 0.6, 0.0))  # a lie about steering
+    sides = checked([replace(straight, messages=held)], [turning], base)
+    found = diagnose(file, base, sides.train, sides.test, max_causes=0)
+    assert found.verdict != "parameters_only"
+    assert any("worse" in note and "yaw_rate" in note for note in found.notes)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import results
 from dart_hal.diagnose.suggest.result import Suggestion
 
 
@@ -23,7 +23,7 @@ def show_suggestions(suggestions: Sequence[Suggestion]) -> None:
                 _say(f"  by hand: {s.by_hand}", style="dim")
             continue
         _say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
-        console.print(_table(s))
+        results.print(_table(s))
         for command in s.commands:
             _say(f"  {command}")
         _say("  on a real car with --url; then dart-hal diagnose with the new recording as well"
@@ -47,4 +47,4 @@ def _table(s: Suggestion) -> Table:
 
 
 def _say(line: str, style: str | None = None) -> None:
-    console.print(line, style=style, markup=False, highlight=False)
+    results.print(line, style=style, markup=False, highlight=False)

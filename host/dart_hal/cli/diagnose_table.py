@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import results
 from dart_hal.diagnose.report import sentence, structure, verdict
 from dart_hal.diagnose.report.charts import pooled
 from dart_hal.diagnose.report.words import (
@@ -33,7 +33,7 @@ def show(d: Diagnosis) -> None:
     """Everything, the verdict first."""
     _say(verdict(d), style="bold")
     if d.causes:
-        Console(stderr=True, width=max(console.width, NARROWEST)).print(_causes(d))
+        Console(width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
     for u in d.unexplained:
@@ -72,7 +72,8 @@ def _errors(d: Diagnosis) -> None:
         base, extended, held = (significant(pooled(of, "1.0", name))
                                 for of in (first, last, d.ctrv))
         gain = d.gain.get(name)
-        share = f", {_gain(gain)} less" if gain and not same else ""
+        share = "" if not gain or same else (
+            f", {_gain(gain)} less" if gain.test >= 0.0 else f", {percent(-gain.test)} more")
         _say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'}"
              f"{f' | {held}' if beside else ''} {CHANNELS[name][1]}{share}")
 
@@ -92,4 +93,4 @@ def _moved(d: Diagnosis) -> None:
 
 
 def _say(text: str, style: str | None = None) -> None:
-    console.print(text, style=style, markup=False, highlight=False)
+    results.print(text, style=style, markup=False, highlight=False)

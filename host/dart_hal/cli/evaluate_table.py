@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import results
 from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 
@@ -32,15 +32,15 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
     _files(e)
     _caution(e)
     # a narrow terminal may break lines, but no number may lose its second half
-    Console(stderr=True, width=max(console.width, NARROWEST)).print(_table(e))
+    Console(width=max(results.width, NARROWEST)).print(_table(e))
     for line in _gain(e):
-        console.print(line, markup=False, highlight=False)
+        results.print(line, markup=False, highlight=False)
     if e.limit is not None:
-        console.print("how far the kinematic model reaches:")
+        results.print("how far the kinematic model reaches:")
         for sentence in e.limit.sentences():
-            console.print(f"  {sentence}", markup=False, highlight=False)
+            results.print(f"  {sentence}", markup=False, highlight=False)
     for picture in pictures:
-        console.print(f"picture: {picture}", markup=False, highlight=False)
+        results.print(f"picture: {picture}", markup=False, highlight=False)
 
 
 def _files(e: Evaluation) -> None:
@@ -49,20 +49,20 @@ def _files(e: Evaluation) -> None:
     for file, use in files.items():
         if not use.windows:
             unused.setdefault(use.why[0] if use.why else "no window", []).append(file)
-    console.print(f"{len(e.prepared.cases)} of {len(files)} file(s) used, "
+    results.print(f"{len(e.prepared.cases)} of {len(files)} file(s) used, "
                   f"{e.prepared.windows} windows", highlight=False)
     for reason, names in unused.items():
         which = f" ({', '.join(map(short, names))})" if len(names) <= NAMED else ""
-        console.print(f"  skipped {len(names)} file(s){which}: {reason}", style="dim",
+        results.print(f"  skipped {len(names)} file(s){which}: {reason}", style="dim",
                       markup=False, highlight=False)
     slow, bad = (sum(getattr(c.windows, kind) for c in e.prepared.cases)
                  for kind in ("slow", "bad"))
-    console.print(f"  windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples",
+    results.print(f"  windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples",
                   style="dim", highlight=False)
     for case in e.prepared.cases:
         for why in files[case.file].why:
             if LEFT_OUT not in why:  # these are in the sum
-                console.print(f"  {short(case.file)}: {why}", style="dim", markup=False,
+                results.print(f"  {short(case.file)}: {why}", style="dim", markup=False,
                               highlight=False)
 
 
@@ -73,7 +73,7 @@ def _caution(e: Evaluation) -> None:
         return
     names = ", ".join(short(file) for file in e.fitted_to[:NAMED])
     more = f" and {n - NAMED} more" if n > NAMED else ""
-    console.print(f"caution: {n} of {total} recordings are those that this model was fitted to: "
+    results.print(f"caution: {n} of {total} recordings are those that this model was fitted to: "
                   f"{names}{more}", style="yellow", markup=False, highlight=False)
 
 
@@ -85,7 +85,7 @@ def _table(e: Evaluation) -> Table:
     table.add_column("n", justify="right", no_wrap=True)
     for head, unit in zip(HEADS, UNITS, strict=True):
         table.add_column(f"{head}\n[dim]{unit}[/]", justify="right", no_wrap=True)
-    width = min(WIDTH + max(console.width - ROOMY, 0), WIDEST)
+    width = min(WIDTH + max(results.width - ROOMY, 0), WIDEST)
     for file in e.model.slices:
         folder, _, name = short(file, WIDEST).rpartition("/")
         _rows(table, e, (folder[:width], YEAR.sub(" ", name)[:width]), 1.0, file)
@@ -106,7 +106,7 @@ def _rows(table: Table, e: Evaluation, label: tuple[str, str], horizon: float,
 
 def _cell(model: float, held: float, channel: str) -> str:
     """"model|CTRV", the model's green where it is the better one."""
-    digits = DIGITS[channel] + (console.width >= ROOMY and channel not in EXACT)
+    digits = DIGITS[channel] + (results.width >= ROOMY and channel not in EXACT)
     ours, theirs = _number(model, digits), _number(held, digits)
     return f"[green]{ours}[/]|{theirs}" if model < held else f"{ours}|{theirs}"
 

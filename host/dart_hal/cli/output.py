@@ -1,4 +1,4 @@
-"""Where verbs print: JSON to standard output, everything else to standard error."""
+"""Where verbs print: JSON and results to standard output, all that is beside them to the other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 console = Console(stderr=True, soft_wrap=True)
-"""Notices, tables and progress: never mixed into the JSON."""
+"""Notices and progress: never mixed into what is asked for."""
+results = Console(soft_wrap=True)
+"""What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
 
 
 def plain(value: Any) -> Any:

@@ -105,9 +105,10 @@ def slope(y: FloatArray, x: FloatArray) -> float:
 
 def ratio(y: FloatArray, x: FloatArray) -> float:
     """Median of y / x; NaN where it is not the same throughout, as for wheels that spin."""
-    of = np.abs(y / x)
-    low, middle, high = np.quantile(of, [0.25, 0.5, 0.75])
-    return float(middle) if low > 0.0 and high < STEADY * low else math.nan
+    of = y / x
+    low, middle, high = np.quantile(np.abs(of), [0.25, 0.5, 0.75])
+    same = low > 0.0 and high < STEADY * low
+    return float(np.copysign(middle, np.median(of))) if same else math.nan
 
 
 def _check(r: Recording, column: str, read: FloatArray, true: FloatArray,

@@ -108,6 +108,15 @@ def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
     return out
 
 
+def overall(before: tuple[Vehicle, Point], after: tuple[Vehicle, Point], train: Side, test: Side,
+            seed: int) -> dict[str, Gained]:
+    """``rollout_gains``, or what sensors tell of it; before and after as in ``gained``."""
+    if train.prepared and test.prepared:
+        return rollout_gains(before[0], after[0], train, test, seed)
+    return {name: _residual_gain(name, column, before[1], after[1], train, test, seed)
+            for name, column in test.evidence.columns_at(1.0).items()}
+
+
 def _residual_gain(name: str, column: int, before: Point, after: Point, train: Side, test: Side,
                    seed: int) -> Gained:
     pairs = []

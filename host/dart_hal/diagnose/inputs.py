@@ -7,7 +7,7 @@ a physical cause, or like a success. So it is looked for first.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dart_hal.errors import RecordingError, UsageError
 from dart_hal.recording.dart import Recording
@@ -116,7 +116,7 @@ def _once(side: Sequence[Recording], notes: list[str]) -> list[Recording]:
 
 
 def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Recording]]:
-    """With motion capture where both sides have it, else all by their own sensors."""
+    """With motion capture where both sides have it, else all by their own sensors alone."""
     seen = [[r for r in side if r.mocap is not None] for side in sides]
     if seen[0] and (seen[1] or not sides[1]):
         left = [r.name for side in sides for r in side if r.mocap is None]
@@ -129,7 +129,7 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
             notes.append("no on-board sensors in the training recordings: encoder, gyro and "
                          "accelerometer cannot be judged")
         return seen
-    onboard = [[r for r in side if has_sensors(r)] for side in sides]
+    onboard = [[replace(r, mocap=None) for r in side if has_sensors(r)] for side in sides]
     lost = [r.name for side in sides for r in side if not has_sensors(r)]
     if not onboard[0] or (sides[1] and not onboard[1]):
         raise RecordingError(
@@ -150,7 +150,7 @@ def _that_drive(side: list[Recording], notes: list[str]) -> list[Recording]:
             "the car does not drive in these recordings, so nothing shows what its model gets "
             "wrong", found=f"{len(side)} recording(s), none above 0.3 m/s",
             expected="driving with steering and throttle that change", read=still[0].name,
-            remedy="dart-hal experiment drives and records; dart-hal calibrate imu uses standstill")
+            remedy="dart-hal experiment drives and records")
     kept = [r for r in side if r not in still or r.mocap is None]
     if len(kept) < len(side):
         notes.append(f"{_some([r.name for r in still])}: the car stands still, left out")

@@ -125,9 +125,12 @@ def weight(x: FloatArray) -> FloatArray:
 
 def _size(x: FloatArray) -> FloatArray:
     """Robust standard deviation of each column about its median."""
-    middle = np.nanmedian(x, axis=0) if len(x) else np.zeros(x.shape[1])
-    spread = np.nanmedian(np.abs(x - middle), axis=0) if len(x) else np.ones(x.shape[1])
-    return np.asarray(np.where(np.isfinite(spread), 1.4826 * spread, 1.0) + 1e-6)
+    out = np.ones(x.shape[1])
+    for i, column in enumerate(x.T):
+        told = column[np.isfinite(column)]
+        if len(told):
+            out[i] = 1.4826 * np.median(np.abs(told - np.median(told)))
+    return out + 1e-6
 
 
 def _worth(x: FloatArray, block: NDArray[np.int64]) -> FloatArray:

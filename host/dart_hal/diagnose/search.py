@@ -33,21 +33,28 @@ NEEDED = 4.0  # times the threshold: what is worth as much is not doubted again
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """points: the fitted base, with one effect more each, and if that is better the fit from
-    where the search has ended; ranking: trials of the first round.
+    """What a search has found.
+
+    given: the model as it is, at the timing that suits it best. points: the fitted
+    base, with one effect more each, and if that is better the fit from where the
+    search has ended. ranking: trials of the first round.
 
     noise: that of the motion as the base left it. The search measures it anew with
     every cause, to see smaller ones; but to weigh by what a fit has left makes the
     next one follow what fits already, and a cause in a sensor would move the car.
-    refit_loss: by how much the fit of the base lowered the loss.
     """
 
+    given: Point
     points: tuple[Point, ...]
     noise: Noise
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
-    refit_loss: float
+
+    @property
+    def refit_loss(self) -> float:
+        """By how much the fit of the base lowered the loss."""
+        return self.given.loss() - self.base.loss()
 
     @property
     def base(self) -> Point:
@@ -74,8 +81,7 @@ class Search:
         space = self._space(self._base)
         point, noise = self._settle(space, Timing(self._evidence.late))
         fixed = Space(self._base, (), late=self._evidence.late)
-        refit_loss = refit(self._evidence, noise, fixed, fixed.point(point.timing)).loss() \
-            - point.loss()
+        given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
         base, sizes, first = point, noise, tuple[Trial, ...]()
         failed: dict[str, float] = {}
         named, rejected = list[Named](), tuple[Rejected, ...]()
@@ -95,11 +101,11 @@ class Search:
             point, noise, named = self._go_back(point, noise, named, [one for one, _ in new])
         named = self._likes(point, noise, named)
         if not named:
-            return Found((base,), noise, (), rejected, first, refit_loss)
+            return Found(given, (base,), noise, (), rejected, first)
         noise = noise.with_motion(sizes)
         points = self.steps(base, point, noise, [one.effect for one in named])
-        return Found((*points, *self._together(points[-1], point, noise)), noise, tuple(named),
-                     rejected, first, refit_loss)
+        return Found(given, (*points, *self._together(points[-1], point, noise)), noise,
+                     tuple(named), rejected, first)
 
     def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:

@@ -14,7 +14,7 @@ from dart_hal.vehicle.effects import catalogue
 
 from .alike import alike, directions
 from .fit import Point
-from .noise import loss
+from .noise import loss, weight
 from .residuals import Evidence, only_read
 from .rows import Rows, rows_of
 from .scan import Trial, scanned
@@ -29,10 +29,12 @@ LEAST, NOT_TRIED = 0.8, 0.4
 """Of the small size of an effect: below that it is within what conventions do, and what is found
 even smaller before a full fit is not tried."""
 TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
-FIRM, CHANCE = 1.0, 0.05
-"""Standard errors by which data left out must like an effect; or how seldom chance alone would
-make as many recordings like it: a few that gain much more than the others are no doubt."""
+FIRM, CHANCE = 0.84, 0.05
+"""Standard errors by which data left out must like an effect, at odds of four to one; or how
+seldom chance alone would make as many recordings like it: a few that gain much more than the
+others are no doubt."""
 MANY = 6  # recordings from which on they are the unit: no single one may be all the gain
+FURTHEST, STEPS = 2.0, 5  # of the way of all data, for those that are left; steps to find it
 MORE = 1.5  # times what it gained when it failed
 PER_PARAMETER = 2.0  # of the loss; of two that gain the same, the simpler is the cause
 RIVAL = 0.3  # of the gain of the winner
@@ -221,17 +223,29 @@ class HeldOut:
 
 
 def held_out(before: Point, after: Point, rows: Rows) -> HeldOut:
-    """How data left out of the fit, fold by fold, like what came between two points."""
-    gains, settled = [], [p.follow(p.residual) for p in (before, after)]
+    """How data left out, fold by fold, like what came between two points.
+
+    How far to go from the one to the other is said by the other folds. All else that
+    is free stays where all data have it: without one of few recordings it would
+    leave for where nothing was driven, and what that does there would be the answer.
+    """
+    r, way = before.residual, after.residual - before.residual
+    gains = []
     for fold in range(int(rows.fold.max()) + 1):
         inside = rows.fold == fold
-        losses = []
-        for point, rest in zip((before, after), settled, strict=True):
-            move = point.follow(point.residual, ~inside) - rest  # a fit ends a little off its best
-            r = point.residual[inside] + point.jacobian[inside] @ move
-            losses.append(float(point.worth[inside] @ loss(r)))
-        gains.append(losses[0] - losses[1])
+        share = _how_far(r[~inside], way[~inside], before.worth[~inside])
+        gains.append(float(before.worth[inside] @ (loss(r[inside])
+                                                   - loss(r[inside] + share * way[inside]))))
     return HeldOut(tuple(gains))
+
+
+def _how_far(r: FloatArray, way: FloatArray, worth: FloatArray) -> float:
+    """Share of the way that lowers the loss of some rows most, 0 to FURTHEST."""
+    share = 1.0
+    for _ in range(STEPS):
+        w = worth * weight(r + share * way)
+        share = float(np.clip(-(w * way) @ r / max(float((w * way) @ way), 1e-12), 0.0, FURTHEST))
+    return share
 
 
 def _values(point: Point, effect: Effect) -> dict[str, float]:

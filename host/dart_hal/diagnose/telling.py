@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point, covariance
-from .gains import Side, gained, rollout_gains
+from .gains import Side, gained, overall
 from .noise import Noise, loss
 from .report.words import removes
 from .result import (
@@ -38,6 +39,7 @@ IMPOSTOR = 0.6
 """Share of the structure that may be left after the causes: above it they have not explained it."""
 TOGETHER = "all fitted together"  # where that is better than one after the other
 MAINLY = 0.2  # of what a cause takes away, from where on a channel is one it acts on
+SURELY_WORSE = 0.2  # share
 FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe
 
 
@@ -64,19 +66,20 @@ def told(q: Question, found: Found, files: Mapping[str, Mapping[str, Any]],
     if withdrawn:
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
         left = _left(q, points[-1], found.noise)
-    stages = _stages(q, points, named)
+    stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
     causes = tuple(_cause(q, found, one, points[i], points[i + 1], last.vehicle, stds)
                    for i, one in enumerate(named))
     moved = _moved(q, points[-1])
-    gain = rollout_gains(q.base, as_logged(q, points[-1]), q.train, q.test, q.settings.seed)
+    gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
+                   q.settings.seed)
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
-        seed=q.settings.seed, withdrawn=withdrawn, runtime_s=time.monotonic() - began,
-        false_alarm=q.settings.false_alarm,
+        seed=q.settings.seed, withdrawn=withdrawn, notes=_cautions(q, causes, gain),
+        runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
 
@@ -145,11 +148,12 @@ def _by_channel(q: Question, rows: Rows, x: FloatArray) -> dict[str, float]:
     return out
 
 
-def _stages(q: Question, points: Sequence[Point], named: Sequence[Named]) -> tuple[Stage, ...]:
+def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named]
+            ) -> tuple[Stage, ...]:
     labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named), TOGETHER]
     stages = [_stage(q, label, as_logged(q, p), p)
               for label, p in zip(labels[:len(points)], points, strict=True)]
-    base = [_stage(q, q.model, q.base, points[0])] if q.refit else []
+    base = [_stage(q, q.model, q.base, given)] if q.refit else []
     return tuple(base + stages)
 
 
@@ -226,6 +230,23 @@ def _considered(found: Found, withdrawn: Sequence[str]) -> tuple[Considered, ...
                     for r in found.rejected if r.effect not in withdrawn))
 
 
+def _worse(gain: Mapping[str, Gained]) -> list[str]:
+    """Channels of the test recordings that are surely predicted worse; by SURELY_WORSE, where
+    they are too short for an interval."""
+    return [name for name, g in gain.items()
+            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -SURELY_WORSE)]
+
+
+def _cautions(q: Question, causes: Sequence[Cause], gain: Mapping[str, Gained]) -> tuple[str, ...]:
+    """What must be said of a model that was estimated anew and is no better for it."""
+    worse = _worse(gain)
+    if not worse or causes or not q.refit:
+        return ()
+    return (f"estimated anew, the model predicts the test recordings worse than it did "
+            f"({', '.join(worse)}): what these training recordings drive does not tell its "
+            "parameters; drive more of what the test recordings do, or ask with --no-refit",)
+
+
 def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained]) -> str:
     if causes:  # one that surely makes predictions worse does not explain
@@ -237,6 +258,6 @@ def _verdict(q: Question, found: Found, causes: Sequence[Cause], left: Sequence[
         p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
                           q.settings.seed)
         better = not gain or any(g.low > 0.0 for g in gain.values())
-        if p < q.settings.false_alarm and better:
+        if p < q.settings.false_alarm and better and not _worse(gain):
             return "parameters_only"
     return "nothing_wrong"

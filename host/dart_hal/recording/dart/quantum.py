@@ -40,4 +40,6 @@ def encoder_quantum(speed: FloatArray) -> float | None:
     end = first + int(np.argmin(np.append(fits[first:], False)))
     best = first + int(np.argmin((off[first:end] ** 2).mean(axis=1)))
     counts = np.round(values / candidates[best])
+    if not counts.any():
+        return None
     return float((counts @ values) / (counts @ counts))
