@@ -139,6 +139,8 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     (["--train", "{0}", "--out", "model.json"], "does not end in .toml"),
     (["--train", "{0}", "--false-alarm", "nan"], "finite"),
     (["--train", "nowhere"], "nowhere"),
+    (["--train", "{0}", "--only", "grip", "mass"], "mass follows no option"),
+    (["{0}"], "follows no option"),
 ])
 def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")

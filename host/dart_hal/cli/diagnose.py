@@ -58,17 +58,23 @@ Skipped = list[tuple[str, str]]
               help="of the random draws for intervals and significance")
 @click.option("--suggest", is_flag=True,
               help="which drive would separate causes that these data cannot tell apart")
+@click.argument("loose", nargs=-1, metavar="")
 @json_option
 def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
             false_alarm: float, max_causes: int, jobs: int, reference: Reference | None,
-            seed: int, suggest: bool, as_json: bool) -> None:
+            seed: int, suggest: bool, loose: tuple[str, ...], as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/effects.md) that explains the training
     recordings and lowers errors on recordings it has not seen. What cannot be told apart, and
     what no effect explains, is said. Exit status 0 whatever the verdict.
     """
+    if loose:
+        raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
+                         expected="--train before recordings to find causes in, --test before "
+                                  "others, one --only before each effect",
+                         remedy=f"dart-hal diagnose --train {shlex.join(loose)}")
     _check(train, test, out, html)
     names = effects_named(only, exclude)
     typed = _typed(locals())

@@ -32,7 +32,8 @@ def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
         raise UsageError(f"no model is called {str(name)!r}",
                          found="no such file, and no shipped set of that name",
                          expected=f"a model.toml, or one of {', '.join(SETS)}",
-                         remedy="dart-hal identify all FILES --out model.toml writes one")
+                         remedy="check the path; dart-hal identify all FILES --out model.toml "
+                                "writes one")
     model = load_model(path)
     try:
         return model, vehicle_of(model)

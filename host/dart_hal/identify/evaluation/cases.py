@@ -150,7 +150,7 @@ def _case(key: str, recording: Recording, references: _References,
         raise RecordingError(
             f"{recording.name}: {OWN if own else NO_MOCAP}, so nothing to compare a prediction "
             "with", found="a run" if own else f"schema {recording.schema}",
-            expected="schema B or C", read=str(recording.path),
+            expected="vicon columns (schema B or C)", read=str(recording.path),
             remedy="dart-hal identify all RUNS fits it; evaluate needs a recording with vicon "
                    "columns" if own else "give a recording with vicon columns")
     reference, said = references.of(recording)

@@ -67,7 +67,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     mocap, messages = recording.mocap, recording.messages
     if mocap is None:
         raise RecordingError(f"{recording.name}: no motion capture in this recording",
-                             found="schema A", expected="schema B or C", read=str(recording.path),
+                             found="schema A", expected="vicon columns (schema B or C)",
+                             read=str(recording.path),
                              remedy="give a recording with vicon columns")
     t: FloatArray = np.arange(0, int(np.ceil(mocap.t[-1] / GRID - 1e-9)), dtype=np.float64) * GRID
     slow = len(mocap) > 3 and float(np.median(np.diff(mocap.t))) > SLOW_STEP

@@ -33,8 +33,12 @@ def read_text(path: Path) -> str:
         raise RecordingError(f"{file}: damaged gzip file", found=str(err), read=file,
                              remedy="copy the file again") from err
     except FileNotFoundError as err:
-        raise RecordingError(f"{file}: no such file", read=file, remedy="check the path; "
-                             "$DART_DATA is the folder of recordings") from err
+        folder = path.resolve().parent
+        there = f"{folder} is there" if folder.is_dir() else f"no folder {folder}"
+        raise RecordingError(f"{file}: no such file", read=file, found=f"nothing; {there}",
+                             expected="a recording (.csv, .mcap) or a folder of them",
+                             remedy="check the path; $DART_DATA is the folder of recordings"
+                             ) from err
     except OSError as err:
         raise RecordingError(f"{file}: cannot be read", found=err.strerror or str(err), read=file,
                              remedy="check the path and its permissions") from err
