@@ -54,7 +54,7 @@ def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
     assert (certain == 1.0).all(), "one age for all is what a fit finds"
 
 
-FEW_GAIN_MOST = (-30.0, -15.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 30.0, 40.0)
+FEW_GAIN_MOST = (-35.0, -20.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 30.0, 40.0)
 
 
 def test_what_most_recordings_like_needs_not_be_liked_evenly():
