@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import subprocess
 import sys
 
@@ -27,6 +28,17 @@ def test_every_verb_explains_itself(verb, name):
         options = {o for p in command.params for o in p.opts}
         assert "--json" in options
         assert all(p.help for p in command.params if p.param_type_name == "option")
+
+
+@pytest.mark.parametrize(("given", "kept"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_linear_algebra_has_one_thread_unless_asked_for(given, kept):
+    """Before numpy is there to read it: the order of sums, and with it an answer, hangs on it."""
+    code = ("import sys, os, dart_hal.cli; assert 'numpy' not in sys.modules; "
+            "print(os.environ['OPENBLAS_NUM_THREADS'])")
+    left = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    said = subprocess.run([sys.executable, "-c", code], env={**left, **given}, check=True,
+                          capture_output=True, text=True)
+    assert said.stdout.strip() == kept
 
 
 def test_the_list_of_verbs(verb):
