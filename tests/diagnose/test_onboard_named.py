@@ -55,10 +55,10 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
 def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
     """A refit that predicts the other drive worse is no explanation, and that is said."""
     file, base = find_model("paper")
-    straight, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
-    m = straight.messages
-    held = replace(m, steering=np.where(np.abs(m.steering) < 2.0, 0.6, 0.0))  # a lie about steering
-    sides = checked([replace(straight, messages=held)], [turning], base)
+    misled, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
+    m = misled.messages
+    lie = replace(m, steering=np.full(len(m.steering), 0.6))  # of which the fit makes what it can
+    sides = checked([replace(misled, messages=lie)], [turning], base)
     found = diagnose(file, base, sides.train, sides.test, max_causes=0)
     assert found.verdict != "parameters_only"
     assert any("worse" in note and "yaw_rate" in note for note in found.notes)

@@ -70,12 +70,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     recordings and lowers errors on recordings it has not seen. What cannot be told apart, and
     what no effect explains, is said. Exit status 0 whatever the verdict.
     """
-    if loose:
-        raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
-                         expected="--train before recordings to find causes in, --test before "
-                                  "others, one --only before each effect",
-                         remedy=f"dart-hal diagnose --train {shlex.join(loose)}")
-    _check(train, test, out, html)
+    _check(loose, train, test, out, html)
     names = effects_named(only, exclude)
     typed = _typed(locals())
     file, vehicle = find_model(model)
@@ -111,9 +106,14 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     _next(d, html, test)
 
 
-def _check(train: Sequence[Path], test: Sequence[Path], out: Path | None,
+def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path], out: Path | None,
            html: Path | None) -> None:
     """What can be refused before anything is read."""
+    if loose:
+        raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
+                         expected="--train before recordings to find causes in, --test before "
+                                  "others, one --only before each effect",
+                         remedy=f"dart-hal diagnose --train {shlex.join(loose)}")
     if not train:
         raise UsageError("no recording to train on", expected="--train FILES (or folders of them)",
                          remedy="dart-hal diagnose --model paper --train FOLDER --html report.html")

@@ -130,6 +130,11 @@ class Unexplained:
                 "p_value": self.p_value, "share": self.share}
 
 
+def added(effect: str) -> str:
+    """Label of the stage at which an effect comes into the model."""
+    return f"+ {effect}"
+
+
 @dataclass(frozen=True, slots=True)
 class Stage:
     """The model after one more step: the base, the refitted base, each cause in order, and all

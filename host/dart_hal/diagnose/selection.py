@@ -29,6 +29,7 @@ LEAST, NOT_TRIED = 0.8, 0.4
 """Of the small size of an effect: below that it is within what conventions do, and what is found
 even smaller before a full fit is not tried."""
 TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
+DISLIKED = "does not surely lower the loss of data left out from its size"
 FIRM, CHANCE = 0.84, 0.05
 """Standard errors by which data left out must like an effect, at odds of four to one; or how
 seldom chance alone would make as many recordings like it: a few that gain much more than the
@@ -129,7 +130,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
         elif _too_small(catalogue()[trial.effect], trial.values, NOT_TRIED):
             why = TOO_SMALL
         elif trial not in again:
-            why = "does not surely lower the loss of data left out of the fit, nor did it before"
+            why = f"{DISLIKED}, nor did it before"
         elif failures == TRIES:
             why = "not tried: so many that gained more were tried in vain"
         else:
@@ -200,7 +201,7 @@ def _at_odds(candidate: Point, effect: Effect, rows: Rows) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Gain on each fold that the fit did not see."""
+    """Gain on each fold, at the size that the others give."""
 
     gains: tuple[float, ...] = ()
 
@@ -216,9 +217,9 @@ class HeldOut:
         like = sum(g > 0.0 for g in self.gains)
         chance = sum(comb(n, k) for k in range(like, n + 1)) / 2.0**n
         if self.gain <= 0.0 or not (self.gain >= FIRM * std or (many and chance <= CHANCE)):
-            return "does not surely lower the loss of data left out of the fit"
+            return DISLIKED
         if many and self.gain - max(self.gains) <= 0.0:
-            return "lowers the loss of a single recording only, of those left out of the fit"
+            return "lowers the loss of a single recording only, of those left out from its size"
         return ""
 
 

@@ -207,7 +207,7 @@ def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.ra
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
         return np.stack([*(predicted_share(basis(features, along), Rows(y, block, fold), signs)
                            for along, fold in zip(tried, folds, strict=True)),
-                         waves(Rows(y, block, within), features["way"], recording, signs)], axis=1)
+                         waves(y, block, features["way"], recording, signs)], axis=1)
 
     share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
     left = y.copy()

@@ -28,6 +28,7 @@ from .result import (
     Number,
     Stage,
     Unexplained,
+    added,
 )
 from .rows import Labels, Rows
 from .search import Found, Search
@@ -39,7 +40,7 @@ IMPOSTOR = 0.6
 """Share of the structure that may be left after the causes: above it they have not explained it."""
 TOGETHER = "all fitted together"  # where that is better than one after the other
 MAINLY = 0.2  # of what a cause takes away, from where on a channel is one it acts on
-SURELY_WORSE = 0.2  # share
+SURELY_WORSE = 0.2  # of the error, where no interval says how sure that is
 FAR = 3.0  # prior standard deviations; a parameter that moves further is hard to believe
 
 
@@ -150,7 +151,7 @@ def _by_channel(q: Question, rows: Rows, x: FloatArray) -> dict[str, float]:
 
 def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named]
             ) -> tuple[Stage, ...]:
-    labels = ["refitted" if q.refit else q.model, *(f"+ {n.effect}" for n in named), TOGETHER]
+    labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
     stages = [_stage(q, label, as_logged(q, p), p)
               for label, p in zip(labels[:len(points)], points, strict=True)]
     base = [_stage(q, q.model, q.base, given)] if q.refit else []
@@ -188,7 +189,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
         f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
         f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
-        f"loss {named.held_out:.0f} lower on parts left out of the fit",
+        f"loss {named.held_out:.0f} lower on parts left out from its size",
         f"{key} is {away:.0f} standard errors from its null",
         f"{gain.measure}: {removes(gain)}")
 

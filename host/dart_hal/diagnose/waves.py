@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from dart_hal.types import FloatArray
 
-from .crossfit import Rows
+from .rows import Labels
 
-Labels = NDArray[np.int64]
 ComplexArray = NDArray[np.complex64]
 
 WAY = ("way",)
@@ -26,30 +25,31 @@ MOST = 600  # frequencies
 FEWEST = 3.0  # waves on the longest way
 
 
-def waves(rows: Rows, way: FloatArray, recording: Labels, signs: FloatArray) -> FloatArray:
+def waves(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, signs: FloatArray
+          ) -> FloatArray:
     """Share (s, c) of the best wave along the way, each recording with a phase of its own.
 
-    way (n,) [m]. Of the variance, less what any wave takes of noise.
+    y (n, c) in blocks (n,), for each set of signs (s, B); way (n,) [m]. Of the
+    variance, less what any wave takes of noise.
     """
     tried = frequencies(way, recording)
     if not len(tried):
-        return np.zeros((len(signs), rows.y.shape[1]))
+        return np.zeros((len(signs), y.shape[1]))
     n, phases = len(way), 2 * len(np.unique(recording))
-    taken = np.zeros((rows.y.shape[1], len(signs), len(tried)), dtype=np.float32)
-    for mine, of, spectra in _spectra(rows, way, recording, tried):
+    taken = np.zeros((y.shape[1], len(signs), len(tried)), dtype=np.float32)
+    for mine, of, spectra in _spectra(y, block, way, recording, tried):
         for i, one in enumerate(spectra):
             turned = signs[:, mine].astype(np.complex64) @ one
             taken[i] += 2.0 / of * np.abs(turned)**2
-    share = taken.max(axis=2).T / np.maximum((rows.y**2).sum(axis=0), 1e-12)
+    share = taken.max(axis=2).T / np.maximum((y**2).sum(axis=0), 1e-12)
     return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - phases, 1.0), dtype=float)
 
 
 def wave(y: FloatArray, way: FloatArray, recording: Labels) -> tuple[float, float]:
     """(length [m], amplitude) of the best wave of y (n,) along the way (n,)."""
     tried = frequencies(way, recording)
-    rows = Rows(y[:, None], np.zeros(len(y), dtype=np.int64), recording)
     taken = sum(2.0 / of * np.abs(one[0].sum(axis=0))**2
-                for _, of, one in _spectra(rows, way, recording, tried))
+                for _, of, one in _spectra(y[:, None], recording, way, recording, tried))
     best = int(np.argmax(taken))
     return float(1.0 / tried[best]), float(np.sqrt(2.0 * np.asarray(taken)[best] / len(y)))
 
@@ -62,14 +62,14 @@ def frequencies(way: FloatArray, recording: Labels) -> FloatArray:
     return np.arange(FEWEST / longest, FASTEST, max(1.0 / (FINE * longest), FASTEST / MOST))
 
 
-def _spectra(rows: Rows, way: FloatArray, recording: Labels, tried: FloatArray
+def _spectra(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, tried: FloatArray
              ) -> Iterator[tuple[Labels, int, ComplexArray]]:
     """Of each recording: its blocks (b,), its rows, and their sums at each frequency (c, b, f)."""
     for one in np.unique(recording):
         mine = np.flatnonzero(recording == one)
-        blocks = np.unique(rows.block[mine])
-        parts = [mine[rows.block[mine] == b] for b in blocks]
+        blocks = np.unique(block[mine])
+        parts = [mine[block[mine] == b] for b in blocks]
         yield blocks, len(mine), np.stack(
-            [rows.y[p].T.astype(np.complex64)
+            [y[p].T.astype(np.complex64)
              @ np.exp(2j * np.pi * np.outer(way[p], tried)).astype(np.complex64)
              for p in parts], axis=1)

@@ -89,7 +89,7 @@ def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, means: bool = False
 
 
 def throttle_behind(p: Vehicle, command: FloatArray, t: FloatArray, *, smooth: bool = False,
-                means: bool = False) -> FloatArray:
+                    means: bool = False) -> FloatArray:
     """The first of ``actuated`` by its command (n,) at times t (n,)."""
     p = settled(p)
     d = p.delay
@@ -98,7 +98,7 @@ def throttle_behind(p: Vehicle, command: FloatArray, t: FloatArray, *, smooth: b
 
 
 def angle_behind(p: Vehicle, command: FloatArray, t: FloatArray, *, smooth: bool = False,
-             means: bool = False) -> FloatArray:
+                 means: bool = False) -> FloatArray:
     """The second of ``actuated`` by its command (n,) at times t (n,)."""
     p = settled(p)
     d = p.delay

@@ -20,7 +20,7 @@ from dart_hal.diagnose.onboard import OnboardEvidence
 from dart_hal.diagnose.onboard_drive import COUNTED, READS
 from dart_hal.diagnose.readings import SENSORS
 from dart_hal.diagnose.residuals import MOTION, Evidence, Residuals
-from dart_hal.diagnose.result import Diagnosis, Stage
+from dart_hal.diagnose.result import Diagnosis, Stage, added
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -204,7 +204,7 @@ def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage
 
 def stages_of(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
     """The stage before and the one with the cause number i."""
-    at = [s.label for s in d.stages].index(f"+ {d.causes[i].effect}")
+    at = [s.label for s in d.stages].index(added(d.causes[i].effect))
     return d.stages[at - 1], d.stages[at]
 
 
