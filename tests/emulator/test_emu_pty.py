@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 import serial
 
+from dart_hal.links import pty as pty_module
 from dart_hal.links.emulator import EmulatedNano
 from dart_hal.links.pty import Pty
 
@@ -45,6 +46,24 @@ def test_each_open_resets(served):
             assert boot[1] & 2  # external reset
             assert pty.opens == n
         assert wait_for(lambda: not pty.is_open)
+
+
+class SlowSerial(serial.Serial):
+    """Set aside by the kernel between opening the port and discarding what had come."""
+
+    def _reset_input_buffer(self):
+        time.sleep(0.03)
+        super()._reset_input_buffer()
+
+
+def test_a_slow_open_does_not_lose_the_boot_message(served, monkeypatch):
+    _, pty = served
+    with SlowSerial(pty.path, 500_000, timeout=5) as ser:
+        assert ser.read(1) == b"B"
+    assert wait_for(lambda: not pty.is_open)
+    monkeypatch.setattr(pty_module, "HOLD", 0.0)  # control: without the hold it is lost
+    with SlowSerial(pty.path, 500_000, timeout=0.3) as ser:
+        assert ser.read(1) == b""
 
 
 def test_without_reset_on_open_the_program_runs_on(probe):

@@ -24,6 +24,10 @@ PACE = 0.002
 IDLE = 0.01
 """The same while no program has the pty open."""
 
+HOLD = 0.05
+"""An open holds the Nano in reset for this long, in real time [s]: a serial library discards
+at open what has come until then. A board's boot loader takes ten times as long."""
+
 LATE = 0.25
 """A world that is later than this [s] is not chased: its clock is moved."""
 
@@ -127,7 +131,7 @@ class Pty:
             was_open, self.is_open = self.is_open, self._slave_open()
             is_open = self.is_open
             if is_open and not was_open:
-                self._opened()
+                start += self._opened()
             if not is_open and not self._always:
                 self._wait(IDLE, listen=False)
                 start = time.monotonic() - self.nano.now
@@ -146,13 +150,16 @@ class Pty:
         poll.register(self._master, 0)
         return not any(event & select.POLLHUP for _, event in poll.poll(0))
 
-    def _opened(self) -> None:
+    def _opened(self) -> float:
+        """Real time [s] that the world stands still for this open."""
         self.opens += 1
         with contextlib.suppress(OSError, termios.error):
             termios.tcflush(self._master, termios.TCOFLUSH)
         self._follow_speed()
-        if self._reset_on_open:
-            self.nano.reset("external")
+        if not self._reset_on_open:
+            return 0.0
+        self.nano.reset("external")
+        return HOLD
 
     def _follow_speed(self) -> None:
         set_baud: Callable[[float], None] | None = getattr(self.nano, "set_baud", None)
