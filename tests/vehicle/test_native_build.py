@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import re
 import sys
+import time
 import types
 from dataclasses import replace
 from pathlib import Path
@@ -285,3 +287,17 @@ def test_a_source_archive_holds_no_library(hook):
     made.initialize("standard", {})
     assert said == []
     assert not folder.exists()
+
+
+@needs_compiler
+def test_a_library_in_use_is_the_last_to_be_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "KEPT", 2)
+    monkeypatch.setattr(build, "_build", lambda command, text, variant, scratch:
+                        (scratch / "kernel.so").write_text(text) and scratch / "kernel.so")
+    used, idle, new = "int a;", "int b;", "int c;"
+    for age, text in ((200, used), (100, idle)):
+        path = build.compile_kernel(text, F64, tmp_path)
+        os.utime(path, (time.time() - age,) * 2)
+    build.compile_kernel(used, F64, tmp_path)
+    build.compile_kernel(new, F64, tmp_path)
+    assert sorted(p.read_text() for p in tmp_path.glob("*.so")) == [used, new]
