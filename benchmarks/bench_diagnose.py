@@ -1,4 +1,6 @@
-"""CPU time of a whole diagnosis, from the command line: start, reading, search, gains.
+"""Time of a whole diagnosis, from the command line: start, reading, search, gains.
+
+A minute takes one core; many recordings take all there are.
 
     python benchmarks/bench_diagnose.py
 """
@@ -6,9 +8,11 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +26,15 @@ DAYS = (("80_", "81_throttle", "steering_identification_25", "circles_27_sept_20
 """Folders to learn from, and other days to judge by."""
 
 
-def diagnosed(*arguments: str) -> tuple[dict[str, Any], float]:
-    """(what ``dart-hal diagnose`` says, CPU time [s])."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+def diagnosed(*arguments: str) -> tuple[dict[str, Any], float, float]:
+    """(what ``dart-hal diagnose`` says, CPU time [s], time [s])."""
+    began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     run = subprocess.run([sys.executable, "-m", "dart_hal.cli.main", "diagnose", "--model", "paper",
                           *arguments, "--json"], check=True, capture_output=True, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     said: dict[str, Any] = json.loads(run.stdout)
-    return said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return (said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            time.monotonic() - began)
 
 
 def figures(scale: float = 1.0) -> list[Figure]:
@@ -39,7 +44,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
     diagnosed("--train", str(one), "--no-refit")  # compiles what is not there yet
     out = []
     for title, extra, high in (("as it is", ("--no-refit",), 5.0), ("refitted first", (), None)):
-        said, cpu = diagnosed("--train", str(one), *extra)
+        said, cpu, _ = diagnosed("--train", str(one), *extra)
         out.append(Figure(f"diagnose: a minute of recording, {title}, CPU", cpu, "s", high=high,
                           note=f"{said['verdict']}, {len(said['causes'])} cause(s)"))
     if root != EXCERPT and scale >= 1.0:
@@ -51,10 +56,12 @@ def days(root: Path) -> list[Figure]:
     """Everything of some days against others."""
     train, test = ([str(f) for f in sorted(root.iterdir()) if f.name.startswith(part)]
                    for part in DAYS)
-    said, cpu = diagnosed("--train", *train, "--test", *test)
+    said, cpu, took = diagnosed("--train", *train, "--test", *test)
     pooled = said["extended"]["errors"]["1.0"]["pooled"]
     note = ", ".join(c["effect"] for c in said["causes"])
-    return [Figure("diagnose: eleven recordings, CPU", cpu, "s", high=180.0, note=note),
+    cores = len(os.sched_getaffinity(0))
+    return [Figure(f"diagnose: eleven recordings, on {cores} core(s)", took, "s", high=180.0,
+                   note=f"{cpu:.0f} s of CPU; {note}"),
             *(Figure(f"diagnose: {channel} at 1 s on days left out", pooled[channel], unit,
                      note=f"CTRV {said['ctrv']['1.0']['pooled'][channel]:.3g}, paper "
                           f"{said['base']['errors']['1.0']['pooled'][channel]:.3g}")

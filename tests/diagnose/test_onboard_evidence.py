@@ -79,6 +79,15 @@ def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
     assert abs(mean(tilted)[2]) < 0.35
 
 
+def test_by_how_much_a_standing_car_counts_more_is_known_and_taken_off_again(plain):
+    quieter = type(plain)([replace(d, felt=np.array([7.0, 9.0])) for d in plain.drives], plain.l_r)
+    one, other = (e.residuals(PAPER).sensors for e in (plain, quieter))
+    at_rest = plain.sensor_still
+    assert not np.allclose(one[at_rest, 2], other[at_rest, 2])
+    np.testing.assert_allclose(one / plain.louder, other / quieter.louder, rtol=1e-12)
+    assert (quieter.louder[~at_rest] == 1.0).all()
+
+
 def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     recording = recorded(tmp_path, seed=23)
     m = recording.messages

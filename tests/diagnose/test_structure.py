@@ -36,8 +36,9 @@ def group(channels, step, seed, recordings=1, memory=0.0):
                  "revolution_angle": way / 0.0413 % 1.0,
                  "direction": np.sign(features["steering_angle"])}
     y = np.stack([smooth(rng, t, memory) for _ in channels], axis=1)
-    return Group(channels, y, np.full(len(channels), 0.02), features,
-                 recording * 100_000 + (t // 2.0).astype(np.int64), recording)
+    return Group(channels, y, np.full(y.shape, 0.02), features,
+                 recording * 100_000 + (t // 2.0).astype(np.int64), recording,
+                 tuple(f"day/{k}.csv" for k in range(recordings)))
 
 
 def windows(seed, **how):
@@ -115,7 +116,20 @@ def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_o
     assert found.period == pytest.approx(0.9, rel=0.01)
     assert "every 0.90 m" in found.structure
     size = float(found.structure.split("+-")[1].split()[0])
-    assert size == pytest.approx(0.8 * of.size[0], rel=0.15)
+    assert size == pytest.approx(0.8 * of.size[0, 0], rel=0.15)
+
+
+def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_place():
+    of = windows(6, recordings=3)
+    x = {**of.features, "x": 4.0 * np.sin(0.11 * np.arange(len(of.y)))}
+    stripes = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1)
+    shifted = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1 + 2.0 * np.pi / 3.0 * of.recording)
+    found, = structure([replace(of, features=x, y=of.y + np.outer(stripes, [1.0, 0.0, 0.0]))])
+    assert (found.channel, found.along) == ("v_x", ("x",))
+    assert found.period == pytest.approx(1.1, rel=0.03)
+    assert "m along x of the room" in found.structure
+    elsewhere = structure([replace(of, features=x, y=of.y + np.outer(shifted, [1.0, 0.0, 0.0]))])
+    assert ("x",) not in [u.along for u in elsewhere]
 
 
 def test_a_car_that_hardly_moves_has_no_waves():
@@ -129,6 +143,7 @@ def test_a_level_of_each_recording_is_called_that():
     of = windows(7, recordings=4)
     found = structure([replace(of, y=of.y + np.outer(level[of.recording], [1.0, 0.0, 0.0]))])
     assert [(u.channel, u.along) for u in found] == [("v_x", ("recording",))]
+    assert "at recording day/0.csv" in found[0].structure, "by name: the order of files is ours"
 
 
 def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_variable():

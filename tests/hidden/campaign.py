@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     o = _parser().parse_args(arguments)
     if o.fresh:
         o.out.unlink(missing_ok=True)
-    wanted = cases(o.only, o.effects)
+    wanted = cases(o.only, o.effects, o.first_seed)
     wanted = thinned(wanted, o.cases) if o.cases else wanted
     before = done(o.out)
     missing = [c for c in wanted if c.key not in before]
@@ -155,6 +155,8 @@ def _parser() -> argparse.ArgumentParser:
                    help=f"some of: {', '.join(GROUPS)}")
     p.add_argument("--effects", nargs="+", default=[], metavar="NAME", help="some causes only")
     p.add_argument("--cases", type=int, default=0, metavar="N", help="at most N of each group")
+    p.add_argument("--first-seed", type=int, default=0, metavar="N",
+                   help="other draws than those from 0 on, which the search was built with")
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
     p.add_argument("--jobs", type=int, default=2, help="cores (needs joblib)")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")

@@ -91,11 +91,14 @@ class Case:
         return zlib.crc32(self.key.encode())
 
 
-def cases(names: Sequence[str] = (), only: Sequence[str] = ()) -> list[Case]:
-    """Of some groups (none: all) and, of those with one cause, of some causes (none: all)."""
+def cases(names: Sequence[str] = (), only: Sequence[str] = (), first: int = 0) -> list[Case]:
+    """Of some groups (none: all) and, of those with one cause, of some causes (none: all).
+
+    first: where seeds begin; those from 0 on have been looked at while the search was built.
+    """
     out = []
     for name in names or GROUPS:
-        out += [c for c in _group(name, GROUPS[name])
+        out += [c for c in _group(name, GROUPS[name], first)
                 if not only or any(hidden in only for hidden, _ in c.hidden)]
     return out
 
@@ -110,16 +113,17 @@ def thinned(all_cases: Sequence[Case], most: int) -> list[Case]:
     return out
 
 
-def _group(name: str, group: Group) -> Iterator[Case]:
+def _group(name: str, group: Group, first: int) -> Iterator[Case]:
+    seeds = range(first, first + group.seeds)
     if group.kind == "null":
-        for seed in range(group.seeds):
+        for seed in seeds:
             yield Case(name, seed, ())
     elif group.kind == "pair":
-        for seed in range(group.seeds):
+        for seed in seeds:
             yield Case(name, seed, _two(np.random.default_rng(1000 + seed)))
     else:
         known = {"effect": CAUSES if group.mocap else NO_MOCAP, "far": FAR, "near": NEAR}
-        for seed in range(group.seeds):
+        for seed in seeds:
             for cause in known[group.kind]:
                 yield Case(name, seed, ((cause, _size(name, group, cause, seed)),))
 

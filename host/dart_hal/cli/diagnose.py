@@ -15,6 +15,7 @@ from dart_hal.cli.options import REFERENCE, Number, PathsOption, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import ModelFile
 from dart_hal.diagnose.inputs import checked, effects_named
+from dart_hal.diagnose.motion import driving_seconds
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
 from dart_hal.identify.runs import read_any
@@ -50,8 +51,9 @@ Skipped = list[tuple[str, str]]
               help="how often anything at all may be named where nothing is wrong")
 @click.option("--max-causes", type=click.IntRange(0, 50), default=12, show_default=True,
               help="stop after that many")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True,
-              help="processes; the result does not depend on it")
+@click.option("--jobs", type=click.IntRange(1, 256), default=None,
+              help="processes (default: every core from five minutes of driving on); the result "
+                   "does not depend on it")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="where the mocap markers sat: m, rad, m (default: known by date)")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
@@ -62,7 +64,7 @@ Skipped = list[tuple[str, str]]
 @json_option
 def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
-            false_alarm: float, max_causes: int, jobs: int, reference: Reference | None,
+            false_alarm: float, max_causes: int, jobs: int | None, reference: Reference | None,
             seed: int, suggest: bool, loose: tuple[str, ...], as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
@@ -79,9 +81,11 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
         recordings, skipped = _read(train, test)
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.diagnose import diagnose
+        from dart_hal.diagnose.jobs import wanted
 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
-                     false_alarm=false_alarm, max_causes=max_causes, jobs=jobs,
+                     false_alarm=false_alarm, max_causes=max_causes,
+                     jobs=jobs or wanted(sum(map(driving_seconds, inputs.train))),
                      reference=reference, seed=seed,
                      progress=lambda share, text: bar.update(
                          task, completed=READ + (1.0 - READ) * share, description=text))
@@ -179,9 +183,13 @@ def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
     """Where things were written, and what to type after that."""
     lines = [f"report: {html}"] if html is not None else []
     if d.written is not None:
+        model = shlex.quote(d.written)
         where = shlex.join(map(str, test)) if test else "FILES"
+        # without motion capture there is no path to hold a prediction against
         lines += [f"written: {d.written}",
-                  f"next: dart-hal evaluate --model {shlex.quote(d.written)} {where}"]
+                  f"next: dart-hal evaluate --model {model} {where}" if d.evidence.exact else
+                  "next: drive and record again, then dart-hal diagnose --no-refit "
+                  f"--model {model} --train NEW"]
     for line in lines:
         console.print(line, markup=False, highlight=False)
 

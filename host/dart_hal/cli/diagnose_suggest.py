@@ -24,6 +24,8 @@ def show_suggestions(suggestions: Sequence[Suggestion]) -> None:
             continue
         _say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
         results.print(_table(s))
+        if s.caution():
+            _say(f"  {s.caution()}", style="yellow")
         for command in s.commands:
             _say(f"  {command}")
         _say("  on a real car with --url; then dart-hal diagnose with the new recording as well"

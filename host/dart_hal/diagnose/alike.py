@@ -13,6 +13,7 @@ from .noise import loss
 from .rows import Rows
 from .scan import Trial
 
+MUCH = 0.5  # of the gain
 CLEAR = 2.0  # standard deviations of the difference of losses
 TOGETHER = 0.6
 """Cosine between what two effects do to the residuals: below, they explain different parts."""
@@ -30,25 +31,29 @@ def directions(point: Point) -> Callable[[Trial], FloatArray]:
     return direction
 
 
+def together(point: Point, best: Trial, trials: Sequence[Trial]) -> list[Trial]:
+    """Those that explain much of what the best one does, itself among them."""
+    direction = directions(point)
+    along = direction(best)
+    return [t for t in trials if t.effect == best.effect or (
+        t.gain > MUCH * best.gain and abs(float(direction(t) @ along)) >= TOGETHER)]
+
+
 def alike(point: Point, best: Trial, trials: Sequence[Trial], rows: Rows,
           fits: Mapping[str, Point]) -> tuple[str, ...]:
     """Effects whose loss differs from the best one's by less than its noise over blocks.
 
     fits: with some of the effects; of the others the linear answer counts.
     """
-    direction = directions(point)
-
     def by_block(trial: Trial) -> FloatArray:
         fit = fits.get(trial.effect)
         r = point.after(trial.residual.astype(np.float64)) if fit is None else fit.residual
         return np.asarray(np.bincount(rows.block, weights=point.worth * loss(r)), dtype=float)
 
-    mine, along = by_block(best), direction(best)
+    mine = by_block(best)
     out = []
-    for trial in trials:
-        if trial.effect == best.effect or trial.gain <= 0.5 * best.gain:
-            continue
-        if abs(float(direction(trial) @ along)) < TOGETHER:
+    for trial in together(point, best, trials):
+        if trial.effect == best.effect:
             continue
         worse = by_block(trial) - mine
         total = float(worse.sum())

@@ -27,6 +27,7 @@ from .result import Gained
 
 AT = HORIZONS.index(1.0)
 STRETCH = 10.0  # s of a block
+QUIET = ", one of a standing car counted by how much less it shakes"
 ROLLOUT = "open-loop prediction over 1 s from the measured state, logged commands alone"
 
 
@@ -128,8 +129,9 @@ def _residual_gain(name: str, column: int, before: Point, after: Point, train: S
         pairs.append((a[good], b[good], labels[good]))
     told = gain(*pairs[1], seed=seed)
     what = "motion 1 s ahead" if column >= 0 else "reading"
+    rest = QUIET if name.startswith("accel") else ""
     return Gained(name, _share(*pairs[0][:2]), told.value, told.low, told.high,
-                  f"{name}: predicted {what} against the measured one")
+                  f"{name}: predicted {what} against the measured one{rest}")
 
 
 def _columns(effect: Effect, evidence: Evidence) -> dict[str, int]:

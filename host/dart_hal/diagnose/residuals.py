@@ -43,7 +43,8 @@ Read = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """motion (n, len(READ) * 3): errors of n windows, read-out by read-out; sensors (m, 4)."""
+    """motion (n, len(READ) * 3): errors of n windows, read-out by read-out; sensors (m, 4), those
+    of a standing car larger by ``Evidence.louder``."""
 
     motion: FloatArray
     sensors: FloatArray
@@ -62,10 +63,22 @@ class Evidence:
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process: what is kept is larger than what it takes to make it."""
+        return {**self.__dict__, "_kept": OrderedDict()}
+
     @property
     def sensor_still(self) -> NDArray[np.bool_]:
         """Messages (m,) of a standing car."""
         return np.concatenate([np.empty(0, dtype=np.bool_), *(d.still for d in self.drives)])
+
+    @property
+    def louder(self) -> FloatArray:
+        """(m, 4): by what residuals of sensors are larger than in SI units, see ``at_rest``."""
+        rows = np.ones((len(self.sensor_drive), len(SENSORS)))
+        for i, drive in enumerate(self.drives):
+            rows[self.sensor_still & (self.sensor_drive == i), 2:] = drive.felt
+        return rows
 
     @property
     def columns(self) -> dict[str, int]:

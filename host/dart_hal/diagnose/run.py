@@ -87,13 +87,16 @@ def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tup
 
 def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,
           files: dict[str, dict[str, Any]]) -> Side:
-    evidence, windows = evidence_of(recordings, l_r, reference)
-    for r, n in zip(recordings, windows, strict=True):
-        entry: Mapping[str, Any] = {"role": role, "windows": n, "sha256": r.sha256,
+    # by content: sums in another order end a descent elsewhere, and that may change a name
+    ordered = sorted(recordings, key=lambda r: r.sha256)
+    evidence, windows = evidence_of(ordered, l_r, reference)
+    count = {r.sha256: n for r, n in zip(ordered, windows, strict=True)}
+    for r in recordings:
+        entry: Mapping[str, Any] = {"role": role, "windows": count[r.sha256], "sha256": r.sha256,
                                     "why": [str(note) for note in r.notes]}
         name = r.name if r.name not in files else f"{r.name} ({role})"
         files[name] = dict(entry)
-    return side_of(evidence, recordings, l_r, reference)
+    return side_of(evidence, ordered, l_r, reference)
 
 
 def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None

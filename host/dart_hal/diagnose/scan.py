@@ -6,7 +6,7 @@ found before and timing to every trial is part of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -19,11 +19,11 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from .fit import Point, Sums
+from .jobs import each
 from .noise import Noise, loss
 from .residuals import Evidence
 
 LADDER = (0.35, 1.0, 2.2)  # of the medium size
-PARTS = 8  # of a scan over several processes
 FAINT = 3.0  # gain; far below any threshold
 KEPT = 0.05  # of what a parabola promises: as near its top is where it says
 REFINE = 2  # parabola steps after the ladder
@@ -187,24 +187,9 @@ def scan(evidence: Evidence, noise: Noise, point: Point, names: Sequence[str] | 
     has = {a.name for a in point.vehicle.effects}
     wanted = [n for n in (catalogue() if names is None else names) if n not in has]
     trials = []
-    for i, trial in enumerate(_each(work, wanted, jobs)):
+    for i, trial in enumerate(each(work.best, wanted, jobs)):
         if progress is not None:
             progress((i + 1) / len(wanted), trial.effect)
         # in single precision: there are many of them, and they are long
         trials.append(replace(trial, residual=trial.residual.astype(np.float32)))
     return sorted(trials, key=lambda t: (-t.gain, t.effect))
-
-
-def _each(work: Scan, names: Sequence[str], jobs: int) -> Iterable[Trial]:
-    if jobs == 1 or len(names) < 2 * PARTS:
-        return map(work.best, names)
-    from joblib import Parallel, delayed
-
-    # in parts: what a process needs to know is much more than a name
-    parts = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_some)(work, names[i::PARTS]) for i in range(PARTS))
-    return (trial for part in parts for trial in part)
-
-
-def _some(work: Scan, names: Sequence[str]) -> list[Trial]:
-    return [work.best(name) for name in names]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from .alike import alike
+from .alike import alike, together
 from .fit import Point, at, loss_at, refit, refit_near, refit_with
+from .jobs import each
 from .noise import UNTOLD, Noise, loss, measure
 from .residuals import Evidence, only_read
 from .rows import BLOCK
 from .scan import Progress, Trial, scan
-from .selection import CLOSE, Named, Rejected, Settings, rows_at, select
+from .selection import CLOSE, Named, Rejected, Settings, fitted, rows_at, select
 from .space import Space, Timing, widest
 
 AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
@@ -242,17 +244,20 @@ class Search:
         """What each cause cannot be told from, beside all the others that were found."""
         if len(named) < 2 and not self._dropped:
             return named
-        out = []
-        for one in named:
-            if not one.rivals:
-                out.append(one)
-                continue
-            without = self._without(point, noise, one.effect)
-            trials = scan(self._evidence, noise, without, (one.effect, *one.rivals))
-            mine = next(t for t in trials if t.effect == one.effect)
-            fits = {t.effect: self._with(without, noise, t) for t in trials
-                    if t.gain > CLOSE * mine.gain}
-            out.append(replace(one, gain=without.loss() - point.loss(),
-                               like=alike(without, mine, trials,
-                                          rows_at(self._evidence, without), fits)))
-        return sorted(out, key=lambda n: -n.gain)
+        liked = each(partial(self._like, point, noise), named, self._settings.jobs)
+        return sorted(liked, key=lambda n: (-n.gain, n.effect))
+
+    def _like(self, point: Point, noise: Noise, one: Named) -> Named:
+        if not one.rivals:
+            return one
+        without = self._without(point, noise, one.effect)
+        trials = scan(self._evidence, noise, without, (one.effect, *one.rivals))
+        mine = next(t for t in trials if t.effect == one.effect)
+        close = [t for t in together(without, mine, trials) if t.gain > CLOSE * mine.gain]
+        return replace(one, gain=without.loss() - point.loss(),
+                       like=alike(without, mine, trials, rows_at(self._evidence, without),
+                                  fitted(partial(self._with, without, noise), close, 1)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which cannot show progress here."""
+        return {**self.__dict__, "_progress": None}

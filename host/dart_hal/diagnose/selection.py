@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import comb
 
 import numpy as np
@@ -14,6 +15,7 @@ from dart_hal.vehicle.effects import catalogue
 
 from .alike import alike, directions
 from .fit import Point
+from .jobs import each
 from .noise import loss, weight
 from .residuals import Evidence, only_read
 from .rows import Rows, rows_of
@@ -112,8 +114,9 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     passed = [t for t in trials if t.gain > limits[t.effect]]
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)
              and not _too_small(catalogue()[t.effect], t.values, NOT_TRIED)]
-    fits = {t.effect: first if t is trials[0] else fit_with(t) for t in again
-            if t.gain > CLOSE * again[0].gain}
+    close = [t for t in again if t.gain > CLOSE * again[0].gain]
+    fits = {trials[0].effect: first} if trials[0] in close else dict[str, Point]()
+    fits |= fitted(fit_with, [t for t in close if t.effect not in fits], settings.jobs)
     direction = directions(point)
     order = sorted(passed, key=lambda t: PER_PARAMETER * len(catalogue()[t.effect].parameters)
                    - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)
@@ -148,6 +151,15 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
         if why:
             rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why))
     return Step(tuple(accepted), tuple(rejected))
+
+
+def fitted(fit_with: FitWith, trials: Sequence[Trial], jobs: int) -> dict[str, Point]:
+    """The full fit of each trial, by effect."""
+    return dict(each(partial(_fit, fit_with), trials, jobs))
+
+
+def _fit(fit_with: FitWith, trial: Trial) -> tuple[str, Point]:
+    return trial.effect, fit_with(trial)
 
 
 def rows_at(evidence: Evidence, point: Point) -> Rows:

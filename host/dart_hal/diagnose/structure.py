@@ -28,7 +28,7 @@ from .onboard import OnboardEvidence
 from .readings import SENSORS
 from .residuals import MOTION, Evidence, Residuals
 from .result import Unexplained
-from .waves import WAY, wave, waves
+from .waves import ALONG, WAVES, phases, wave, waves
 
 READ_OUT = 2  # the one at 0.5 s: as far as from window to window
 UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
@@ -47,8 +47,9 @@ WITHIN = ("time", "recording")  # variables whose effect need not carry over to 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Residuals with the same rows. y (n, c) in ``size`` (c,) of SI units; block (n,): labels,
-    the same for the same stretch of time in every group; recording (n,)."""
+    """Residuals with the same rows. y (n, c) in ``size`` (n, c) of SI units; block (n,):
+    labels, the same for the same stretch of time in every group; recording (n,): an index to
+    ``names``."""
 
     channels: tuple[str, ...]
     y: FloatArray
@@ -56,6 +57,7 @@ class Group:
     features: Mapping[str, FloatArray]
     block: NDArray[np.int64]
     recording: NDArray[np.int64]
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +120,12 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise) -
     while_driven = _exogenous(p, window_features(evidence, p, READ[READ_OUT]))
     while_counted = _exogenous(p, message_features(evidence, p))
     del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
-    return [Group(names, x, size, while_driven, windows, evidence.motion_drive),
-            Group(tuple(SENSORS[sensors]), noise.whiten(residuals)[1][:, sensors],
-                  noise.sensors[sensors], while_counted, messages, evidence.sensor_drive)]
+    drives = tuple(d.recording.name for d in evidence.drives)
+    read, loud = noise.whiten(residuals)[1], evidence.louder
+    return [Group(names, x, np.broadcast_to(size, x.shape), while_driven, windows,
+                  evidence.motion_drive, drives),
+            Group(tuple(SENSORS[sensors]), read[:, sensors], (noise.sensors / loud)[:, sensors],
+                  while_counted, messages, evidence.sensor_drive, drives)]
 
 
 def _exogenous(p: Vehicle, features: dict[str, FloatArray]) -> dict[str, FloatArray]:
@@ -152,7 +157,8 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01) -> tuple[Unex
                 along = _simplest({k: share for k, (share, _) in mine.items()})
                 share, p = mine[along]
                 period, words = _words(group, i, along)
-                out.append(Unexplained(channel, words, along, p, share, period))
+                variables = tuple(name for name in along if name != WAVES)
+                out.append(Unexplained(channel, words, variables, p, share, period))
     return tuple(sorted(out, key=lambda u: (u.p_value, -u.share)))
 
 
@@ -207,7 +213,8 @@ def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.ra
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
         return np.stack([*(predicted_share(basis(features, along), Rows(y, block, fold), signs)
                            for along, fold in zip(tried, folds, strict=True)),
-                         waves(y, block, features["way"], recording, signs)], axis=1)
+                         *(waves(y, block, features[name], phases(name, recording), signs)
+                           for name, _ in ALONG)], axis=1)
 
     share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
     left = y.copy()
@@ -215,7 +222,7 @@ def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.ra
         if share[0, best, i] > 0.0:
             left[:, i] -= held_out(basis(features, tried[best]), y[:, i], folds[best])
     both = np.concatenate([share, table(left, signs)])
-    return both.reshape(len(both), -1), [*tried, WAY]
+    return both.reshape(len(both), -1), [*tried, *ALONG]
 
 
 def _features(group: Group) -> dict[str, FloatArray]:
@@ -243,10 +250,10 @@ def _folds(group: Group, block: NDArray[np.int64], rng: np.random.Generator
 def _simplest(share: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     """The best variable, or the best set of more where one is not nearly enough.
 
-    Last of all waves along the way: on circles what depends on the place comes again as well.
+    Last of all waves: on circles what depends on the place comes again along the way as well.
     """
     best: tuple[str, ...] = ()
-    rank = {along: LAST if along == WAY else len(along) for along in share}
+    rank = {along: LAST if WAVES in along else len(along) for along in share}
     for size in sorted(set(rank.values())):
         here = max((along for along in share if rank[along] == size), key=lambda a: share[a])
         if not best or share[here] > MORE_THAN * share[best] + MORE:
@@ -259,16 +266,22 @@ def _words(group: Group, channel: int, along: tuple[str, ...]) -> tuple[float, s
     features = _features(group)
     name, unit = group.channels[channel], UNIT[group.channels[channel]]
     lead = f"model minus measured {name}{' after 0.5 s' if name in MOTION else ''}"
-    if along == WAY:
-        length, size = wave(_centred(group)[:, channel], features["way"], group.recording)
-        size *= float(group.size[channel])
-        return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m of way"
-    curve = fitted(basis(features, along), _centred(group)[:, channel]) * group.size[channel]
+    if WAVES in along:
+        length, size = wave(_centred(group)[:, channel], features[along[0]],
+                            phases(along[0], group.recording))
+        size *= float(np.median(group.size[:, channel]))
+        of = "of way" if along[0] == "way" else f"along {along[0]} of the room"
+        return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {of}"
+    curve = fitted(basis(features, along), _centred(group)[:, channel]) * group.size[:, channel]
     ends = []
     for row in (int(np.argmax(curve)), int(np.argmin(curve))):
-        where = ", ".join(f"{n} {features[n][row]:.3g}{_unit(n)}" for n in along)
+        where = ", ".join(f"{n} {_value(group, n, features[n][row])}" for n in along)
         ends.append(f"{curve[row]:+.2g} {unit} at {where}")
     return 0.0, f"{lead}: {ends[0]}; {ends[1]}"
+
+
+def _value(group: Group, name: str, value: float) -> str:
+    return group.names[int(value)] if name == "recording" else f"{value:.3g}{_unit(name)}"
 
 
 def _unit(name: str) -> str:

@@ -1,8 +1,8 @@
-"""Waves along the way: a wheel that is not round, a bump on a gear, planks on the floor.
+"""Waves: a wheel that is not round comes again along the way, planks and cables across the floor.
 
-What comes again with every metre is no function of speed, steering or place. Its
-power at every length is a product of sums over blocks, so the signs of whole
-blocks are turned as for any function.
+What comes again with every metre is no function of speed or steering, and of place
+only a very wavy one. Its power at every length is a product of sums over blocks, so
+the signs of whole blocks are turned as for any function.
 """
 
 from __future__ import annotations
@@ -18,19 +18,28 @@ from .rows import Labels
 
 ComplexArray = NDArray[np.complex64]
 
-WAY = ("way",)
+WAVES = "waves"
+ALONG = (("way", WAVES), ("x", WAVES), ("y", WAVES))
+"""What waves are looked for along; they stand beside sets of variables."""
 FASTEST = 1.5  # waves per metre: a prediction takes half a metre together
-FINE = 1.5  # frequencies for each that the longest way can tell apart
+FINE, FINER = 1.5, 8.0
+"""Frequencies for each that the longest way can tell apart: to find a wave, to tell its length."""
 MOST = 600  # frequencies
 FEWEST = 3.0  # waves on the longest way
+
+
+def phases(name: str, recording: Labels) -> Labels:
+    """(n,) labels of rows whose waves begin together: on one floor all do, along the way those of
+    a recording."""
+    return recording if name == "way" else np.zeros_like(recording)
 
 
 def waves(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, signs: FloatArray
           ) -> FloatArray:
     """Share (s, c) of the best wave along the way, each recording with a phase of its own.
 
-    y (n, c) in blocks (n,), for each set of signs (s, B); way (n,) [m]. Of the
-    variance, less what any wave takes of noise.
+    y (n, c) in blocks (n,), for each set of signs (s, B); way (n,) [m], or a place;
+    recording (n,) as ``phases``. Of the variance, less what any wave takes of noise.
     """
     tried = frequencies(way, recording)
     if not len(tried):
@@ -47,19 +56,19 @@ def waves(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, sign
 
 def wave(y: FloatArray, way: FloatArray, recording: Labels) -> tuple[float, float]:
     """(length [m], amplitude) of the best wave of y (n,) along the way (n,)."""
-    tried = frequencies(way, recording)
+    tried = frequencies(way, recording, FINER)
     taken = sum(2.0 / of * np.abs(one[0].sum(axis=0))**2
                 for _, of, one in _spectra(y[:, None], recording, way, recording, tried))
     best = int(np.argmax(taken))
     return float(1.0 / tried[best]), float(np.sqrt(2.0 * np.asarray(taken)[best] / len(y)))
 
 
-def frequencies(way: FloatArray, recording: Labels) -> FloatArray:
+def frequencies(way: FloatArray, recording: Labels, fine: float = FINE) -> FloatArray:
     """(f,) waves per metre that are tried; none where the way is too short for any."""
     longest = max((float(np.ptp(way[recording == r])) for r in np.unique(recording)), default=0.0)
     if longest * FASTEST < FEWEST:
         return np.empty(0)
-    return np.arange(FEWEST / longest, FASTEST, max(1.0 / (FINE * longest), FASTEST / MOST))
+    return np.arange(FEWEST / longest, FASTEST, max(1.0 / (fine * longest), FASTEST / MOST))
 
 
 def _spectra(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, tried: FloatArray

@@ -97,6 +97,15 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
     assert s.by_hand.startswith("Steering steps")
 
 
+def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_simulated(question):
+    d, _ = question
+    (s,) = suggest(d, floor=Floor(3.0, 3.0))
+    assert max(p.before for p in s.pairs if p.effect == s.cause) < 4.0
+    assert s.caution() == ""
+    surer = replace(s, pairs=tuple(replace(p, before=14.5) for p in s.pairs))
+    assert "(14.5) already" in surer.caution()
+
+
 def test_a_rival_that_explains_nothing_needs_no_drive(question):
     d, _ = question
     told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))

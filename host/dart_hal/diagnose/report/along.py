@@ -64,9 +64,10 @@ class Column:
     def unit(self) -> str:
         return CHANNELS[self.channel][1]
 
-    def of(self, r: Residuals) -> FloatArray:
-        """Its residuals (rows,), not folded."""
-        return np.asarray((r.motion if self.after else r.sensors)[:, self.index])
+    def of(self, r: Residuals, louder: FloatArray) -> FloatArray:
+        """Its residuals (rows,) in SI units, not folded; louder: as ``Evidence.louder``."""
+        of = r.motion if self.after else r.sensors / louder
+        return np.asarray(of[:, self.index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,7 @@ class Rows:
     def __init__(self, evidence: Evidence, p: Vehicle) -> None:
         self._evidence, self._p = evidence, p
         self._motion, self._sensor = evidence.blocks(STRETCH)
+        self._louder = evidence.louder
         self._features: dict[float, Features] = {}
 
     def features(self, column: Column) -> Features:
@@ -115,7 +117,7 @@ class Rows:
 
     def values(self, column: Column, r: Residuals) -> FloatArray:
         """Residuals (rows,), folded where the column says so; NaN where there is none."""
-        values = column.of(r)
+        values = column.of(r, self._louder)
         return values * self.features(column)["direction"] if column.folded else values
 
     def means(self, column: Column, variable: str, r: Residuals, period: float = 0.0
@@ -145,7 +147,7 @@ class Rows:
 
     def sides(self, column: Column, r: Residuals) -> Means | None:
         """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
-        y, direction = column.of(r), self.features(column)["direction"]
+        y, direction = column.of(r, self._louder), self.features(column)["direction"]
         good = np.isfinite(y)
         if good.sum() < FEWEST:
             return None

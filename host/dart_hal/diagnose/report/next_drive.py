@@ -23,6 +23,8 @@ def _one(s: Suggestion) -> Html:
     if s.drive:
         parts.append(el("p", f"{s.description}; needs {s.needs} and {s.space} of floor."))
         parts.append(el("ol", *(el("li", el("code", command)) for command in s.commands)))
+    if s.caution():
+        parts.append(el("p", f"{s.caution()[0].upper()}{s.caution()[1:]}.", class_="warn"))
     if s.by_hand:
         parts.append(el("p", f"By hand: {s.by_hand}"))
     rows = [(p.effect, p.rival, significant(p.before), significant(p.after), percent(p.right))

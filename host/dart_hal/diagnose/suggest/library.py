@@ -11,9 +11,6 @@ import numpy as np
 from dart_hal.config import CarFiles, ModelFile, parse_car
 from dart_hal.errors import ExperimentFailed
 from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.make import make_plan
-from dart_hal.experiment.rehearsal import rehearse
-from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.types import FloatArray
 
 from ..drive import STEP
@@ -121,12 +118,18 @@ def _of_the_paper(name: str, floor: Floor) -> Commands | None:
 
 def _files(model: ModelFile | None) -> CarFiles:
     """Those of the simulated car without a secret: the same on every computer."""
+    from dart_hal.sim.car_file import typical_car_toml
+
     files = parse_car(typical_car_toml(), "the simulated car")
     return replace(files, calibration=None, model=model)
 
 
 def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
     """None where it does not fit."""
+    # a third of a second: every diagnosis loads this module, and few are asked what to drive next
+    from dart_hal.experiment.make import make_plan
+    from dart_hal.experiment.rehearsal import rehearse
+
     try:
         _, drive = rehearse(make_plan(name, files, floor, None), files)
     except ExperimentFailed:

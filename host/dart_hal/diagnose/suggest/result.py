@@ -125,12 +125,23 @@ class Suggestion:
         return (f"none of {many} drives would tell {self.cause} from all of {rivals}; {drive} "
                 "comes nearest" + (f" and tells it from {', '.join(told)}" if told else ""))
 
+    def caution(self) -> str:
+        """Why a drive may tell less than is promised, "" where nothing says so."""
+        told = [p for p in self.pairs if p.effect == self.cause and p.before >= ENOUGH]
+        if not told:
+            return ""
+        rivals = ", ".join(f"{p.rival} ({p.before:.1f})" for p in told)
+        return (f"by this measure the data at hand tell {self.cause} from {rivals} already; that "
+                "they do not says that something else is wrong there, as large as the difference, "
+                "and a new drive may have it as well")
+
     def to_json(self) -> dict[str, Any]:
         """One entry of ``--suggest --json``."""
         return {"cause": self.cause, "rivals": list(self.rivals), "drive": self.drive or None,
                 "description": self.description, "commands": list(self.commands),
                 "duration_s": self.seconds, "space": self.space, "needs": self.needs,
-                "enough": self.enough, "pairs": [p.to_json() for p in self.pairs],
+                "enough": self.enough, "caution": self.caution(),
+                "pairs": [p.to_json() for p in self.pairs],
                 "values": {k: dict(v) for k, v in self.values.items()},
                 "by_hand": self.by_hand, "tried": [t.to_json() for t in self.tried],
                 "prediction": self.prediction.to_json() if self.prediction else None}

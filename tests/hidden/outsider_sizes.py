@@ -1,0 +1,90 @@
+"""How large an outsider must be to disturb as much as a steering lag of medium size.
+
+    python tests/hidden/outsider_sizes.py [NAME ...]
+
+For what no list gives sizes, medium is what raises the loss of the right model
+as much as a lag of 0.06 s does, in the mean over drives. ``outsiders.FAR`` has
+the sizes that this prints, rounded.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import numpy as np
+from outsiders import FAR
+from stranger import Car
+from stranger_causes import SIZES, hide
+from stranger_files import Habits, pair
+
+from dart_hal.diagnose.fit import Point, refit
+from dart_hal.diagnose.noise import Noise, measure
+from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.rows import BLOCK
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.space import Space, Timing
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+
+MEASURE, MEDIUM = "steering_lag", 1
+DRIVES = tuple(product(("steps", "waves", "laps"), (1, 2)))  # style, seed
+SECONDS = (120.0, 10.0)
+ROUNDS = 3
+Prepare = Callable[[Car], None]
+
+
+def evidence(prepare: Prepare, style: str, seed: int) -> Evidence:
+    """Of one drive of a car with something in it."""
+    car = Car()
+    prepare(car)
+    with tempfile.TemporaryDirectory() as folder:
+        train, _ = pair(Path(folder), car, Habits(style=style), SECONDS, seed)
+        return evidence_of([read(train)], PAPER.body.l_r)[0]
+
+
+def fitted(seen: Evidence, noise: Noise) -> Point:
+    """The right model but for the cause, with timing alone free."""
+    space = Space(PAPER, ())
+    return refit(seen, noise, space, space.point(Timing()))
+
+
+class Drops:
+    """Rise of the loss by a cause, in the mean over drives, each by the noise it has without it."""
+
+    def __init__(self) -> None:
+        self._without = {}
+        for drive in DRIVES:
+            seen = evidence(lambda car: None, *drive)
+            blocks = seen.blocks(BLOCK)
+            noise = measure(seen.residuals(PAPER, Timing()), blocks, seen.overlap)
+            timing = fitted(seen, noise).timing
+            noise = measure(seen.residuals(PAPER, timing), blocks, seen.overlap)
+            self._without[drive] = noise, fitted(seen, noise).loss()
+
+    def of(self, prepare: Prepare) -> float:
+        return float(np.mean([fitted(evidence(prepare, *drive), noise).loss() - nothing
+                              for drive, (noise, nothing) in self._without.items()]))
+
+
+def main(names: list[str]) -> None:
+    drops = Drops()
+    wanted = drops.of(lambda car: hide(car, MEASURE, SIZES[MEASURE][MEDIUM]))
+    print(f"{MEASURE} {SIZES[MEASURE][MEDIUM]}: {wanted:.0f}")
+    for name in names or FAR:
+        act, size = FAR[name]
+        tried = []
+        for _ in range(ROUNDS):
+            drop = drops.of(lambda car, act=act, size=size: act(car, size))  # type: ignore[misc]
+            tried.append(f"{size:.3g}: {drop:.0f}")
+            size *= (wanted / max(drop, 1.0)) ** 0.5
+        print(f"{name}: {size:.2g}   ({', '.join(tried)})", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
