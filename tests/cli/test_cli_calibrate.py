@@ -70,10 +70,11 @@ def test_without_a_terminal_the_remedy_is_the_option(on_a_car):
 
 
 def test_the_result_comes_last_and_fits_a_screen(on_a_car):
-    lines = on_a_car("--yes", stdin=io.StringIO()).err.splitlines()
-    assert len(lines) <= 26
-    assert lines[-1] == "nothing written: because"
-    assert lines[-2] == "samples left out: 5"
+    done = on_a_car("--yes", stdin=io.StringIO())
+    lines = done.out.splitlines()
+    assert len(lines) <= 24
+    assert lines[-1] == "samples left out: 5"
+    assert done.err.splitlines()[-1] == "nothing written: because"
     grouped = next(i for i, line in enumerate(lines) if "grouped" in line)
     assert grouped < next(i for i, line in enumerate(lines) if "five-parameter" in line)
     assert not any("a.csv: long" in line for line in lines)

@@ -1,4 +1,4 @@
-"""What verbs print for machines: the fields of the contracts, and nothing else on stdout."""
+"""What verbs print on stdout: for machines the fields of the contracts, else the answer alone."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from dart_hal.cli.main import VERBS
 
 MOCK = "sim://?seed=7&nano=mock"
+EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 RUN_FIELDS = {"url", "files", "duration_s", "frames", "lost", "summary"}
 
 
@@ -45,6 +47,20 @@ def test_the_list_of_verbs(verb):
     shown = verb("--help")
     assert all(name in shown.out for name in VERBS)
     assert "dart-hal" in verb("--version").out
+
+
+@pytest.mark.parametrize(("arguments", "answer"), [
+    (("sim", "--reveal", "--url", MOCK), "steering.backlash"),
+    (("doctor", "--url", MOCK, "--seconds", 1), "it will drive"),
+    (("record", "--url", MOCK, "--duration", 0.3), "frames, 0 lost"),
+    (("data", "check", EXCERPT / "circles_27_sept_2024"), "good for evaluation"),
+    (("identify", "friction", "--as-paper", EXCERPT, "--dry-run"), "+- 0.021 N"),
+])
+def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
+    ran = verb(*arguments)
+    assert ran.code == 0
+    assert answer in ran.out
+    assert answer not in ran.err
 
 
 def test_demo(verb, tmp_path, monkeypatch):
@@ -125,6 +141,7 @@ def test_record_and_replay(verb, tmp_path):
     assert replayed["frames"] == recorded["frames"]
     assert replayed["summary"]["states_sha256"] == recorded["summary"]["states_sha256"]
     assert len(table.read_text().splitlines()) == replayed["frames"] + 1
+    assert f"{replayed['frames']} frames in" in verb("replay", run).out
 
 
 def test_drive_by_script(verb, tmp_path):

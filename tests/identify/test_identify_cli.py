@@ -29,7 +29,7 @@ NAMES = {"friction": {"a", "b", "c"}, "motor": {"d", "e", "g"},
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """``run(*words)`` -> (exit status, JSON of standard output, standard error)."""
+    """``run(*words)`` -> (exit status, standard output (JSON read), standard error)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
 
@@ -37,7 +37,7 @@ def run(capsys, tmp_path, monkeypatch):
         with pytest.raises(SystemExit) as end:
             main(["identify", *map(str, words)])
         out, err = capsys.readouterr()
-        return end.value.code, json.loads(out) if out.strip() else None, err
+        return end.value.code, json.loads(out) if "--json" in words else out, err
     return call
 
 
@@ -106,8 +106,8 @@ def test_a_base_gives_what_is_not_identified(run, tmp_path):
 
 
 def test_every_file_of_the_paper_is_in_the_list(run):
-    _, _, err = run("all", "--as-paper", EXCERPT, "--dry-run")
-    head, rest = err.split("parameters,")[0].splitlines()[0], err.split("parameters,")[0]
+    _, out, _ = run("all", "--as-paper", EXCERPT, "--dry-run")
+    head, rest = out.split("parameters,")[0].splitlines()[0], out.split("parameters,")[0]
     listed = [int(n) for n in re.findall(r": (\d+) file\(s\)", rest)]
     assert head.startswith("43 of 43 file(s) used")
     assert sum(listed) == 43
@@ -116,9 +116,9 @@ def test_every_file_of_the_paper_is_in_the_list(run):
 @pytest.mark.parametrize(("columns", "shown"), [("80", False), ("89", False), ("90", True)])
 def test_a_narrow_terminal_costs_a_column_and_no_digits(run, monkeypatch, columns, shown):
     monkeypatch.setenv("COLUMNS", columns)
-    monkeypatch.setattr("dart_hal.cli.output.console._width", int(columns))
-    _, _, err = run("friction", "--as-paper", EXCERPT)
-    table = err.split("residuals")[1]
+    monkeypatch.setattr("dart_hal.cli.output.results._width", int(columns))
+    _, out, _ = run("friction", "--as-paper", EXCERPT)
+    table = out.split("residuals")[1]
     assert (" loss " in table) == shown
     assert ("0.0360688" in table) == shown
     assert "0.18992 N" in table
@@ -142,12 +142,13 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
 
 
 def test_the_table_says_value_error_paper_and_what_is_not_told(run):
-    _, document, err = run("tyres", "--as-paper", EXCERPT)
-    assert document is None
-    assert "0.38508 +- 0.00088 N/deg" in err
-    assert "22.301" in err  # the paper's, beside it
-    assert "at bound" in err
-    assert "caution: tyres: front_C stopped at the edge of the allowed interval" in err
+    _, out, err = run("tyres", "--as-paper", EXCERPT)
+    assert "0.38508 +- 0.00088 N/deg" in out
+    assert "22.301" in out  # the paper's, beside it
+    assert "at bound" in out
+    assert "caution: tyres: front_C stopped at the edge of the allowed interval" in out
+    assert "0.38508" not in err
+    assert "nothing written" in err
 
 
 @pytest.mark.parametrize(("words", "what"), [
@@ -254,10 +255,10 @@ def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
 
 def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     pytest.importorskip("matplotlib")
-    status, _, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
-                         "pics")
+    status, out, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
+                           "pics")
     assert status == 0
-    table = err.split("residuals")[1].split("\n\n")[0]
+    table = out.split("residuals")[1].split("\n\n")[0]
     assert len(re.findall(r"typical error", table)) == 1
     assert "paper's" not in table
     assert err.index("written: model.toml") < err.index("picture: pics/")
@@ -271,9 +272,10 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     def fail(*_):
         raise UsageError("no room for pictures")
     monkeypatch.setattr("dart_hal.identify.plots.draw", fail)
-    status, _, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
+    status, out, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
     assert status == 2
-    assert err.index("1.726 +- 0.021") < err.index("written: m.toml") < err.index("no room")
+    assert "1.726 +- 0.021" in out
+    assert err.index("written: m.toml") < err.index("no room")
     assert (tmp_path / "m.toml").exists()
 
 

@@ -32,8 +32,8 @@ def cli(capsys, monkeypatch, tmp_path):
             outputs.append((int(left.value.code or 0), said))
         (code, first), (again, second) = outputs
         assert code == again
-        assert second.out == "", "for people: standard error"
-        return code, json.loads(first.out), second.err
+        assert (second.out == "") == (code == 2), "an answer or a refusal"
+        return code, json.loads(first.out), second.out or second.err
     return run
 
 

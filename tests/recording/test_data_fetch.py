@@ -348,7 +348,7 @@ def run(capsys, *args) -> tuple[int, dict, str]:
         main(["data", "fetch", *map(str, args)])
     said = capsys.readouterr()
     assert "Traceback" not in said.out + said.err
-    return int(left.value.code or 0), json.loads(said.out) if said.out else {}, said.err
+    return int(left.value.code or 0), json.loads(said.out) if "--json" in args else {}, said.out
 
 
 def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, to):

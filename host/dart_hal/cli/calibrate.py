@@ -14,7 +14,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.options import PathsOption, car_options, json_option
-from dart_hal.cli.output import console, print_json, progress_bar
+from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.errors import CalibrationFailed, UsageError
 
@@ -102,18 +102,18 @@ def _agreed(question: str, yes: bool) -> bool:
 
 def show(result: SteeringResult, plot: Path | None = None) -> None:
     """Some rows of the map, what there is to say about the data, and the result last."""
-    console.print(_table(result))
+    results.print(_table(result))
     for note in result.brief or result.notes:
         style = "yellow" if note.startswith("caution:") else "dim"
-        console.print(f"  {note}", style=style, markup=False, highlight=False)
+        results.print(f"  {note}", style=style, markup=False, highlight=False)
     form = ", ".join(f"{name} {value:.4f}" for name, value in result.paper_form.items())
-    console.print(f"five-parameter form: {form}")
+    results.print(f"five-parameter form: {form}")
     backlash = result.backlash
-    console.print("backlash: not known from these data" if backlash is None else
+    results.print("backlash: not known from these data" if backlash is None else
                   f"backlash {backlash.value:.4f} +- {backlash.std:.4f} rad")
-    console.print(f"residual {result.residual_rms:.5f} rad rms over {result.n} samples")
+    results.print(f"residual {result.residual_rms:.5f} rad rms over {result.n} samples")
     if result.dropped:
-        console.print(result.dropped)
+        results.print(result.dropped)
     if plot is not None:
         console.print(f"picture: {plot}")
     why = result.unwritten or "nothing written: a dry run"

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import results
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.web import BY_HAND
@@ -29,7 +29,7 @@ def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], who
         for c in checks:
             _block(c)
     else:
-        console.print(_table(checks))
+        results.print(_table(checks))
         _serious(checks)
         _counts(checks)
     for path, reason in skipped:
@@ -78,7 +78,7 @@ def _reference(c: Check) -> str:
 
 def _table(checks: Sequence[Check]) -> Table:
     table = Table(box=None, pad_edge=False)
-    width = NAME + min(max(console.width - NARROW, 0), LONGEST - NAME)
+    width = NAME + min(max(results.width - NARROW, 0), LONGEST - NAME)
     table.add_column("recording", no_wrap=True, min_width=NAME)
     for name in ("schema", "s", "rows", "encoder", "m/s", "bad"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -161,4 +161,4 @@ def _line(name: str, text: str) -> None:
 
 
 def _say(text: str, style: str = "") -> None:
-    console.print(text, style=style, markup=False, highlight=False)
+    results.print(text, style=style, markup=False, highlight=False)

@@ -19,7 +19,7 @@ from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_eff
 from dart_hal.cli.demo_page import Drive, write_page, write_summary
 from dart_hal.cli.demo_section import hidden_section, real_skipped
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import with_progress
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
@@ -85,7 +85,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
                     "summary": {**numbers, "diagnosis": told.to_json(), "real_car": of_real}})
     else:
         show(numbers, result, drive, told)
-        console.print(f"the real car: {of_real.get('skipped') or of_real['verdict']}")
+        results.print(f"the real car: {of_real.get('skipped') or of_real['verdict']}")
         console.print(f"{time.monotonic() - began:.0f} s in all; open {files['page'].resolve()}",
                       highlight=False)
 
@@ -134,11 +134,11 @@ def steering_rms(result: SteeringResult, known: dict[str, Any]) -> float:
 def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: Chapter) -> None:
     """What the chapters on the emulated car came to."""
     last = drive.states[-1]
-    console.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms beside the hidden truth"
+    results.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms beside the hidden truth"
                   f" (stated: {math.degrees(float(np.mean(result.angle_std))):.2f} deg)")
-    console.print(f"figure of eight: {numbers['distance_m']:.1f} m, odometry off by "
+    results.print(f"figure of eight: {numbers['distance_m']:.1f} m, odometry off by "
                   f"{100 * numbers['odometry_error_m']:.1f} cm at the end; "
                   f"{len(drive.states)} frames decoded, {last.health.lost} lost")
     found = " ".join(map(sentence, told.diagnosis.causes)) or verdict(told.diagnosis)
-    console.print(f"diagnosis: {found}", markup=False)
-    console.print(f"what was changed: {'; '.join(map(as_hidden, told.hidden))}", markup=False)
+    results.print(f"diagnosis: {found}", markup=False)
+    results.print(f"what was changed: {'; '.join(map(as_hidden, told.hidden))}", markup=False)

@@ -8,7 +8,7 @@ import click
 
 from dart_hal.cli.checks import Check, examine
 from dart_hal.cli.options import Number, car_options, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import print_json, results
 
 COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
 
@@ -33,7 +33,7 @@ def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
     else:
         for check in checks:
             show(check)
-        console.print(closing(checks, verdict))
+        results.print(closing(checks, verdict))
     return 1 if verdict == "fail" else 0
 
 
@@ -49,10 +49,10 @@ def closing(checks: list[Check], verdict: str) -> str:
 
 def show(check: Check) -> None:
     """One line, and for a fault what was expected and what to type."""
-    console.print(f"[{COLOURS[check.verdict]}]{check.verdict:>4}[/]  {check.title:<22} "
+    results.print(f"[{COLOURS[check.verdict]}]{check.verdict:>4}[/]  {check.title:<22} "
                   f"{check.found}", highlight=False)
     if check.verdict in ("warn", "fail"):
         for name, value in (("expected", check.expected), ("cause", check.cause),
                             ("try", check.remedy)):
             if value:
-                console.print(f"        {name:<8} : {value}", markup=False, highlight=False)
+                results.print(f"        {name:<8} : {value}", markup=False, highlight=False)

@@ -15,7 +15,7 @@ import click
 
 from dart_hal.car import Car
 from dart_hal.cli.options import Number, car_options, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, print_json, results
 from dart_hal.cli.session import in_real_time, opened, with_progress
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
@@ -67,7 +67,7 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
     if as_json:
         print_json(result)
     else:
-        console.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s"
+        results.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s"
                       + (f", recorded in {record}" if record else ""))
 
 

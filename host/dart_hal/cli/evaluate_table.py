@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import results
+from dart_hal.cli.output import console, results
 from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 
@@ -40,7 +40,7 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
         for sentence in e.limit.sentences():
             results.print(f"  {sentence}", markup=False, highlight=False)
     for picture in pictures:
-        results.print(f"picture: {picture}", markup=False, highlight=False)
+        console.print(f"picture: {picture}", markup=False, highlight=False)
 
 
 def _files(e: Evaluation) -> None:

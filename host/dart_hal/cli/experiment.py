@@ -17,7 +17,7 @@ from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.drive import WAIVE
 from dart_hal.cli.identify_table import with_error
 from dart_hal.cli.options import Number, car_options, json_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
@@ -189,11 +189,11 @@ def show(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -
     if outcome is not None:
         for name, fit in outcome.fits.items():
             if fit.n:  # else there is nothing but the values before
-                console.print(_table(name, outcome))
+                results.print(_table(name, outcome))
             for note in fit.notes:
-                console.print(f"  {note}", style="dim", markup=False, highlight=False)
+                results.print(f"  {note}", style="dim", markup=False, highlight=False)
         if outcome.understeer is not None:
-            console.print(str(outcome.understeer), markup=False, highlight=False)
+            results.print(str(outcome.understeer), markup=False, highlight=False)
     if drive.stopped:
         console.print(f"ended early: {drive.stopped}", style="yellow", markup=False)
     rest = f"model written: {model}" if model else "nothing else was written"

@@ -14,7 +14,7 @@ from serial.tools import list_ports
 
 from dart_hal.car.identify import identify_port
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.links.image import find_image
 from dart_hal.links.serial_port import holders
@@ -49,7 +49,7 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
         print_json(result)
     else:
         version = ".".join(map(str, hello.version))
-        console.print(f"{report['bytes']} bytes written and verified at {rate} baud; "
+        results.print(f"{report['bytes']} bytes written and verified at {rate} baud; "
                       f"firmware {version} answers on {device}")
     return 0
 

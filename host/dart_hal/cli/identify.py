@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from dart_hal.cli.options import REFERENCE, json_option
-from dart_hal.cli.output import console, print_json, progress_bar
+from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.identify.outcome import Outcome, as_paper, jointly, per_recording
@@ -98,7 +98,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         from dart_hal.cli.identify_table import show
 
         show(outcome, full)
-        console.print(f"base: {origin}", markup=False, highlight=False)
+        results.print(f"base: {origin}", markup=False, highlight=False)
     _say(written, path, target, dry_run)
     # last: whatever goes wrong with a picture, the figures above are out and the file is written
     pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []

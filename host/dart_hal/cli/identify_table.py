@@ -10,7 +10,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import results
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.outcome import Outcome
 from dart_hal.identify.write import SECTIONS, why_unsound
@@ -34,21 +34,21 @@ def show(outcome: Outcome, full: bool = False) -> None:
     full: notes of every session also where there are many files.
     """
     _files(outcome)
-    console.print(_parameters(outcome))
-    console.print(_quality(outcome))
+    results.print(_parameters(outcome))
+    results.print(_quality(outcome))
     for name, fit in outcome.fits.items():
         why = why_unsound(fit)
         if why:
-            console.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
+            results.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
     notes = _notes(outcome)
     short = {} if full or len(outcome.files) <= MOST_FILES else {
         note: names for note, names in notes.items() if SESSION.match(note)}
     for note, names in notes.items():
         if note not in short:
-            console.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
+            results.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
                           highlight=False)
     if short:
-        console.print(f"  {len(short)} note(s) on single sessions: --full shows them, --json too",
+        results.print(f"  {len(short)} note(s) on single sessions: --full shows them, --json too",
                       style="dim", markup=False, highlight=False)
 
 
@@ -64,7 +64,7 @@ def _notes(outcome: Outcome) -> dict[str, list[str]]:
 def _files(outcome: Outcome) -> None:
     reports = outcome.files
     used = sum(1 for r in reports.values() if r.used)
-    console.print(f"{used} of {len(reports)} file(s) used, "
+    results.print(f"{used} of {len(reports)} file(s) used, "
                   f"{sum(r.used for r in reports.values())} samples used, "
                   f"{sum(r.dropped for r in reports.values())} left out", highlight=False)
     if len(reports) <= MOST_FILES:
@@ -83,7 +83,7 @@ def _files(outcome: Outcome) -> None:
         lines += [f"  every row used: {whole} file(s)"] if whole else []
         lines.append("  (--json tells it file by file)")
     for line in lines:
-        console.print(line, style="dim", markup=False, highlight=False)
+        results.print(line, style="dim", markup=False, highlight=False)
 
 
 def _parameters(outcome: Outcome) -> Table:
@@ -140,7 +140,7 @@ def _quality(outcome: Outcome) -> Table:
     papers = {name: p.rmse for name, p in outcome.published.items() if p.rmse is not None}
     columns = {"sub-model": "left", "n": "right", "rmse": "right", "paper's": "right",
                "loss": "right", "sound": "left", "CPU ms": "right"}
-    left_out = ({"loss"} if console.width < NARROW else set()) | (set() if papers else {"paper's"})
+    left_out = ({"loss"} if results.width < NARROW else set()) | (set() if papers else {"paper's"})
     table = _columns("residuals", {c: side for c, side in columns.items() if c not in left_out})
     for name, fit in rows.items():
         cells = {"sub-model": name, "n": str(fit.n), "sound": "yes" if fit.sound else "NO",

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from dart_hal.cli.options import Number, car_options, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import print_json, results
 from dart_hal.cli.session import opened, with_progress
 from dart_hal.cli.summary import Summary
 
@@ -30,5 +30,5 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
     if as_json:
         print_json(result)
     else:
-        console.print(f"{summary.frames} frames, {summary.lost} lost, in {out} "
+        results.print(f"{summary.frames} frames, {summary.lost} lost, in {out} "
                       f"(dart-hal replay {out})")

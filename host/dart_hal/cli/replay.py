@@ -9,7 +9,7 @@ import click
 
 from dart_hal.car import Car
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, notices, print_json
+from dart_hal.cli.output import notices, print_json, results
 from dart_hal.cli.summary import Summary
 from dart_hal.recording import open_writer
 
@@ -35,6 +35,6 @@ def command(recording: Path, csv: Path | None, as_json: bool) -> None:
         print_json(result)
     else:
         pose = result["summary"]["pose"] or {"x": 0.0, "y": 0.0}
-        console.print(f"{summary.frames} frames in {summary.duration:.1f} s, {summary.lost} lost; "
+        results.print(f"{summary.frames} frames in {summary.duration:.1f} s, {summary.lost} lost; "
                       f"{summary.distance:.2f} m driven, now at x {pose['x']:.3f} m, "
                       f"y {pose['y']:.3f} m")

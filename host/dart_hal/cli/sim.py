@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 import click
 
 from dart_hal.cli.options import cars_option, json_option, url_option
-from dart_hal.cli.output import console, notices, print_json
+from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.config import cars_home
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url, open_backend
@@ -66,17 +66,17 @@ def _reveal(url: Url, as_json: bool) -> None:
         if isinstance(entries, dict):  # the rest is its name
             for name, entry in entries.items():
                 unit = entry["unit"].strip("-")
-                console.print(f"{group + '.' + name:32} {entry['value']:.6g} {unit}".rstrip())
+                results.print(f"{group + '.' + name:32} {entry['value']:.6g} {unit}".rstrip())
     for name, value in truth["sensors"].items():
         shown = value if isinstance(value, list) else [value]
-        console.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))
+        results.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))
     for effect in truth["effects"]:
         for name, entry in effect["parameters"].items():
-            console.print(f"effect {effect['name'] + '.' + name:25} {entry['value']:.6g} "
+            results.print(f"effect {effect['name'] + '.' + name:25} {entry['value']:.6g} "
                           f"{entry['unit'].strip('-')}".rstrip())
     steering = truth["steering"]
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
-        console.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
+        results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
 
 
 def _leave_car_file(backend: Backend, cars: Path | None) -> str:

@@ -10,7 +10,7 @@ import click
 
 from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.cli.options import car_options, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, print_json, results
 from dart_hal.config import load_car
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Bus, Url
@@ -36,7 +36,7 @@ def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) ->
     if as_json:
         print_json({"url": address.text, **asdict(done)})
     else:
-        console.print(f"throttle at {done.left_us:.0f} us (was {done.found_us:.0f})"
+        results.print(f"throttle at {done.left_us:.0f} us (was {done.found_us:.0f})"
                       + (f"; asked pid {done.ended} to end" if done.ended else ""))
     if done.driver is None and done.at_rest:
         return 0

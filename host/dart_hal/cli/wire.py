@@ -9,7 +9,7 @@ import click
 from dart_hal.cli.effect_page import render_effects
 from dart_hal.cli.error_page import render_errors
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
@@ -40,10 +40,11 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
         stale = emit.drift(root)
         stale += [name for name, render in PAGES.items() if not (root / name).is_file()
                   or (root / name).read_text(encoding="utf-8") != render()]
-        for path in stale:
-            console.print(f"differs from the specification: {path}  (dart-hal wire --write)")
         if as_json:
             print_json({"drift": stale})
+        else:
+            for path in stale:
+                results.print(f"differs from the specification: {path}  (dart-hal wire --write)")
         return 1 if stale else 0
     if write:
         emit.write_all(checkout())
