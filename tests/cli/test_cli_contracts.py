@@ -193,3 +193,13 @@ def test_as_a_program(tmp_path):
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["frames"] > 10
     assert (tmp_path / "runs" / "run.mcap").is_file()
+
+
+@pytest.mark.parametrize("verb", [("wire",), ("wire", "--json"), ("sim", "--reveal")])
+def test_a_reader_that_has_enough_is_no_failure(verb, tmp_path):
+    """As `| head` closes its end: what is left to do is done, and nothing is complained of."""
+    with subprocess.Popen([sys.executable, "-m", "dart_hal.cli.main", *verb], cwd=tmp_path,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as asked:
+        asked.stdout.close()
+        said = asked.stderr.read()
+    assert (asked.returncode, said) == (0, "")

@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import results
+from dart_hal.cli.output import output, results
 from dart_hal.diagnose.report import sentence, structure, verdict
 from dart_hal.diagnose.report.charts import pooled
 from dart_hal.diagnose.report.words import (
@@ -33,7 +33,7 @@ def show(d: Diagnosis) -> None:
     """Everything, the verdict first."""
     _say(verdict(d), style="bold")
     if d.causes:
-        Console(width=max(results.width, NARROWEST)).print(_causes(d))
+        Console(file=output, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
     for u in d.unexplained:

@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import console, results
+from dart_hal.cli.output import console, output, results
 from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_hal.identify.evaluation.cases import LEFT_OUT, short
 
@@ -32,7 +32,7 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
     _files(e)
     _caution(e)
     # a narrow terminal may break lines, but no number may lose its second half
-    Console(width=max(results.width, NARROWEST)).print(_table(e))
+    Console(file=output, width=max(results.width, NARROWEST)).print(_table(e))
     for line in _gain(e):
         results.print(line, markup=False, highlight=False)
     if e.limit is not None:

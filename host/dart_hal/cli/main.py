@@ -70,14 +70,6 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
-    try:
-        _run(args)
-    except BrokenPipeError:  # the reader of the output has enough, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-
-
-def _run(args: list[str] | None) -> None:
     argv = sys.argv[1:] if args is None else args
     as_json = "--json" in argv
     try:
@@ -92,8 +84,6 @@ def _run(args: list[str] | None) -> None:
     except (KeyboardInterrupt, click.Abort):
         console.print("stopped")
         sys.exit(130)
-    except BrokenPipeError:
-        raise
     except OSError as error:
         _fail(_file_trouble(error), as_json)
     except Exception as error:  # noqa: BLE001 - the user gets a sentence, not our stack

@@ -4,16 +4,44 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import sys
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+
+class _Output:
+    """Standard output as it is now, and nowhere once its reader has enough, as `| head` does:
+    what is left to do, pictures or a car that must be stopped, is done all the same."""
+
+    def write(self, text: str) -> int:
+        try:
+            return sys.stdout.write(text)
+        except BrokenPipeError:
+            self._stop()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            sys.stdout.flush()
+        except BrokenPipeError:
+            self._stop()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stdout, name)
+
+    def _stop(self) -> None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+output = cast("IO[str]", _Output())
 console = Console(stderr=True, soft_wrap=True)
 """Notices and progress: never mixed into what is asked for."""
-results = Console(soft_wrap=True)
+results = Console(file=output, soft_wrap=True)
 """What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
 
 
@@ -36,7 +64,7 @@ def plain(value: Any) -> Any:
 
 def print_json(value: Any) -> None:
     """Print exactly one JSON object on standard output."""
-    print(json.dumps(plain(value), indent=2, allow_nan=False), flush=True)
+    print(json.dumps(plain(value), indent=2, allow_nan=False), file=output, flush=True)
 
 
 def notices(lines: tuple[str, ...]) -> None:

@@ -9,7 +9,7 @@ import click
 from dart_hal.cli.effect_page import render_effects
 from dart_hal.cli.error_page import render_errors
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, print_json, results
+from dart_hal.cli.output import console, output, print_json, results
 from dart_hal.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
@@ -59,5 +59,5 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
              "fields": [{"name": f.name, "type": f.type, "count": f.count, "scale": f.scale,
                          "unit": f.unit, "doc": f.doc} for f in m.fields]} for m in MESSAGES]})
     else:
-        click.echo(FORMATS[form]())
+        print(FORMATS[form](), file=output)
     return 0
