@@ -80,10 +80,10 @@ def _figures(cause: Cause) -> Html:
     rows = [(f"{name}", quantity(n), significant(n.null)) for name, n in cause.parameters.items()]
     return join([
         table(("parameter", "value", "null value"), rows, 1),
-        table(("channel", "gain on test data", "95 %", "on training data", "measure",
+        table(("channel", "gain on test data", "95 %", "on training data",
                "drop of the loss", "p"),
               [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
-                gain.measure, significant(cause.loss, 4), p_value(cause.p_value))])])
+                significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure)])
 
 
 def _pictures(d: Diagnosis, i: int, rows: Rows) -> Html:
