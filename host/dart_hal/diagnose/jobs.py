@@ -28,7 +28,7 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int) -> It
         return
     from joblib import Parallel, delayed
 
-    parts = Parallel(n_jobs=jobs, return_as="generator_unordered")(
+    parts = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_some)(work, items[i::PARTS]) for i in range(min(PARTS, len(items))))
     for part in parts:
         yield from part
