@@ -8,7 +8,6 @@ A minute takes one core; many recordings take all there are.
 from __future__ import annotations
 
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -18,6 +17,8 @@ from typing import Any
 
 from bench_evaluate import EXCERPT, folder
 from figures import Figure
+
+from dart_hal.diagnose.jobs import cores
 
 MINUTE = ("91_free_driving_16_sept_2024",)
 """One recording of about a minute; its end is held out."""
@@ -59,8 +60,7 @@ def days(root: Path) -> list[Figure]:
     said, cpu, took = diagnosed("--train", *train, "--test", *test)
     pooled = said["extended"]["errors"]["1.0"]["pooled"]
     note = ", ".join(c["effect"] for c in said["causes"])
-    cores = len(os.sched_getaffinity(0))
-    return [Figure(f"diagnose: eleven recordings, on {cores} core(s)", took, "s", high=180.0,
+    return [Figure(f"diagnose: eleven recordings, on {cores()} core(s)", took, "s", high=180.0,
                    note=f"{cpu:.0f} s of CPU; {note}"),
             *(Figure(f"diagnose: {channel} at 1 s on days left out", pooled[channel], unit,
                      note=f"CTRV {said['ctrv']['1.0']['pooled'][channel]:.3g}, paper "

@@ -4,7 +4,7 @@
 
 For what no list gives sizes, medium is what raises the loss of the right model
 as much as a lag of 0.06 s does, in the mean over drives. ``outsiders.FAR`` has
-the sizes that this prints, rounded.
+what this prints, rounded; between two sizes that were tried where the loss is steep.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -74,13 +75,13 @@ class Drops:
 
 def main(names: list[str]) -> None:
     drops = Drops()
-    wanted = drops.of(lambda car: hide(car, MEASURE, SIZES[MEASURE][MEDIUM]))
+    wanted = drops.of(partial(hide, name=MEASURE, size=SIZES[MEASURE][MEDIUM]))
     print(f"{MEASURE} {SIZES[MEASURE][MEDIUM]}: {wanted:.0f}")
     for name in names or FAR:
         act, size = FAR[name]
         tried = []
         for _ in range(ROUNDS):
-            drop = drops.of(lambda car, act=act, size=size: act(car, size))  # type: ignore[misc]
+            drop = drops.of(partial(act, k=size))
             tried.append(f"{size:.3g}: {drop:.0f}")
             size *= (wanted / max(drop, 1.0)) ** 0.5
         print(f"{name}: {size:.2g}   ({', '.join(tried)})", flush=True)

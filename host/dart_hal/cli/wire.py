@@ -59,5 +59,5 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
              "fields": [{"name": f.name, "type": f.type, "count": f.count, "scale": f.scale,
                          "unit": f.unit, "doc": f.doc} for f in m.fields]} for m in MESSAGES]})
     else:
-        print(FORMATS[form](), file=output)
+        print(FORMATS[form](), file=output, flush=True)
     return 0

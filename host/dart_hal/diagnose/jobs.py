@@ -14,8 +14,11 @@ Result = TypeVar("Result")
 
 def wanted(seconds: float) -> int:
     """Processes for so many seconds of driving."""
-    if seconds < ENOUGH:
-        return 1
+    return cores() if seconds >= ENOUGH else 1
+
+
+def cores() -> int:
+    """Those that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

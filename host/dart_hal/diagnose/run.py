@@ -39,7 +39,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     called a missing effect, from where the file says and within the standard
     errors that it states. only: effects that may be named; () = all.
     false_alarm: probability that anything is named where nothing is missing.
-    jobs: processes; the result does not depend on it. reference: marker frame
+    jobs: processes; the result does not depend on it as long as linear algebra has one
+    thread, as the command line gives it. reference: marker frame
     of the mocap; None = by date, else fitted. progress(share, what).
     Errors: RecordingError for recordings that hold nothing to predict.
     """

@@ -115,8 +115,9 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     again = [t for t in passed if t.gain > MORE * failed.get(t.effect, 0.0)
              and not _too_small(catalogue()[t.effect], t.values, NOT_TRIED)]
     close = [t for t in again if t.gain > CLOSE * again[0].gain]
-    fits = {trials[0].effect: first} if trials[0] in close else dict[str, Point]()
-    fits |= fitted(fit_with, [t for t in close if t.effect not in fits], settings.jobs)
+    fits = fitted(fit_with, [t for t in close if t is not trials[0]], settings.jobs)
+    if any(t is trials[0] for t in close):
+        fits[trials[0].effect] = first
     direction = directions(point)
     order = sorted(passed, key=lambda t: PER_PARAMETER * len(catalogue()[t.effect].parameters)
                    - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)

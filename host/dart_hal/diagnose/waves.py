@@ -44,14 +44,14 @@ def waves(y: FloatArray, block: Labels, way: FloatArray, recording: Labels, sign
     tried = frequencies(way, recording)
     if not len(tried):
         return np.zeros((len(signs), y.shape[1]))
-    n, phases = len(way), 2 * len(np.unique(recording))
+    n, free = len(way), 2 * len(np.unique(recording))  # an amplitude and a phase of each
     taken = np.zeros((y.shape[1], len(signs), len(tried)), dtype=np.float32)
     for mine, of, spectra in _spectra(y, block, way, recording, tried):
         for i, one in enumerate(spectra):
             turned = signs[:, mine].astype(np.complex64) @ one
             taken[i] += 2.0 / of * np.abs(turned)**2
     share = taken.max(axis=2).T / np.maximum((y**2).sum(axis=0), 1e-12)
-    return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - phases, 1.0), dtype=float)
+    return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - free, 1.0), dtype=float)
 
 
 def wave(y: FloatArray, way: FloatArray, recording: Labels) -> tuple[float, float]:
