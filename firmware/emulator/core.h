@@ -26,7 +26,8 @@
 
 /* Our own events; at the same cycle they run in this order. */
 enum {
-	EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_EEPROM, EV_IMU, EV_COUNT
+	EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_EEPROM, EV_BOOT, EV_IMU,
+	EV_COUNT
 };
 
 struct isr_stat {
@@ -89,7 +90,14 @@ struct emu {
 	uint64_t now;
 	uint64_t when[EV_COUNT], next_event;
 	uint64_t limit, gate;
-	bool hang;
+	bool hang;   /* the main program stands, interrupts run */
+	bool frozen; /* all of it stands, interrupts are off */
+	bool held;   /* in reset or in the bootloader's wait: pins released */
+	bool unpowered, low_supply;
+	struct {
+		double startup, external, other; /* s */
+		bool clears; /* MCUSR, before the program sees it */
+	} boot;
 	/* world time = world_t + (cycle - world_c) / hz */
 	double hz, world_t;
 	uint64_t world_c;
@@ -109,6 +117,7 @@ struct emu {
 };
 
 /* emu.c */
+void emu_gate(emu_t *e);
 void emu_at(emu_t *e, int event, uint64_t when);
 double emu_world(const emu_t *e, uint64_t cycle);
 uint64_t emu_cycle(const emu_t *e, double world); /* rounded up */
@@ -117,6 +126,10 @@ void log_put(struct event_log *log, uint64_t cycle, int what, int value);
 int log_get(struct event_log *log, uint64_t *cycle, uint8_t *what,
 	    uint8_t *value, int max);
 uint32_t noise_next(uint32_t *state);
+
+/* reset.c */
+void reset_watchdog(emu_t *e);
+void reset_event(emu_t *e); /* the wait of the bootloader is over */
 
 /* each part: set up once, after each reset, at its event */
 int uart_init(emu_t *e);

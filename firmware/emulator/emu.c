@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * The run loop, time and resets.
+ * The run loop and time.
  *
  * simavr's own loop adds a cycle to each sleep and cuts where it is asked to
  * stop. This one sleeps to the next thing that can wake the MCU and to
@@ -13,14 +13,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <simavr/avr_extint.h>
+#include <simavr/sim_avr.h>
 #include <simavr/sim_core.h>
 #include <simavr/sim_core_config.h>
 
 #include "core.h"
 
-#define MCUSR 0x54
-#define PAINT 0xC5
 #define F_CPU 16000000
 
 static char last_log[256];
@@ -95,7 +93,7 @@ static avr_cycle_count_t gate_passed(avr_t *avr, avr_cycle_count_t when,
 /* A timer of simavr at the next cycle that concerns us: simavr then ends its
  * run of instructions there, also when a register write adds a timer. It
  * changes nothing that the program could see. */
-static void set_gate(emu_t *e)
+void emu_gate(emu_t *e)
 {
 	uint64_t when = e->next_event < e->limit ? e->next_event : e->limit;
 	uint64_t now = e->avr->cycle;
@@ -124,7 +122,7 @@ void emu_at(emu_t *e, int event, uint64_t when)
 {
 	e->when[event] = when;
 	find_next(e);
-	set_gate(e);
+	emu_gate(e);
 }
 
 static void imu_event(emu_t *e)
@@ -150,48 +148,10 @@ static void run_events(emu_t *e)
 		case EV_RING_A: wheel_event(e, 0); break;
 		case EV_RING_B: wheel_event(e, 1); break;
 		case EV_EEPROM: eeprom_event(e); break;
+		case EV_BOOT: reset_event(e); break;
 		default: imu_event(e); break;
 		}
 	}
-}
-
-/* --- resets ------------------------------------------------------------ */
-
-static void after_reset(emu_t *e, uint8_t mcusr)
-{
-	e->gate = NEVER; /* avr_reset dropped all timers */
-	e->avr->data[MCUSR] = mcusr;
-	uart_after_reset(e);
-	twi_after_reset(e);
-	pins_after_reset(e);
-	set_gate(e);
-}
-
-/* The watchdog asks for a reset by replacing avr->run. */
-static void watchdog_reset(emu_t *e)
-{
-	uint8_t old = e->avr->data[MCUSR];
-
-	e->avr->run(e->avr);
-	e->avr->run = e->raw_run;
-	after_reset(e, old | 1 << 3);
-}
-
-void emu_reset(emu_t *e, int cause)
-{
-	static const uint8_t flag[] = {1 << 1, 1 << 0, 1 << 2, 1 << 3};
-	uint8_t old = cause == EMU_POWER ? 0 : e->avr->data[MCUSR];
-
-	e->avr->run = e->raw_run;
-	e->watchdog->reset_context.wdrf = cause == EMU_WATCHDOG;
-	e->watchdog->reset_context.avr_run = e->raw_run;
-	if (cause == EMU_POWER)
-		memset(e->avr->data + e->avr->ioend + 1, PAINT,
-		       e->avr->ramend - e->avr->ioend);
-	avr_reset(e->avr);
-	e->avr->run = e->raw_run;
-	e->hang = false;
-	after_reset(e, old | flag[cause & 3]);
 }
 
 /* --- life -------------------------------------------------------------- */
@@ -293,7 +253,7 @@ static bool stands(const emu_t *e)
 {
 	const avr_t *avr = e->avr;
 
-	if (avr->state != cpu_Running)
+	if (e->held || e->frozen || avr->state != cpu_Running)
 		return true;
 	return e->hang && avr->sreg[S_I] && !avr->interrupts.running_ptr;
 }
@@ -336,13 +296,13 @@ int emu_run(emu_t *e, uint64_t target)
 		}
 		e->limit = stop;
 		avr->run_cycle_limit = NEVER;
-		set_gate(e);
+		emu_gate(e);
 		slept = stands(e);
 		advance(e, slept);
 		avr_cycle_timer_process(avr);
 		run_events(e);
 		if (avr->run != e->raw_run) {
-			watchdog_reset(e);
+			reset_watchdog(e);
 			result |= EMU_RESET;
 		} else if (avr->interrupt_state &&
 			   avr->state != cpu_Crashed) {
@@ -367,16 +327,6 @@ int emu_step(emu_t *e, uint64_t target, const double in[7])
 uint64_t emu_now(const emu_t *e)
 {
 	return e->now;
-}
-
-void emu_hang(emu_t *e, int on)
-{
-	e->hang = on;
-}
-
-void emu_vcc(emu_t *e, int millivolt)
-{
-	e->avr->vcc = e->avr->avcc = e->avr->aref = (uint32_t)millivolt;
 }
 
 int emu_flash_get(const emu_t *e, uint8_t *buf, int n)

@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#define EMU_ABI 1
+#define EMU_ABI 2
 
 typedef struct emu emu_t;
 
@@ -44,6 +44,10 @@ void emu_free(emu_t *e);
 /* MCU cycles per second of the world from now on (16e6 (1 + error)). */
 void emu_clock(emu_t *e, double hz);
 void emu_reset(emu_t *e, int cause);
+/* What lies between a reset and the program from the next reset on: in[0] s
+ * of start-up, then in[1] s of bootloader after an external reset or in[2] s
+ * after any other, all with released pins; in[3] != 0: it clears MCUSR. */
+void emu_boot(emu_t *e, const double in[4]);
 
 /* Advance to the absolute cycle `target`, at most to the next EMU_DELIMITER. */
 int emu_run(emu_t *e, uint64_t target);

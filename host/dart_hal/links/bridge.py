@@ -14,7 +14,7 @@ from pathlib import Path
 from dart_hal.errors import EmulatorMissing
 from dart_hal.links.image import FIRMWARE_DIR
 
-ABI = 1
+ABI = 2
 """EMU_ABI of the emu.h that the signatures below follow."""
 
 REMEDY = "apt-get install libsimavr-dev libelf-dev ; make -C firmware emulator"
@@ -29,6 +29,7 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_free": (None, _P),
     "emu_clock": (None, _P, _D),
     "emu_reset": (None, _P, _I),
+    "emu_boot": (None, _P, _P),
     "emu_run": (_I, _P, _U64),
     "emu_step": (_I, _P, _U64, _P),
     "emu_now": (_U64, _P),

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from dart_hal.errors import EmulatorMissing, LinkLost, UsageError
 from dart_hal.links import bridge
+from dart_hal.links.boot import BootWait
 from dart_hal.links.image import (
     BOOT_START,
     FLASH_SIZE,
@@ -225,12 +226,16 @@ class EmulatedNano:
         self._lib.emu_imu_setup(self._emu, (c.c_double * 10)(*gyro, *acc, clock,
                                                               *calibrated_after))
 
-    # --- faults -------------------------------------------------------------
+    # --- resets and faults --------------------------------------------------
 
     def reset(self, cause: str = "external") -> None:
         """Restart the MCU: external, power, brownout or watchdog. Raises UsageError."""
         self._lib.emu_reset(self._emu, _choice(CAUSES, cause, "reset cause"))
         self.crashed = False
+
+    def set_boot(self, wait: BootWait) -> None:
+        """What lies between a reset and the program, from the next reset on."""
+        self._lib.emu_boot(self._emu, (c.c_double * 4)(*wait))
 
     def set_i2c(self, fault: str = "ok", p: float = 1.0, stretch_us: float = 180.0,
                 clocks: int = 9) -> None:

@@ -4,8 +4,9 @@ Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
 ``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
 kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
 ``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
-hardware cut-off that the car is wired with), ``fail`` a list of failures
-separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
+hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
+(what comes between a reset of the Nano and its program), ``fail`` a list of
+failures separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
 of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
 shipped set that the car really is, ``effect`` what it has beyond it, such as
 ``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/effects.md).
@@ -17,6 +18,8 @@ import math
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
+from dart_hal.links.boot import BOOTS, STARTUP, BootWait
+from dart_hal.links.image import BOOTLOADER
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.sim.drawn import car_of, choice
@@ -30,7 +33,7 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "fail", "tick",
+OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
            "vehicle", "effect")
 
 
@@ -61,26 +64,34 @@ def open_sim(url: Url) -> Backend:
 def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
     """The emulated firmware, or MockNano with the reason as a notice."""
     wanted = choice(url, "nano", "avr", "mock")
+    boot = choice(url, "boot", *BOOTS) or "none"
     reason = ""
     if wanted != "mock":
         try:
-            return _emulated(car.clock_error, eeprom), ()
+            return _emulated(car.clock_error, eeprom, boot), ()
         except EmulatorMissing as error:
             if wanted == "avr":
                 raise
             reason = error.what
-    mock = MockNano(clock_error=car.clock_error, eeprom=eeprom)
+    mock = MockNano(clock_error=car.clock_error, eeprom=eeprom, boot=BOOTS[boot])
     notice = (f"MockNano instead of the firmware: {reason}. Results with it say nothing "
               "about the firmware; to get it: make firmware")
     return mock, (notice,) if reason else ()
 
 
-def _emulated(clock_error: float, eeprom: bytes) -> Nano:
+def _emulated(clock_error: float, eeprom: bytes, boot: str) -> Nano:
+    """Opening its port resets a Nano that has a bootloader, as DTR does."""
     try:
         from dart_hal.links.emulator import EmulatedNano
     except ImportError as error:
         raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
-    return EmulatedNano(clock_error=clock_error, eeprom=eeprom)
+    if boot == "none":
+        return EmulatedNano(clock_error=clock_error, eeprom=eeprom)
+    real = boot == "old" and BOOTLOADER.is_file()
+    nano = EmulatedNano(clock_error=clock_error, eeprom=eeprom, bootloader=real)
+    nano.set_boot(BootWait(STARTUP) if real else BOOTS[boot])
+    nano.reset("external")
+    return nano
 
 
 def _tick(url: Url, model: str) -> float:

@@ -1,8 +1,8 @@
 """MockNano: the Nano's messages without the Nano, for machines without simavr.
 
 It emits the same generated messages from the same world, marked as what it
-is (flag MOCK, build bit 2), but has no interrupts, no bus timing and no boot
-loader. Nothing proven with it holds for the firmware.
+is (flag MOCK, build bit 2), but has no interrupts, no bus timing, and of
+a bootloader only the wait. Nothing proven with it holds for the firmware.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from dart_hal.links.boot import BootWait
 from dart_hal.sim.eeprom import packed_params, stored
 from dart_hal.sim.mock_capture import MockCapture
 from dart_hal.sim.mock_encoder import MockEncoder
@@ -41,12 +42,13 @@ class MockNano:
     """A Nano that speaks the protocol; see the module for what it is not.
 
     clock_error: the MCU counts 16e6 (1 + e) cycles per world second;
-    slot_phase [ck]: the first slot; timer_start [s]: from reset to ck = 0.
+    slot_phase [ck]: the first slot; timer_start [s]: from reset to ck = 0;
+    boot: what lies between a reset (also the first) and the program.
     """
 
     def __init__(self, clock_error: float = 0.0, eeprom: bytes | None = None,
                  host_baud: int = 500_000, slot_phase: int = 2000,
-                 timer_start: float = 0.0) -> None:
+                 timer_start: float = 0.0, boot: BootWait | None = None) -> None:
         self.now = 0.0
         self.eeprom = eeprom
         self._out: list[tuple[bytes, float]] = []
@@ -60,7 +62,8 @@ class MockNano:
         self._rate = 2e6 * (1.0 + clock_error)
         self._byte = 10.0 / host_baud
         self._phase, self._timer_start = slot_phase, timer_start
-        self._boot("power")
+        self._wait = boot or BootWait()
+        self._boot("external" if boot and any(boot) else "power")
 
     # -- the Nano protocol -------------------------------------------------
 
@@ -69,14 +72,20 @@ class MockNano:
         uart = self._uart
         while True:
             t = min(until, self._slot_at, uart.tx_at, uart.rx_at)
+            held = self.now < self._starts
+            t = min(t, self._starts) if held else t
             for ring in self.rings:
                 if ring.due <= t:
                     ring.run(t, self._ck, 2 * self.params[4])
+                if held:
+                    ring.clear()
             self.now = t
             if t == self._slot_at:
                 self._slot()
             if t == uart.rx_at:
-                self._receive(uart.received())
+                block = uart.received()
+                if t >= self._starts:
+                    self._receive(block)
                 uart = self._uart
             if t == uart.tx_at:
                 self._out.append((uart.sent(), t))
@@ -117,11 +126,12 @@ class MockNano:
         if name == "D8":
             self._capture.edge(level, self._ck(self.now))
 
-    def pins(self) -> dict[str, int]:
-        """Levels of the option pins D5, D6, D9."""
-        return dict(self._pins.levels)
+    def pins(self) -> dict[str, int | None]:
+        """Levels of the option pins D5, D6, D9; None = released."""
+        held = self.now < self._starts
+        return dict.fromkeys(self._pins.levels) if held else dict(self._pins.levels)
 
-    def pin_log(self) -> list[tuple[float, str, int]]:
+    def pin_log(self) -> list[tuple[float, str, int | None]]:
         """Edges (t, pin, level) of the option pins since the last call."""
         return self._pins.take(self.now)
 
@@ -133,10 +143,15 @@ class MockNano:
 
     # -- boot and slots ------------------------------------------------------
 
-    def _boot(self, cause: str) -> None:
+    def _boot(self, cause: str, restart: bool = False) -> None:
+        """``restart``: by the program itself, past start-up and bootloader."""
         self.boot_count += 1
-        self._cause = CAUSES[cause]
-        self._boot_at = self.now + self._timer_start
+        wait = self._wait
+        hidden = wait.clears and not restart and cause != "power"
+        self._cause = CAUSES["external" if hidden else cause]
+        held = wait.startup + (wait.external if cause == "external" else wait.other)
+        self._starts = self.now if restart else self.now + held
+        self._boot_at = self._starts + self._timer_start
         self.nonce = crc16(struct.pack("<IH", self.board_id, self.boot_count & 0xFFFF))
         self.supervisor = Supervisor(self.nonce, self.params[10] * 1e-3)
         for ring in self.rings:
@@ -151,7 +166,7 @@ class MockNano:
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
         self._decoder = Decoder(DOWN)
-        self._pins = MockPins(self.params[7], self.now)
+        self._pins = MockPins(self.params[7], self.now, self._starts)
         self._slot_at = self._time(self._phase)
         self._hello_slots = {1, 11, 21}
         self._event(1, self._cause)
@@ -226,7 +241,8 @@ class MockNano:
         return {"proto": m.PROTO, "req_seq": req_seq, "schema": m.SCHEMA,
                 "fw_version": (0, 0, 0), "build": 0x04, "git": 0, "board_id": self.board_id,
                 "boot_count": self.boot_count & 0xFFFF, "reset_cause": self._cause,
-                "bootloader": 0, "boot_nonce": self.nonce,
+                "bootloader": 2 if self._wait.clears else int(any(self._wait)),
+                "boot_nonce": self.nonce,
                 "edges_per_rev": (self.params[1], self.params[2]), "caps": caps,
                 "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(packed_params(self.params))}
 
@@ -304,7 +320,7 @@ class MockNano:
     def _on_reboot(self, frame: Frame, t: float) -> None:
         magic, kind = frame.values()
         if magic == m.REBOOT_MAGIC and kind in (1, 2):
-            self._boot("watchdog")
+            self._boot("watchdog", restart=True)
 
     def _on_edges_req(self, frame: Frame, t: float) -> None:
         (n,) = frame.values()
