@@ -1,2 +1,3 @@
-// Stub for the Arduino IDE, which compiles src/ by itself; setup() and loop()
-// are in src/main.cpp. The IDE needs gnu++14: see platform.local.txt.
+// Open this file in the Arduino IDE, choose the board Arduino Nano and the
+// processor of your bootloader, and upload. The IDE compiles src/ by itself;
+// setup() and loop() are in src/main.cpp.

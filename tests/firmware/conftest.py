@@ -7,7 +7,6 @@ DART_HAL_REQUIRE_EMULATOR=1 turns that into a failure.
 from __future__ import annotations
 
 import ctypes
-import os
 import shutil
 import subprocess
 import sys
@@ -20,13 +19,7 @@ from dart_hal.errors import EmulatorMissing
 from dart_hal.links import bridge
 
 sys.path.append(str(Path(__file__).parent))
-from firmware_rig import FIRMWARE, Rig
-
-
-def missing(reason: str) -> None:
-    if os.environ.get("DART_HAL_REQUIRE_EMULATOR"):
-        pytest.fail(reason)
-    pytest.skip(reason)
+from firmware_rig import FIRMWARE, Rig, missing
 
 
 def make(target: str, *tools: str) -> None:

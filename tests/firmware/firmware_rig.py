@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from dart_hal.links.emulator import EmulatedNano
 from dart_hal.wire import codec, messages
@@ -15,6 +18,13 @@ BOARD_ID = 0x0DA27001
 MARKS = [(i + 0.5) / 20 for i in range(20)]  # the wheel stands between two
 
 FLAG = {name: 1 << bit for bit, name in enumerate(messages.STATE_FLAGS)}
+
+
+def missing(reason: str) -> None:
+    """Skip with the reason, or fail where the emulator is required."""
+    if os.environ.get("DART_HAL_REQUIRE_EMULATOR"):
+        pytest.fail(reason)
+    pytest.skip(reason)
 
 
 def crc16(data: bytes, crc: int = 0xFFFF) -> int:

@@ -17,7 +17,7 @@ from dart_hal.wire.messages import BY_NAME, MESSAGES
 ROOT = Path(__file__).resolve().parents[2]
 VECTORS = json.loads((ROOT / "tests/wire/vectors.json").read_text(encoding="utf-8"))
 HEADER = ROOT / "firmware/src/core/messages.h"
-WARNINGS = ["-std=gnu++14", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wshadow",
+WARNINGS = ["-std=gnu++11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wshadow",
             "-Werror"]
 
 

@@ -90,13 +90,9 @@ constexpr Command kCommands[] DART_ROM = {
     {EdgesReq::kId, on_edges_req},     {CaptureReq::kId, on_capture_req},
 };
 
-constexpr bool all_handled() {
-  for (uint8_t i = 0; i < kDownCount; ++i) {
-    if (kCommands[i].type != kDown[i].id) {
-      return false;
-    }
-  }
-  return true;
+constexpr bool all_handled(uint8_t i = 0) {
+  return i == kDownCount || (kCommands[i].type == kDown[i].id &&
+                             all_handled(static_cast<uint8_t>(i + 1)));
 }
 static_assert(sizeof kCommands / sizeof kCommands[0] == kDownCount,
               "every message from the host has a handler");

@@ -32,13 +32,10 @@ constexpr StateRow kStates[] DART_ROM = {
     {ImuState::kBackoff, 5000, ImuState::kPowerOff},
 };
 
-constexpr bool states_in_order() {
-  for (uint8_t i = 0; i < kImuStates; ++i) {
-    if (static_cast<uint8_t>(kStates[i].state) != i) {
-      return false;
-    }
-  }
-  return true;
+// Recursive, as gnu++11 wants it: the Arduino IDE compiles with that.
+constexpr bool states_in_order(uint8_t i = 0) {
+  return i == kImuStates || (static_cast<uint8_t>(kStates[i].state) == i &&
+                             states_in_order(static_cast<uint8_t>(i + 1)));
 }
 static_assert(sizeof kStates / sizeof kStates[0] == kImuStates,
               "every state has a row");

@@ -11,14 +11,12 @@ constexpr uint16_t kBaudId = static_cast<uint16_t>(wire::ParamId::kBaud);
 constexpr uint8_t kBaudUnit = 100;
 constexpr uint32_t kBauds[] = {115200, 500000};
 
-constexpr bool fit_in_words() {
-  for (uint8_t i = 0; i < wire::kParamCount; ++i) {
-    if (wire::kParams[i].id != i + 1u ||
-        (wire::kParams[i].id != kBaudId && wire::kParams[i].high > 0xFFFF)) {
-      return false;
-    }
-  }
-  return true;
+constexpr bool fit_in_words(uint8_t i = 0) {
+  return i == wire::kParamCount ||
+         (wire::kParams[i].id == i + 1u &&
+          (wire::kParams[i].id == kBaudId ||
+           wire::kParams[i].high <= 0xFFFF) &&
+          fit_in_words(static_cast<uint8_t>(i + 1)));
 }
 static_assert(fit_in_words(), "the id is the index, a value fits a word");
 

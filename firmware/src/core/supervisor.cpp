@@ -32,24 +32,20 @@ constexpr OutputRow kOutputs[] DART_ROM = {
     {Safety::kLocked, {false, false, true}},
 };
 
-constexpr bool outputs_in_order() {
-  for (uint8_t i = 0; i < kSafetyStates; ++i) {
-    if (static_cast<uint8_t>(kOutputs[i].state) != i) {
-      return false;
-    }
-  }
-  return true;
+constexpr bool outputs_in_order(uint8_t i = 0) {
+  return i == kSafetyStates ||
+         (static_cast<uint8_t>(kOutputs[i].state) == i &&
+          outputs_in_order(static_cast<uint8_t>(i + 1)));
 }
 static_assert(sizeof kOutputs / sizeof kOutputs[0] == kSafetyStates,
               "every state has an output");
 static_assert(outputs_in_order(), "the state is the index");
 
-constexpr uint8_t ways_out(Safety state) {
-  uint8_t n = 0;
-  for (uint8_t i = 0; i < kRows; ++i) {
-    n = static_cast<uint8_t>(n + (kTable[i].from == state ? 1 : 0));
-  }
-  return n;
+constexpr uint8_t ways_out(Safety state, uint8_t i = 0) {
+  return i == kRows ? uint8_t{0}
+                    : static_cast<uint8_t>(
+                          (kTable[i].from == state ? 1 : 0) +
+                          ways_out(state, static_cast<uint8_t>(i + 1)));
 }
 static_assert(ways_out(Safety::kBoot) == 1 && ways_out(Safety::kIdle) == 1 &&
                   ways_out(Safety::kLinked) == 2 &&
@@ -58,13 +54,10 @@ static_assert(ways_out(Safety::kBoot) == 1 && ways_out(Safety::kIdle) == 1 &&
                   ways_out(Safety::kLocked) == 0,
               "LOCKED is left by reset only, every other state by the table");
 
-constexpr bool live_only_from_linked() {
-  for (uint8_t i = 0; i < kRows; ++i) {
-    if (kTable[i].to == Safety::kLive && kTable[i].from != Safety::kLinked) {
-      return false;
-    }
-  }
-  return true;
+constexpr bool live_only_from_linked(uint8_t i = 0) {
+  return i == kRows || ((kTable[i].to != Safety::kLive ||
+                         kTable[i].from == Safety::kLinked) &&
+                        live_only_from_linked(static_cast<uint8_t>(i + 1)));
 }
 static_assert(live_only_from_linked(), "nothing arms without a steady link");
 

@@ -1,6 +1,6 @@
 """The C++ header of the firmware, generated from the definitions.
 
-gnu++14 as avr-gcc 5.4 understands it. Payloads are packed byte by byte, so
+gnu++11 as avr-gcc 5.4 understands it. Payloads are packed byte by byte, so
 neither alignment nor the byte order of the machine matters.
 """
 
