@@ -1,4 +1,4 @@
-"""Diagrams of the harness: SVG beside the sources, wire tables in the build guide.
+"""Diagrams of the harness: SVG beside the sources, tables in build guide and hardware page.
 
     python hardware/wiring/build.py            write them
     python hardware/wiring/build.py --check    exit 1 if a committed file is not up to date
@@ -11,37 +11,43 @@ import re
 import sys
 from pathlib import Path
 
+from circuit import devices, part_table, pin_table, said
 from drawing import diagram
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
 from pinout import PINOUTS
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
-BLOCK = "<!-- wires: {} -->\n{}\n<!-- end of wires -->"
+REFERENCE = HERE.parent / "README.md"
+TABLES = {"wires": table, "board": part_table, "pins": pin_table}
+"""Word of a mark -> what stands between it and its end: `<!-- pins: MUX -->`."""
+BLOCK = "<!-- {} -->\n{}\n<!-- end of {} -->"
 
 
 def drawn(folder: Path = HERE) -> dict[str, str]:
     """File name -> SVG of every diagram and pin-out. Raises WiringError."""
     found = {}
+    beside = {device: said(device, folder) for device in devices(folder)}
     for name in DIAGRAMS:
         data, cables = load(name, folder), chains(name, folder)
-        found[f"{name}.svg"] = diagram(data, cables)
+        found[f"{name}.svg"] = diagram(data, cables, beside)
         for step, shown in data["metadata"].get("steps", {}).items():
-            found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown])
+            found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown],
+                                                beside)
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 
 def with_tables(text: str) -> str:
-    """The guide page with each block between its marks replaced by the current wires."""
-    return re.sub(r"<!-- wires: (\w+) -->\n.*?\n<!-- end of wires -->",
-                  lambda m: BLOCK.format(m[1], table(m[1])), text, flags=re.DOTALL)
+    """A page with each block between its marks replaced by the current table."""
+    return re.sub(r"<!-- ((wires|board|pins): (\w+)) -->\n.*?<!-- end of \2 -->",
+                  lambda m: BLOCK.format(m[1], TABLES[m[2]](m[3]), m[2]), text, flags=re.DOTALL)
 
 
 def stale(folder: Path = HERE) -> list[str]:
-    """Names of committed files in `folder` that are not what its sources draw; of the guide."""
+    """Names of committed files in `folder` that are not what its sources draw; of the pages."""
     old = [name for name, svg in drawn(folder).items()
            if not (folder / name).is_file() or (folder / name).read_text(encoding="utf-8") != svg]
-    text = GUIDE.read_text(encoding="utf-8")
-    return old + ([GUIDE.name] if with_tables(text) != text else [])
+    return old + [p.name for p in (GUIDE, REFERENCE)
+                  if with_tables(text := p.read_text(encoding="utf-8")) != text]
 
 
 def main() -> int:
@@ -55,8 +61,8 @@ def main() -> int:
             return 1 if old else 0
         for name, svg in drawn().items():
             (HERE / name).write_text(svg, encoding="utf-8")
-        if GUIDE.is_file():
-            GUIDE.write_text(with_tables(GUIDE.read_text(encoding="utf-8")), encoding="utf-8")
+        for page in (GUIDE, REFERENCE):
+            page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
     except WiringError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -59,10 +59,10 @@ class Sheet:
 def heading(sheet: Sheet, x: float, part: dict[str, Any], top: float) -> float:
     """Name, subtype and id of a device from `top` on; returns where its pins begin."""
     y = top
-    for line in textwrap.wrap(str(part["type"]), 21):
+    for line in textwrap.wrap(str(part["type"]), 18):
         y += 13
         sheet.text(x + 5, y, line, 11, "bold")
-    for line in textwrap.wrap(str(part.get("subtype", "")), 26):
+    for line in textwrap.wrap(str(part.get("subtype", "")), 23):
         y += 11.5
         sheet.text(x + 5, y, line, 9, fill="#333")
     sheet.text(x + 5, y + 11.5, part["pn"], 8.5, fill="#666")
@@ -98,17 +98,19 @@ def block(sheet: Sheet, left: dict[str, Any], right: dict[str, Any], cable: dict
     sheet.y = low
 
 
-def diagram(data: dict[str, Any], chains: list[Chain]) -> str:
-    """SVG of one diagram."""
+def diagram(data: dict[str, Any], chains: list[Chain], beside: dict[str, list[str]]) -> str:
+    """SVG of one diagram; ``beside``: device -> what is soldered on its board."""
     sheet = Sheet()
     told: set[str] = set()
     for a, cable, b, rows in chains:
         block(sheet, data["connectors"][a], data["connectors"][b], data["cables"][cable], rows)
         for name in (a, b):
             part = data["connectors"][name]
-            if name in told or not ("additional_components" in part or "notes" in part):
+            if name in told:
                 continue
             told.add(name)
+            for line in beside.get(name, ()):
+                sheet.paragraph(line)
             for extra in part.get("additional_components", ()):
                 where = f", {extra['subtype']}" if "subtype" in extra else ""
                 sheet.paragraph(f"With it: {extra['type']}{where} ({extra['pn']}).")
