@@ -29,9 +29,41 @@ class Limit(str, Enum):
     STALE_LINK = "STALE_LINK"
     UNCALIBRATED = "UNCALIBRATED"
     NOT_SENT = "NOT_SENT"
+    ENCODER_DOUBTED = "ENCODER_DOUBTED"
 
     def __str__(self) -> str:
         return self.value
+
+
+class Doubt(str, Enum):
+    """What is known against a number of the State; the prefix names the sensor.
+
+    ENCODER_DEAD no edges though the wheels must turn; ENCODER_LOW too few,
+    ENCODER_HIGH more than throttle or hand explain; ENCODER_NOISY edges that no
+    wheel makes were dropped; ENCODER_SLIPS the wheels turn faster than the car
+    (they spin, or are lifted). IMU_ZERO, IMU_RANGE, IMU_STEP: samples that
+    cannot be; IMU_DISAGREES: a yaw rate that the wheels contradict. CAR_SLIDES:
+    it turns faster than its wheels explain; the gyro is believed.
+    """
+
+    ENCODER_DEAD = "ENCODER_DEAD"
+    ENCODER_LOW = "ENCODER_LOW"
+    ENCODER_HIGH = "ENCODER_HIGH"
+    ENCODER_NOISY = "ENCODER_NOISY"
+    ENCODER_SLIPS = "ENCODER_SLIPS"
+    IMU_ZERO = "IMU_ZERO"
+    IMU_RANGE = "IMU_RANGE"
+    IMU_STEP = "IMU_STEP"
+    IMU_DISAGREES = "IMU_DISAGREES"
+    CAR_SLIDES = "CAR_SLIDES"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+SPEED_DOUBTS = frozenset({Doubt.ENCODER_DEAD.value, Doubt.ENCODER_LOW.value,
+                          Doubt.ENCODER_HIGH.value})
+"""No loop may close over a speed of which one of these is said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +109,7 @@ class Health:
     and ``beat_age`` in s (inf = none); ``lost`` frames since open; ``vcc`` in V
     (None = not measured); ``t_std`` s, one sigma of ``State.t``;
     ``accel_kind`` "linear" (gravity removed) or "raw"; ``calib`` the
-    BNO055's (sys, gyr, acc, mag) levels 0..3.
+    BNO055's (sys, gyr, acc, mag) levels 0..3; ``doubts`` names of ``Doubt``.
     """
 
     flags: frozenset[str]
@@ -89,6 +121,22 @@ class Health:
     t_std: float
     accel_kind: str
     calib: tuple[int, int, int, int]
+    doubts: frozenset[str] = frozenset()
+
+    @property
+    def encoder_lost(self) -> bool:
+        """The wheels must turn and no edge comes: the throttle is capped."""
+        return Doubt.ENCODER_DEAD.value in self.doubts
+
+    @property
+    def speed_doubted(self) -> bool:
+        """The speed is not what the car does: no speed loop may use it."""
+        return not SPEED_DOUBTS.isdisjoint(self.doubts)
+
+    @property
+    def imu_doubted(self) -> bool:
+        """The IMU's samples are not given out."""
+        return any(name.startswith("IMU_") for name in self.doubts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -212,6 +212,7 @@ BAD_FACTS = {
     "FRAME_LOSS": {"frame_loss": 0.03}, "CLOCK_NOT_SYNCED": {"clock_synced": False},
     "MCU_REBOOTED": {"rebooted": True}, "IMU_ABSENT": {"imu_absent": True},
     "IMU_STALE": {"imu_stale": True}, "IMU_STUCK": {"imu_stuck": True},
+    "IMU_DOUBTED": {"imu_doubted": True},
     "ENCODER_MOVING": {"wheel_moves": True}, "ENCODER_LOST": {"encoder_lost": True},
     "ENCODER_NOISY": {"encoder_noisy": True}, "PCA_ABSENT": {"pca_present": False},
     "PCA_MODE": {"pca_mode_ok": False}, "PCA_PRESCALE": {"prescale_ok": False},

@@ -176,3 +176,17 @@ def test_a_short_loss_of_the_gyro_neither_doubles_nor_drops_the_turn():
     now, at = drive(odometry, 1.0, 1.0, 0.2, gyro=False, start=now, travelled=at)
     drive(odometry, 1.0, 1.0, 1.0, start=now, travelled=at)
     assert odometry.yaw == pytest.approx(2.2, abs=1e-6)
+
+
+def test_without_a_gyro_yaw_grows_unsure_with_the_seconds():
+    """A rate that is wrong stays wrong: 0.3 rad/s and more of deviation per second."""
+    odometry = Odometry(OdometryNoise())
+    for k in range(1, 301):
+        t, speed = 0.01 * k, 0.5
+        gyro = 0.4 if k <= 100 else None
+        odometry.update(t, speed * t, speed, gyro, t - 0.005, 1.0, 0.4)
+        if k == 100:
+            known = odometry.pose.cov[2, 2] ** 0.5
+    unsure = odometry.pose.cov[2, 2] ** 0.5
+    assert known < 0.05
+    assert 2.0 * 0.3 <= unsure <= 2.0 * 0.6

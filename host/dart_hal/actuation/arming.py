@@ -37,6 +37,7 @@ class Facts:
     imu_absent: bool = False
     imu_stale: bool = False
     imu_stuck: bool = False
+    imu_doubted: bool = False
     wheel_moves: bool = False
     encoder_lost: bool = False
     encoder_noisy: bool = False
@@ -99,10 +100,13 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.imu_required and f.imu_stale),
     Refusal("IMU_STUCK", "sensors", "the IMU repeats one sample",
             "switch the Nano off and on", lambda f: f.imu_required and f.imu_stuck),
+    Refusal("IMU_DOUBTED", "sensors", "the IMU's numbers cannot be, or the wheels contradict them",
+            "check its plug and its mount (car.toml [imu]), then " + _DOCTOR,
+            lambda f: f.imu_required and f.imu_doubted),
     Refusal("ENCODER_MOVING", "sensors", "the wheels turn at neutral",
             "hold the car still; else [throttle] neutral_us in car.toml", lambda f: f.wheel_moves),
-    Refusal("ENCODER_LOST", "sensors", "no edges while the throttle was on",
-            "check the gap between sensor and ring", lambda f: f.encoder_lost),
+    Refusal("ENCODER_LOST", "sensors", "edges were missing while the car drove",
+            "check the gap from sensor to ring; turn a wheel by hand", lambda f: f.encoder_lost),
     Refusal("ENCODER_NOISY", "sensors", "the encoder counts more edges than the car can make",
             "shade the sensor, shorten its wires", lambda f: f.encoder_noisy),
     Refusal("PCA_ABSENT", "actuators", "no PCA9685 answers", _DOCTOR,

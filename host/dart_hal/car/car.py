@@ -24,7 +24,7 @@ from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import Applied, State
+from dart_hal.types import Applied, Limit, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.speed_law import SpeedLaw
 
@@ -192,7 +192,9 @@ class Car:
         """Command steering [rad] and a speed [m/s] held by the built-in loop.
 
         Feed-forward from model.toml (else the paper's model) and a PI part.
-        The integral is forgotten at a stop and when commands expired.
+        The integral is forgotten at a stop and when commands expired. While the
+        measured speed is doubted (``health.speed_doubted``) the feed-forward
+        alone drives, at most [limits] encoder_lost_throttle: ENCODER_DOUBTED.
         """
         state = self._state
         measured, t = (state.speed, state.t) if state else (0.0, 0.0)
@@ -201,10 +203,18 @@ class Car:
         if dt > valid_for or self._engine.driver.mode is not Mode.ARMED:
             self._law.reset()
             dt = 0.0
-        limit = self.files.config.limits.max_speed
-        throttle = self._law.throttle(min(max(speed, -limit), limit), measured, dt)
-        return self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
-                          source=source)
+        limits = self.files.config.limits
+        wanted = min(max(speed, -limits.max_speed), limits.max_speed)
+        if state is None or not state.health.speed_doubted:
+            throttle = self._law.throttle(wanted, measured, dt)
+            return self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
+                              source=source)
+        self._law.reset()
+        cap = limits.encoder_lost_throttle
+        throttle = min(max(self._law.feed_forward(wanted), -cap), cap)
+        applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
+                             source=source)
+        return replace(applied, limited=(*applied.limited, Limit.ENCODER_DOUBTED.value))
 
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied:
         """Raw pulses [us] for calibration, inside ``with car.raw():``.

@@ -15,17 +15,10 @@ from dart_hal.car.transmit import Transmitter
 from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, BusError, NotArmed
 from dart_hal.links.base import Backend
-from dart_hal.types import Applied, State
-from dart_hal.vehicle.load import vehicle_of
-from dart_hal.vehicle.speed_law import SpeedLaw
+from dart_hal.types import Applied, Doubt, State
 
 STALE = 0.1
 """s without a good frame: the throttle goes neutral."""
-ENCODER_SILENCE = 0.3
-"""s of a throttle that must move the car without one edge."""
-MOVES_FOR_SURE = 1.0
-"""m/s: a throttle that should hold this speed and moves no wheel means a lost
-encoder; a standing car just above the dead band is legitimate."""
 LOSS_WINDOW = 500
 """Frames, 5 s, over which the share of lost ones is judged."""
 CLOCK_GOOD = 2e-3
@@ -52,17 +45,13 @@ class Driver:
         self.supervisor = Supervisor(throttle.arm_neutral,
                                      getattr(files.config.steering, "follow_disarmed", False))
         self._guard: GuardPost | None = None
-        self._moves = SpeedLaw(vehicle_of(files.model)).feed_forward(MOVES_FOR_SURE)
         self.waived: tuple[str, ...] = ()
         self._state: State | None = None
         self.seen_at = float("-inf")
         self._good_since: float | None = None
         self._beats_since: float | None = None
         self._lost: deque[int] = deque(maxlen=LOSS_WINDOW)
-        self._driven_since: float | None = None
-        self._edges = 0
         self._rebooted = False
-        self._encoder_lost = False
 
     @property
     def applied(self) -> Applied:
@@ -125,7 +114,7 @@ class Driver:
             self._beats_since = now
         self._lost.append(state.health.lost)
         self._state, self.seen_at = state, now
-        self._watch_encoder(state, now)
+        self._cap_throttle(state)
 
     def on_boot(self, hello: Hello) -> None:
         """Another boot than before: disarm, and refuse until arm() is called again."""
@@ -136,6 +125,7 @@ class Driver:
         """Everything that arming asks about."""
         hello, state, files = self._receiver.hello, self._state, self._files
         flags = state.health.flags if state else frozenset[str]()
+        doubts = state.health.doubts if state else frozenset[str]()
         moving = self.mode not in (Mode.ARMED, Mode.RAW) and bool(state and state.speed != 0.0)
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
@@ -152,8 +142,10 @@ class Driver:
             clock_synced=state is not None and state.health.t_std < CLOCK_GOOD,
             imu_required=files.config.imu.required, imu_absent="IMU_ABSENT" in flags,
             imu_stale="IMU_STALE" in flags or "IMU_VALID" not in flags,
-            imu_stuck="IMU_STUCK" in flags, wheel_moves=moving,
-            encoder_lost=self._encoder_lost,
+            imu_stuck="IMU_STUCK" in flags, imu_doubted=bool(state and state.health.imu_doubted),
+            wheel_moves=moving,
+            encoder_lost=not {Doubt.ENCODER_DEAD, Doubt.ENCODER_LOW}.isdisjoint(doubts),
+            encoder_noisy=not {Doubt.ENCODER_HIGH, Doubt.ENCODER_NOISY}.isdisjoint(doubts),
             pca_present=not fault, write_failed=fault,
             neutral_for=self._neutral_for(now, cutoff),
             arm_neutral=files.config.throttle.arm_neutral,
@@ -174,19 +166,12 @@ class Driver:
         since = self._beats_since
         return min(written, max(now - since - OUTPUT_ON_AFTER, 0.0)) if since is not None else 0.0
 
-    def _watch_encoder(self, state: State, now: float) -> None:
-        """Throttle that must move the car and no edge: cap the throttle."""
-        if state.applied.throttle < self._moves or state.ticks != self._edges:
-            self._driven_since = None
-            if state.ticks != self._edges:
-                self._encoder_lost = False
-        elif self._driven_since is None:
-            self._driven_since = now
-        elif now - self._driven_since > ENCODER_SILENCE:
-            self._encoder_lost = True
-        self._edges = state.ticks
+    def _cap_throttle(self, state: State) -> None:
+        """An encoder that is lost caps the throttle; in RAW one that is doubted does."""
+        health = state.health
+        lost = health.speed_doubted if self.mode is Mode.RAW else health.encoder_lost
         cap = self._files.config.limits.encoder_lost_throttle
-        self.actuator.throttle_cap = cap if self._encoder_lost else None
+        self.actuator.throttle_cap = cap if lost else None
 
     # -- the PWM frame -------------------------------------------------------------
 

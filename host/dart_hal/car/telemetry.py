@@ -6,15 +6,19 @@ from math import tan
 
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.estimation.clock import ClockFit
-from dart_hal.estimation.frames import FrameReader, Mounting, flag_names
+from dart_hal.estimation.consistency import EncoderCheck, covering
+from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
+from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.speed import WheelSpeed
-from dart_hal.types import Applied, Health, State
+from dart_hal.types import Applied, Health, Limit, State
+from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import Frame
-from dart_hal.wire.messages import STATE
+from dart_hal.wire.messages import STATE, STATE_FLAGS
 
 BITS_PER_BYTE = 10
 """8N1: start, eight data bits, stop."""
+TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 
 def _noise(metres_per_edge: Quantity, gyro_scale: Quantity | None) -> OdometryNoise:
@@ -46,6 +50,10 @@ class Telemetry:
         self.odometry = Odometry(_noise(files.metres_per_edge, known),
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
+        self.imu = ImuCheck(self._wheelbase)
+        self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
+                                    files.metres_per_edge.value, files.config.imu.x)
+        self._ticks = 0
         self.last_dev = 0.0
 
     def set_byte_time(self, byte_time: float) -> None:
@@ -64,6 +72,8 @@ class Telemetry:
         if sample.restarted:
             self.clock.restart()
             self.odometry.restart()
+            self.imu.restart()
+            self.encoder.restart()
         self.clock.add_frame(sample.t_dev, t_arrival, self._wire_time, bytes_behind)
         t, t_std = self.clock.to_host(sample.t_dev)
         rate = self.clock.rate
@@ -71,15 +81,33 @@ class Telemetry:
         hint = (throttle > 0.0) - (throttle < 0.0)
         speed, speed_std = self.speed.update(sample.ticks, sample.edge_t, sample.edge_dt,
                                              sample.t_dev, rate, hint)
-        gyro_z = sample.gyro[2] if sample.gyro is not None else None
+        gyro_z, acc = self._judged(sample, speed, speed_std, applied, rate)
         odometry = self.odometry
         odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, sample.imu_t, rate,
                         speed * tan(applied.steering) / self._wheelbase)
         self.last_dev = sample.t_dev
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
-                        t_std, "linear", sample.calib)
-        acc = sample.acc
+                        t_std, "linear", sample.calib, self.imu.doubts | self.encoder.doubts)
         return State(
-            t, seq, speed, speed_std, None if gyro_z is None else gyro_z - odometry.bias.value,
+            t, seq, speed, covering(speed_std, self.encoder.std),
+            None if gyro_z is None else gyro_z - odometry.bias.value,
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, odometry.pose,
             applied, health)
+
+    def _judged(self, sample: Sample, speed: float, std: float, applied: Applied,
+                rate: float) -> tuple[float | None, Vector | None]:
+        """Yaw rate and acceleration if they can be trusted; the encoder judged by them."""
+        armed = Limit.NOT_ARMED.value not in applied.limited
+        gyro, acc = sample.gyro, sample.acc
+        turn = gyro[2] - self.odometry.bias.value if gyro else 0.0
+        compared = 0.0 if self.speed.ambiguous or not armed or self.encoder.doubts else speed
+        if not self.imu.judge(sample.t_dev, sample.imu_t, gyro, acc, turn, compared,
+                              applied.steering):
+            gyro = acc = None
+        dt = (sample.t_dev - self.last_dev) * rate if self.last_dev else 0.0
+        throttle = 0.0 if sample.flags & TRIPPED else applied.throttle
+        self.encoder.judge(dt, speed, std, sample.ticks - self._ticks, self.speed.rejected,
+                           throttle, applied.steering, armed, acc[0] if acc else None,
+                           turn if gyro else None)
+        self._ticks = sample.ticks
+        return gyro[2] if gyro else None, acc

@@ -32,7 +32,11 @@ GYRO_LATENCY = 0.010
 """s: mean 5 ms until the IMU's next 100 Hz update, 5 ms of its 32 Hz filter
 (1 / (2 pi 32)); the sample is that much older than the start of its read."""
 STALE = 0.5
-"""s without a gyro sample after which the turn rate is taken as unknown."""
+"""s without a gyro sample after which the turn rate is taken from the wheels."""
+BLIND, BLIND_SHARE = 0.3, 0.3
+"""rad/s and share by which the turn rate of the wheels, or the held one, may be wrong: 0.05
+rad of road-wheel angle at 1 m/s (0.29), understeer. The same error for the whole
+pause: yaw is off by it times the seconds, not their root."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +84,7 @@ class Odometry:
         self._t_gyro: float | None = None
         self._t_valid = -inf
         self._distance: float | None = None
-        self._now = 0.0
+        self._now = self._blind = 0.0
 
     def restart(self) -> None:
         """The device clock began anew: keep the pose, forget the times."""
@@ -121,8 +125,12 @@ class Odometry:
             if (now - self._t_valid) * rate > STALE:
                 self._rate = hint
             self._t_gyro = None
-            return self._rate * dt, (0.2 * self._rate) ** 2 * dt, 0.0
-        self._t_valid = now
+            if standing:
+                return 0.0, 0.0, 0.0
+            unsure = BLIND + BLIND_SHARE * abs(hint) + abs(hint - self._rate)
+            before, self._blind = self._blind, self._blind + unsure * dt
+            return self._rate * dt, self._blind**2 - before**2, 0.0
+        self._t_valid, self._blind = now, 0.0
         if standing:
             self.bias.observe(gyro_z, dt, self._freeze_bias)
             self._rate = self._carried = 0.0

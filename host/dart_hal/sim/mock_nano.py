@@ -215,6 +215,8 @@ class MockNano:
         t = self.now - IMU_READ
         started = self.now - self._boot_at >= START
         sample = self.imu.sample(t) if started else None
+        if sample is not None and not any(sample):
+            return _FLAG["IMU_VALID"] if self._sample is not None else 0  # dropped, as there
         if sample is not None:
             self._equal = self._equal + 1 if sample == self._sample else 0
             self._sample, self._sample_at = sample, t

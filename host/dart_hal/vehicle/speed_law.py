@@ -40,11 +40,16 @@ class SpeedLaw:
         self.integral = 0.0
 
     def feed_forward(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle that holds ``speed`` [m/s] under ``acceleration`` [m/s2]; odd."""
+        """Throttle that holds ``speed`` [m/s] under ``acceleration`` [m/s2].
+
+        In reverse the motor pulls ``reverse`` times as hard behind the same dead band.
+        """
         if speed == 0.0 and acceleration == 0.0:
             return 0.0
         if speed < 0.0:
-            return -self.feed_forward(-speed, -acceleration) / self._motor.reverse
+            ahead = self.feed_forward(-speed, -acceleration)
+            pull = max(ahead + self._motor.g, 0.0) / self._motor.reverse
+            return -(pull - self._motor.g) if ahead else 0.0
         wanted = self._mass * acceleration - self._friction(speed)
         motor = max(self._motor.d - self._motor.e * speed, RESERVE * self._motor.d)
         return max(0.0, wanted / motor - self._motor.g) if wanted > 0.0 else 0.0
