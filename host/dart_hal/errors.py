@@ -117,6 +117,33 @@ class PcaFault(BusError):
     remedy_default = "check the board's 3.3 V and end other programs on the bus; dart-hal doctor"
 
 
+class PcaBusy(BusError):
+    """Another program drives this PCA9685, through whichever Nano."""
+
+    code = "D-I2C-04"
+    likely_default = "two programs for one car, or two cars' URLs with the same i2c= and address"
+    remedy_default = ("end that program (dart-hal stop), or give this car its own bus: i2c=N, "
+                      "[pwm] address in car.toml")
+
+
+class NotPca(BusError):
+    """What answers at the address is no PCA9685; nothing was written to it."""
+
+    code = "D-I2C-05"
+    likely_default = "another bus: at 0x40 of some computers' bus 1 sits their power monitor"
+    remedy_default = ("i2c=7 on an Orin Nano, whose header pins 3 and 5 are bus 7; "
+                      "ls /dev/i2c-* ; sudo i2cdetect -y N shows who answers on each")
+
+
+class PcaClaimed(BusError):
+    """A driver of the kernel has bound the PCA9685's address; nothing was written."""
+
+    code = "D-I2C-06"
+    likely_default = "the wrong bus, whose 0x40 is a part of the computer, or a device tree overlay"
+    remedy_default = ("i2c=7 on an Orin Nano, whose header pins 3 and 5 are bus 7; for an overlay "
+                      "of a PCA9685: remove it, the kernel must not drive it")
+
+
 class BadCommand(DartHalError, ValueError):
     """A command that is not a number; the car is tripped to neutral."""
 

@@ -14,6 +14,7 @@ from types import TracebackType
 from dart_hal.actuation import Event
 from dart_hal.actuation import State as Mode
 from dart_hal.car.engine import Engine
+from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
@@ -23,6 +24,7 @@ from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
+from dart_hal.links.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, Limit, State
 from dart_hal.vehicle.load import vehicle_of
@@ -89,6 +91,7 @@ class Car:
                                         f"the files of {named} are not used",)
             else:
                 files = load_car(backend.car or named, folders)
+            own_actuator(backend, files)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)
             if record and (kept := keep_old(record)):
@@ -102,6 +105,8 @@ class Car:
 
     def _begin(self) -> None:
         engine = self._engine
+        if not engine.backend.virtual:
+            in_child(self._disown)
         atexit.register(self.close)
         stop_on_signals()
         try:
@@ -130,6 +135,12 @@ class Car:
             if self._pump is not None:
                 steps.callback(self._pump.stop)
             steps.callback(self._engine.close)
+
+    def _disown(self) -> None:
+        """In a forked child: the car stays its parent's, whatever is called here."""
+        self._closed = True
+        self._engine.lock = ParentsLock()
+        atexit.unregister(self.close)
 
     def __enter__(self) -> Car:
         return self
@@ -161,8 +172,8 @@ class Car:
 
     def _next(self, timeout: float) -> State:
         if self._pump is None or self._closed:
-            raise LinkLost("the car is closed", likely="states() used outside the with block",
-                           remedy="open it again with Car.open()")
+            raise LinkLost("the car is closed", likely="states() used outside the with block, "
+                           "or in a forked child", remedy="open it again with Car.open()")
         state, skipped = self._pump.next(timeout)
         self._timer.tick(self._engine.now, skipped)
         if self._timer.skipped:

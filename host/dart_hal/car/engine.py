@@ -12,6 +12,7 @@ import contextlib
 import secrets
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 from dart_hal.car.driver import Driver
@@ -40,7 +41,7 @@ class Engine:
 
     def __init__(self, backend: Backend, files: CarFiles) -> None:
         self.backend = backend
-        self.lock = threading.RLock()
+        self.lock: AbstractContextManager[Any] = threading.RLock()
         self.hooks = Hooks()
         byte_time = BITS_PER_BYTE / getattr(backend.link, "baud", BAUD)
         host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual

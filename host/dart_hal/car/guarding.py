@@ -11,10 +11,23 @@ import threading
 from contextlib import suppress
 
 from dart_hal.actuation import Actuator, Guard
+from dart_hal.actuation.owner import own
+from dart_hal.config import CarFiles
 from dart_hal.errors import BusError
+from dart_hal.links.base import Backend
 
 PATIENCE = 15.0
 """s that its start may take on a busy machine."""
+
+
+def own_actuator(backend: Backend, files: CarFiles) -> None:
+    """Let nobody else drive the PCA9685 of a real bus until ``backend`` is closed.
+
+    Raises PcaBusy, PcaClaimed.
+    """
+    spec = backend.url.options.get("i2c")
+    if spec is not None and backend.bus is not None and not backend.virtual:
+        backend.closers = (*backend.closers, own(spec, files.config.pwm.address))
 
 
 class GuardPost:
@@ -70,9 +83,11 @@ class GuardPost:
         self._guard.beat()
 
     def close(self, *, at_neutral: bool) -> None:
-        """Let the guard end; without neutral on the pins it goes on trying by itself."""
+        """Let the guard end; without neutral on the pins it tries for another while."""
         self.ready()
         guard, self._guard = self._guard, None
         if guard is not None and at_neutral:
             with suppress(subprocess.TimeoutExpired):
                 guard.close()
+        elif guard is not None:
+            guard.leave()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from dart_hal.actuation.owner import refuse_claimed
 from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.cli.options import car_options, json_option
 from dart_hal.cli.output import console, print_json, results
@@ -58,8 +59,10 @@ def real(url: str | None) -> Url:
 def reach(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:
     """The throttle of a car and the bus it is on; the port is left alone.
 
-    Raises ConfigError, BusError, UsageError.
+    Raises ConfigError, BusError, UsageError, PcaClaimed.
     """
     files = load_car(car_name, [cars] if cars else None)
-    bus = open_bus(address.options.get("i2c", str(files.config.pwm.bus)))
+    spec = address.options.get("i2c", str(files.config.pwm.bus))
+    bus = open_bus(spec)
+    refuse_claimed(spec, files.config.pwm.address)
     return Throttle(files, bus, time.sleep), bus

@@ -7,14 +7,12 @@ port, which would reset the Nano, and a killed one is gone at once.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 from dart_hal.errors import PortMissing
 from dart_hal.links.base import Url
+from dart_hal.links.locks import holder
 from dart_hal.links.serial_port import find_port
 
-LOCKS = Path("/proc/locks")
+__all__ = ["holder", "port_of"]
 
 
 def port_of(url: Url) -> str | None:
@@ -25,30 +23,3 @@ def port_of(url: Url) -> str | None:
         return find_port(url.target)
     except PortMissing:
         return None
-
-
-def holder(device: str, locks: Path = LOCKS) -> int | None:
-    """Process id of who holds the port ``device``; None = nobody does.
-
-    0: one whose number the kernel does not tell, as of another container.
-    """
-    try:
-        node = os.stat(device)
-    except OSError:
-        return None
-    return parse_locks(locks.read_text(encoding="ascii"), node.st_dev, node.st_ino)
-
-
-def parse_locks(text: str, device: int, inode: int) -> int | None:
-    """The owner of a whole-file lock in the text of /proc/locks.
-
-    ``1: FLOCK  ADVISORY  WRITE 4711 00:06:1234 0 EOF``: process, then major
-    and minor number of the file system in hexadecimal and the file's inode.
-    Lines of waiting processes carry an arrow behind the number.
-    """
-    wanted = f"{os.major(device):02x}:{os.minor(device):02x}:{inode}"
-    for line in text.splitlines():
-        words = line.split()
-        if words[1:2] == ["FLOCK"] and words[5:6] == [wanted]:
-            return int(words[4])
-    return None

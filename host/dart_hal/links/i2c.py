@@ -17,6 +17,7 @@ from dart_hal.actuation.bus import SmbusBus, explain
 from dart_hal.errors import BusError, UsageError
 from dart_hal.links.base import Bus
 from dart_hal.links.busio import TransferBus
+from dart_hal.links.forks import private
 
 REQUEST = struct.Struct("<BHH")
 TIMEOUT = 1.0
@@ -65,7 +66,7 @@ class SocketBus(TransferBus):
             connection.close()
             raise BusError(f"no simulated I2C bus at {self._path}", found=str(error),
                            remedy=f"dart-hal sim --pty --bus {self._path}") from error
-        return connection
+        return private(connection)
 
     def close(self) -> None:
         """Let go of the socket; a later transfer connects again."""

@@ -26,6 +26,7 @@ from serial.tools import list_ports
 from dart_hal.actuation.bus import SmbusBus
 from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.links.base import Backend, Chunk, Url
+from dart_hal.links.forks import private
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 
 RATES = (500_000, 115_200)
@@ -78,6 +79,7 @@ class SerialLink:
         except (ValueError, OverflowError) as error:
             raise UsageError(f"{device} cannot run at {baud} baud", found=str(error),
                              expected=" or ".join(map(str, RATES))) from error
+        private(self._port)
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
         _settle(self._port.fd, simulated=device.startswith("/dev/pts/"))

@@ -22,6 +22,7 @@ from mcap.writer import Writer
 
 from dart_hal.errors import RecordingError
 from dart_hal.links.base import Chunk
+from dart_hal.links.forks import private
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.mcap_records import McapFile, read_mcap
 from dart_hal.recording.schemas import definition
@@ -81,7 +82,7 @@ class RunWriter:
                  files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
-        self._file = SealedFile(self.path.open("wb", buffering=1 << 16))
+        self._file = SealedFile(private(self.path.open("wb", buffering=1 << 16)))
         self._writer = Writer(cast("BinaryIO", self._file), use_chunking=False)
         self._writer.start(profile="ros2", library=LIBRARY)
         schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))

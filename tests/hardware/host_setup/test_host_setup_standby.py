@@ -26,8 +26,8 @@ from dart_hal.actuation.standby import REPEAT, WRITES, Throttle, Watchman
 from dart_hal.cli.main import main
 from dart_hal.config import load_car
 from dart_hal.errors import BusError
-from dart_hal.links.holder import holder, parse_locks
 from dart_hal.links.i2c import REQUEST, receive
+from dart_hal.links.locks import holder, parse_locks
 from dart_hal.links.notify import notify
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
@@ -186,6 +186,7 @@ class Board:
     def __init__(self, path: Path) -> None:
         self.spec, self.regs = f"unix:{path}", bytearray(256)
         self.regs[0x00], self.regs[0xFE] = 0x20, 121
+        self.regs[0x02:0x06] = bytes([0xE2, 0xE4, 0xE8, 0xE0])
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.bind(os.fspath(path))
         self._socket.listen()
