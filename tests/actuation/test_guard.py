@@ -5,6 +5,7 @@ The real ones assert what is written and in which order, never how fast.
 
 from __future__ import annotations
 
+import errno
 import os
 import queue
 import signal
@@ -12,13 +13,15 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.guard import LAST_WORDS, Watch
+from dart_hal.actuation.guard import GIVE_UP, LAST_WORDS, Watch, watch
 from dart_hal.actuation.guarded import Guard
+from dart_hal.actuation.owner import own
 from dart_hal.errors import BusError
 from dart_hal.links.i2c import REQUEST, receive
 
@@ -53,17 +56,17 @@ def test_end_of_file_trips_at_once_and_ends_after_a_second_of_good_writes() -> N
     watch.heard(b"", 1.001)
     for k in range(LAST_WORDS):
         assert watch.due(1.001 + 0.02 * k)
-        watch.wrote(False, 1.001 + 0.02 * k)                  # failed writes do not count
-        watch.wrote(True, 1.001 + 0.02 * k)
+        watch.wrote(False)                                    # failed writes do not count
+        watch.wrote(True)
     assert watch.done
 
 
 def test_a_bus_that_never_comes_back_is_given_up_in_the_end() -> None:
     watch = Watch()
     watch.heard(b"", 1.0)
-    watch.wrote(False, 30.0)
-    assert not watch.done
-    watch.wrote(False, 31.1)
+    assert watch.due(30.9)
+    watch.wrote(False)
+    assert not watch.due(31.1)
     assert watch.done
 
 
@@ -72,6 +75,7 @@ class Bench:
 
     def __init__(self, path: Path) -> None:
         self.spec, self.writes = f"unix:{path}", queue.Queue[bytes]()
+        self.dead, self.refused = False, 0
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.bind(os.fspath(path))
         self._socket.listen()
@@ -91,6 +95,10 @@ class Bench:
                 while True:
                     _, wrote, wanted = REQUEST.unpack(receive(client, REQUEST.size))
                     data = receive(client, wrote)
+                    if self.dead:
+                        self.refused += 1
+                        client.sendall(bytes([errno.ETIMEDOUT]))
+                        continue
                     if not wanted:
                         self.writes.put(data)
                     client.sendall(b"\0" + bytes(wanted))
@@ -109,13 +117,22 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 DRIVER = """
-import sys, time
+import multiprocessing, os, sys, time
 from dart_hal.actuation.guarded import Guard
+from dart_hal.links import forks
 from dart_hal.links.i2c import open_bus
 spec, guarded = sys.argv[1], sys.argv[2] == "guarded"
 bus = open_bus(spec)
 guard = Guard(spec, address=0x40, channel=1, neutral_counts=307) if guarded else None
-print(guard.pid if guard else 0, flush=True)
+workers = []
+if len(sys.argv) > 3:
+    if sys.argv[3] == "keeps":
+        forks._private.clear()
+    fork = multiprocessing.get_context("fork")
+    workers = [fork.Process(target=time.sleep, args=(60,)) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+print(guard.pid if guard else 0, *(worker.pid for worker in workers), flush=True)
 while True:
     if guard is None or guard.gate() is None:
         bus.writeto(0x40, bytes([0x0A, 0, 0, 0x52, 0x01]))
@@ -128,8 +145,8 @@ while True:
 """
 
 
-def start(bench: Bench, kind: str) -> subprocess.Popen[str]:
-    driver = subprocess.Popen([sys.executable, "-c", DRIVER, bench.spec, kind], text=True,
+def start(bench: Bench, *kind: str) -> subprocess.Popen[str]:
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER, bench.spec, *kind], text=True,
                               stdout=subprocess.PIPE)
     while bench.writes.get(timeout=PATIENCE) == NEUTRAL:
         pass
@@ -148,6 +165,134 @@ def test_a_killed_driver_leaves_neutral_on_the_bus(bench: Bench) -> None:
     wait_for_neutral(bench)
     for _ in range(LAST_WORDS - 1):
         assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+
+
+def alive(pid: int) -> bool:
+    """Neither gone nor a zombie that nobody has waited for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("workers", ["let go", "keeps"])
+def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers: str) -> None:
+    """Two forked workers live on. In the second case they even keep the guard's pipe open."""
+    driver = start(bench, "guarded", workers)
+    assert driver.stdout is not None
+    guard, *pids = map(int, driver.stdout.readline().split())
+    driver.kill()
+    driver.wait()
+    driver.stdout.close()
+    wait_for_neutral(bench)
+    for _ in range(LAST_WORDS - 1):
+        assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+    deadline = time.monotonic() + PATIENCE
+    while alive(guard) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not alive(guard), "the guard ends while the workers live"
+    assert len(pids) == 2
+    for pid in pids:
+        assert alive(pid)
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_child_holds_no_pipe_of_the_guard(bench: Bench) -> None:
+    """The control is the second line: what the parent has there is a pipe."""
+    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    assert os.readlink(f"/proc/self/fd/{guard._beats}").startswith("pipe:")
+    answer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        found = {os.readlink(f"/proc/self/fd/{fd}") for fd in (guard._beats, guard._status)}
+        os.write(answer[1], repr(found).encode())
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert os.read(answer[0], 100) == b"{'/dev/null'}"
+    for fd in answer:
+        os.close(fd)
+    guard.beat()
+    assert guard.gate() is None, "the parent's are as they were"
+    guard.close()
+
+
+def test_the_guard_is_of_a_session_of_its_own(bench: Bench) -> None:
+    """A closed terminal ends the driver's session and process group."""
+    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    assert os.getsid(guard.pid) == guard.pid
+    assert os.getpgid(guard.pid) == guard.pid
+    assert os.getsid(0) != guard.pid
+    guard.close()
+
+
+def test_a_whole_process_group_is_killed_and_the_guard_is_not_of_it(bench: Bench) -> None:
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER, bench.spec, "guarded"], text=True,
+                              stdout=subprocess.PIPE, start_new_session=True)
+    while bench.writes.get(timeout=PATIENCE) == NEUTRAL:
+        pass
+    os.killpg(driver.pid, signal.SIGKILL)
+    driver.communicate()
+    wait_for_neutral(bench)
+
+
+def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
+    benches = [Bench(tmp_path / name) for name in "ab"]
+    first, second = (start(bench, "guarded") for bench in benches)
+    first.kill()
+    first.wait()
+    wait_for_neutral(benches[0])
+    for _ in range(LAST_WORDS):                               # as long as the first guard speaks
+        assert benches[1].writes.get(timeout=PATIENCE) != NEUTRAL
+    second.kill()
+    second.wait()
+    wait_for_neutral(benches[1])
+    for bench, driver in zip(benches, (first, second), strict=True):
+        assert driver.stdout is not None
+        driver.stdout.close()
+        bench.close()
+
+
+@pytest.mark.parametrize("owned", [True, False])
+def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
+        bench: Bench, owned: bool) -> None:
+    """The next car of this very process. The control: nobody owns the chip, and it writes."""
+    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard.beat()
+    bench.dead = True
+    guard.leave()
+    deadline = time.monotonic() + PATIENCE
+    while not bench.refused and time.monotonic() < deadline:
+        time.sleep(0.01)
+    release = own(bench.spec, 0x40) if owned else None
+    time.sleep(0.1)                                           # a write that was under way
+    bench.dead = False
+    time.sleep(0.3)
+    assert bench.writes.empty() == owned
+    if release is not None:
+        release()
+    for _ in range(LAST_WORDS):
+        assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+    guard._process.wait(PATIENCE)
+
+
+def test_a_guard_on_a_bus_that_stays_dead_ends() -> None:
+    """Half a minute of the guard's own clock after the driver is gone."""
+
+    class Dead:
+        tries = 0
+
+        def writeto(self, address: int, data: bytes) -> None:
+            self.tries += 1
+            raise OSError(errno.ETIMEDOUT, "stuck")
+
+    beats, status, bus, now = os.pipe(), os.pipe(), Dead(), iter(range(10_000))
+    os.close(beats[1])
+    watch(bus, 0x40, 1, 307, beats=beats[0], status=status[1],  # type: ignore[arg-type]
+          clock=lambda: float(next(now)))
+    assert 0 < bus.tries <= GIVE_UP + 1
+    assert next(now) > GIVE_UP
+    for fd in (beats[0], *status):
+        os.close(fd)
 
 
 def test_without_the_guard_the_last_throttle_stays(bench: Bench) -> None:

@@ -7,9 +7,11 @@ descriptor of the bus, and a pipe from the driver:
     driver -> guard   b beat    a trip seen    q the driver closes, at neutral
     guard -> driver   r ready   b beat         t tripped    x bus error
 
-End of file, or 100 ms without a beat: the throttle channel gets neutral, 50
-times a second, until the driver has seen the trip or, when it is gone, for a
-second. Steering is left where it is. Run as ``python -m dart_hal.actuation.guard``.
+End of file, another parent than before (a child of the driver may keep the pipe
+open), or 100 ms without a beat: the throttle channel gets neutral, 50 times a
+second, until the driver has seen the trip or, when it is gone, for a second.
+With the driver gone it stands back while somebody else owns the chip. Steering
+is left where it is. Run as ``python -m dart_hal.actuation.guard``.
 """
 
 from __future__ import annotations
@@ -20,9 +22,12 @@ import select
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+from dart_hal.actuation.owner import lock_path
 from dart_hal.errors import BusError
 from dart_hal.links.base import Bus
+from dart_hal.links.locks import holder
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""
@@ -57,21 +62,26 @@ class Watch:
             self.tripped, self._beat = False, now
 
     def due(self, now: float) -> bool:
-        """Whether neutral must be written now."""
+        """Whether neutral must be written now; a bus that never comes back is given up."""
         self.tripped = self.tripped or now - self._beat > SILENCE
+        self.done = self.done or now - self._gone_at > GIVE_UP
         return self.tripped and not self.done
 
-    def wrote(self, ok: bool, now: float) -> None:
+    def wrote(self, ok: bool) -> None:
         """The outcome of a neutral write; with the driver gone, the end comes in sight."""
         self._written += ok and self.gone
-        if self.gone and (self._written >= LAST_WORDS or now - self._gone_at > GIVE_UP):
-            self.done = True
+        self.done = self.done or self._written >= LAST_WORDS
 
 
 def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, status: int,
-          clock: Callable[[], float] = time.monotonic) -> None:
-    """Guard until the driver closes or is gone; file descriptors ``beats``, ``status``."""
+          clock: Callable[[], float] = time.monotonic,
+          taken: Callable[[], bool] = lambda: False) -> None:
+    """Guard until the driver closes or is gone; file descriptors ``beats``, ``status``.
+
+    ``taken``: whether another than this guard's driver owns the chip by now.
+    """
     neutral = bytes([0x06 + 4 * channel, 0, 0, counts & 0xFF, counts >> 8])
+    driver = os.getppid()
     state, told, written = Watch(), False, -1.0
     _say(status, b"r")
     while not state.done:
@@ -80,10 +90,12 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
         now = clock()
         if ready:
             state.heard(os.read(beats, 4096), now)
+        elif os.getppid() != driver and not state.gone:
+            state.heard(b"", now)
         if state.due(now):
-            if not told or now - written >= REPEAT:
+            if not told or (now - written >= REPEAT and not (state.gone and taken())):
                 told, written = True, now
-                state.wrote(_write(bus, address, neutral, status), clock())
+                state.wrote(_write(bus, address, neutral, status))
                 _say(status, b"t")
         else:
             told = False
@@ -113,6 +125,7 @@ def main(arguments: list[str]) -> int:
     """``guard BUS ADDRESS CHANNEL COUNTS``: watches standard input."""
     from dart_hal.links.i2c import open_bus
 
+    driver = os.getppid()
     spec, (address, channel, counts) = arguments[0], (int(a, 0) for a in arguments[1:])
     os.set_blocking(1, False)
     try:
@@ -122,8 +135,18 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write(str(error) + "\n")
         return 1
     _live_longer()
-    watch(bus, address, channel, counts, beats=0, status=1)
+    path = lock_path(spec, address)
+    watch(bus, address, channel, counts, beats=0, status=1, taken=lambda: _taken(path, driver))
     return 0
+
+
+def _taken(path: Path, driver: int) -> bool:
+    """Whether somebody owns the chip: the next program, or the next car of the driver.
+
+    What a dead driver's child still holds does not count.
+    """
+    pid = holder(path)
+    return pid is not None and (pid != driver or os.getppid() == driver)
 
 
 def _live_longer() -> None:

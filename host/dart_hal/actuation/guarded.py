@@ -9,12 +9,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import IO
 
 from dart_hal.actuation.guard import SILENCE
 from dart_hal.errors import BusError
+from dart_hal.links.forks import private
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""
+
+_left: list[subprocess.Popen[bytes]] = []
+"""Guards that go on by themselves; kept until they have ended, so that none stays a zombie."""
 
 
 class Guard:
@@ -29,14 +34,13 @@ class Guard:
                  clock: Callable[[], float] = time.monotonic) -> None:
         command = [sys.executable, "-m", "dart_hal.actuation.guard", bus, str(address),
                    str(channel), str(neutral_counts)]
+        _left[:] = [process for process in _left if process.poll() is None]
         self._clock, self._heard = clock, -math.inf
         self.tripped = self._watched = False
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=subprocess.PIPE, start_new_session=True)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._beats = self._process.stdin.fileno()
-        self._status = self._process.stdout.fileno()
+        beats, status, _ = self._pipes()
+        self._beats, self._status = beats.fileno(), status.fileno()
         os.set_blocking(self._beats, False)
         os.set_blocking(self._status, False)
         self._wait_ready()
@@ -79,6 +83,23 @@ class Guard:
         """The driver has closed at neutral: the guard ends without a write."""
         self._tell(b"q")
         self._process.communicate(timeout=START_TIME)
+
+    def leave(self) -> None:
+        """The driver closes and could not write neutral: the guard goes on trying by itself.
+
+        Its pipe ends here, so that it gives up in the end; and it stands back
+        while somebody else owns the chip, this process too.
+        """
+        for pipe in self._pipes():
+            pipe.close()
+        _left.append(self._process)
+
+    def _pipes(self) -> tuple[IO[bytes], IO[bytes], IO[bytes]]:
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        return private(process.stdin), private(process.stdout), private(process.stderr)
 
     def _wait_ready(self) -> None:
         ready, _, _ = select.select([self._status], [], [], START_TIME)
