@@ -25,7 +25,7 @@ from dart_hal.types import Applied, Limit
 
 RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
 READ_BACK_EVERY = 1.0
-"""s between two looks at MODE1 and PRE_SCALE."""
+"""s between two looks at MODE1, PRE_SCALE and the pulses of the frame before."""
 REOPEN_EVERY = 0.1
 """s between attempts to bring a lost PCA9685 back."""
 BACKWARD = 1e-6
@@ -208,10 +208,10 @@ class Actuator:
         if self.fault is not None:
             self._revive(now)
             return self.applied
-        applied = self._put(plan)
-        if self._sending and self.fault is None and now - self._checked_at >= READ_BACK_EVERY:
-            self._read_back(now)
-        return applied
+        if self._sending and now - self._checked_at >= READ_BACK_EVERY \
+                and not self._read_back(now):
+            return self.applied
+        return self._put(plan)
 
     def trips(self) -> tuple[str, ...]:
         """Names of what must disarm the car, each told once.
@@ -286,16 +286,24 @@ class Actuator:
             counts[0] * self.pca.count_us), 0.0
         self.applied = self._applied(counts, _NOT_ARMED)
 
-    def _read_back(self, now: float) -> None:
+    def _read_back(self, now: float) -> bool:
+        """Before the write of a frame: after it a stranger's pulse would be gone.
+
+        While the guard has tripped its neutral stands there, and that is right.
+        """
         self._checked_at = now
         self.counters.read_backs += 1
+        guarded = self.gate is not None and self.gate() is not None
         try:
-            self.pca.check()
+            self.pca.check(pulses=not guarded)
         except PcaFault as error:
             self._lost(error, "PCA_READBACK")
             self._revive(now)
         except BusError as error:
             self._lost(error, "PCA_WRITE_FAILED")
+        else:
+            return True
+        return False
 
     def _revive(self, now: float) -> None:
         """Open the chip again at neutral, at most each 100 ms."""

@@ -9,6 +9,7 @@ oscillator; MODE1 and PRE_SCALE are written only where they differ.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from dart_hal.actuation.bus import NACK, bus_name, explain
@@ -22,7 +23,7 @@ from dart_hal.actuation.servokit import (
     Shield,
     make_kit,
 )
-from dart_hal.errors import BusError, PcaFault, PcaMissing
+from dart_hal.errors import BusError, NotPca, PcaFault, PcaMissing
 from dart_hal.links.base import Bus
 
 T = TypeVar("T")
@@ -37,6 +38,11 @@ LOCK_TRIES = 100
 """Times 0.1 ms: longer than any transaction of ours."""
 SETTLE = 0.005
 """s that ServoKit grants the oscillator after a new prescale."""
+LED0, SUBADDRESSES = 0x06, range(0x02, 0x06)
+LOWEST_PRESCALE = 3
+"""The chip's own limit, by its data sheet."""
+TI, TI_ID = 0xFE, b"\x54\x49"
+"""Register and number by which power monitors of Texas Instruments say who they are."""
 
 
 class Pca9685:
@@ -57,13 +63,17 @@ class Pca9685:
         self.retries = 0
         self._bus, self._sleep = bus, sleep
         self._kit: Any = None
+        self._known = False
+        self._written: dict[int, bytes] = {}
 
     def open(self, neutral: tuple[int, int]) -> None:
         """Bring the chip to ``neutral`` counts, whatever state it was left in.
 
         No pulse longer than neutral leaves it on the way, but for the frame
-        under way at the first write. Raises PcaMissing, PcaFault, BusError.
+        under way at the first write. Before that write it is read who answers.
+        Raises PcaMissing, NotPca, PcaFault, BusError.
         """
+        self._written.clear()
         mode1, mode2, prescale = self._identify()
         if mode1 & EXTCLK:
             raise PcaFault("the PCA9685 runs on an external clock", found=f"MODE1 {mode1:#04x}",
@@ -105,10 +115,15 @@ class Pca9685:
         """Throttle to ``throttle`` counts, for one who does not own the chip; nothing is woken.
 
         False: it is not set up as ours, or does not say so; a count may mean
-        another pulse there, and no channel gets one. Raises BusError.
+        another pulse there, and no channel gets one. Raises NotPca (nothing
+        was written), BusError.
         """
         try:
             mode1, prescale = self._read(MODE1), self._read(PRE_SCALE)
+            if not self._known:
+                self._recognise(mode1, self._read(MODE2), prescale)
+        except NotPca:
+            raise
         except BusError:
             mode1, prescale = 0, 0
         ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
@@ -120,11 +135,15 @@ class Pca9685:
 
     def pulse_counts(self, channel: int) -> int:
         """Counts for which a channel is high, as its registers say; 0 = off. Raises BusError."""
-        low, high = (self._read(0x06 + 4 * channel + k) for k in (2, 3))
+        low, high = (self._read(LED0 + 4 * channel + k) for k in (2, 3))
         return 0 if high & FULL_OFF else (high << 8 | low) & 0xFFF
 
-    def check(self) -> None:
-        """Read MODE1, MODE2 and PRE_SCALE back. Raises PcaFault where they are not ours."""
+    def check(self, *, pulses: bool = True) -> None:
+        """Read MODE1, MODE2, PRE_SCALE and the ``pulses`` of servo and ESC back.
+
+        Raises PcaFault where they are not ours; look *before* a write, or it
+        hides what another program has written since the last one.
+        """
         mode1, mode2 = self._read(MODE1), self._read(MODE2)
         prescale = self._read(PRE_SCALE)
         if mode1 & (SLEEP | AUTO_INCREMENT | EXTCLK) != AUTO_INCREMENT \
@@ -134,6 +153,25 @@ class Pca9685:
                 found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, PRE_SCALE {prescale:#04x}",
                 expected=f"MODE1 0x20 or 0x21, MODE2 0x04, PRE_SCALE {self.prescale:#04x}",
                 remedy="check the 3.3 V supply of the board; dart-hal doctor")
+        for channel in self.channels if pulses else ():
+            self._compare(channel)
+
+    def _compare(self, channel: int) -> None:
+        ours = self._written.get(channel)
+        if ours is None:
+            return
+        found = self._read_many(LED0 + 4 * channel, len(ours))
+        if found != ours:
+            raise PcaFault(
+                f"somebody else writes to the PCA9685 at {self.address:#04x}",
+                found=f"channel {channel}: {found.hex(' ')}, {self._length(found)}",
+                expected=f"{ours.hex(' ')}, {self._length(ours)}, as it was written",
+                likely="a second program that does not ask who owns the chip",
+                remedy="end it: sudo fuser -v /dev/i2c-* names who has a bus open")
+
+    def _length(self, led: bytes) -> str:
+        counts = 0 if led[3] & FULL_OFF else (led[3] << 8 | led[2]) & 0xFFF
+        return f"{counts * self.count_us:.0f} us"
 
     def _identify(self) -> tuple[int, int, int | None]:
         """MODE1, MODE2, PRE_SCALE one by one: a burst with AI = 0 reads one register."""
@@ -143,10 +181,35 @@ class Pca9685:
             if error.errno in NACK:
                 raise self._missing() from error
             raise
-        try:
-            return mode1, mode2, self._read(PRE_SCALE)
-        except BusError:
-            return mode1, mode2, None
+        prescale = None
+        with suppress(BusError):
+            prescale = self._read(PRE_SCALE)
+        self._recognise(mode1, mode2, prescale)
+        return mode1, mode2, prescale
+
+    def _recognise(self, mode1: int, mode2: int, prescale: int | None) -> None:
+        """Whether a PCA9685 answers, whatever its last program has left in it. By reading alone.
+
+        Its registers have one byte each; a longer read goes on with the next
+        register where auto-increment is on, else it gives the same one again.
+        Parts with 16-bit registers do neither. The four sub-addresses are even
+        (power-on: E2 E4 E8 E0) and not all one, MODE2 has five bits, PRE_SCALE
+        is 3 at least. Raises NotPca, BusError.
+        """
+        single = bytes(self._read(register) for register in SUBADDRESSES)
+        burst = self._read_many(SUBADDRESSES[0], len(single))
+        expected = single if mode1 & AUTO_INCREMENT else single[:1] * len(single)
+        even = not any(byte & 1 for byte in single)
+        if (burst != expected or not even or len(set(single)) == 1 or mode2 > 0x1F
+                or (prescale is not None and prescale < LOWEST_PRESCALE)):
+            monitor = self._read_many(TI, len(TI_ID)) == TI_ID
+            raise NotPca(
+                f"what answers at {self.address:#04x} on {bus_name(self._bus)} is no PCA9685",
+                found=("a power monitor of Texas Instruments" if monitor else
+                       f"registers 0 to 5: {bytes([mode1, mode2]).hex(' ')} {single.hex(' ')}")
+                + "; nothing was written to it",
+                expected="registers 2 to 5: e2 e4 e8 e0, or others that are even")
+        self._known = True
 
     def _take_over(self, mode1: int, neutral: tuple[int, int]) -> None:
         """The prescale is right: pulses go on without a cut one, from now on neutral.
@@ -184,7 +247,9 @@ class Pca9685:
         shield.keep = True                              # nor may anybody's deinit() stop it
 
     def _led(self, channel: int, data: bytes) -> None:
-        self._send(bytes([0x06 + 4 * channel]) + data)
+        self._send(bytes([LED0 + 4 * channel]) + data)
+        for k in range(0, len(data), 4):
+            self._written[channel + k // 4] = data[k:k + 4]
 
     def _register(self, register: int, value: int) -> None:
         """Write one register past the shield."""
@@ -203,10 +268,13 @@ class Pca9685:
             device.write(data)
 
     def _read(self, register: int) -> int:
-        buffer = bytearray(1)
+        return self._read_many(register, 1)[0]
+
+    def _read_many(self, register: int, n: int) -> bytes:
+        buffer = bytearray(n)
         self._retried(lambda: self._locked(lambda: self._bus.writeto_then_readfrom(
             self.address, bytes([register]), buffer)))
-        return buffer[0]
+        return bytes(buffer)
 
     def _locked(self, transfer: Callable[[], T]) -> T:
         for _ in range(LOCK_TRIES):
