@@ -153,21 +153,24 @@ class Pca9685:
                 found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, PRE_SCALE {prescale:#04x}",
                 expected=f"MODE1 0x20 or 0x21, MODE2 0x04, PRE_SCALE {self.prescale:#04x}",
                 remedy="check the 3.3 V supply of the board; dart-hal doctor")
-        for channel in self.channels if pulses else ():
-            self._compare(channel)
+        if pulses and all(channel in self._written for channel in self.channels):
+            self._compare(*sorted(self.channels))
 
-    def _compare(self, channel: int) -> None:
-        ours = self._written.get(channel)
-        if ours is None:
-            return
-        found = self._read_many(LED0 + 4 * channel, len(ours))
-        if found != ours:
-            raise PcaFault(
-                f"somebody else writes to the PCA9685 at {self.address:#04x}",
-                found=f"channel {channel}: {found.hex(' ')}, {self._length(found)}",
-                expected=f"{ours.hex(' ')}, {self._length(ours)}, as it was written",
-                likely="a second program that does not ask who owns the chip",
-                remedy="end it: sudo fuser -v /dev/i2c-* names who has a bus open")
+    def _compare(self, low: int, high: int) -> None:
+        """Both pulses against what was written: one read if they are neighbours."""
+        if high - low == 1:
+            found = self._read_many(LED0 + 4 * low, 8)
+        else:
+            found = b"".join(self._read_many(LED0 + 4 * k, 4) for k in (low, high))
+        for channel, led in ((low, found[:4]), (high, found[4:])):
+            ours = self._written[channel]
+            if led != ours:
+                raise PcaFault(
+                    f"somebody else writes to the PCA9685 at {self.address:#04x}",
+                    found=f"channel {channel}: {led.hex(' ')}, {self._length(led)}",
+                    expected=f"{ours.hex(' ')}, {self._length(ours)}, as it was written",
+                    likely="a second program that does not ask who owns the chip",
+                    remedy="end it: sudo fuser -v /dev/i2c-* names who has a bus open")
 
     def _length(self, led: bytes) -> str:
         counts = 0 if led[3] & FULL_OFF else (led[3] << 8 | led[2]) & 0xFFF
