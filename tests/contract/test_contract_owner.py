@@ -24,13 +24,20 @@ import multiprocessing, sys, time
 from dart_hal.car import Car
 from dart_hal.links import forks
 url, name, cars, workers = sys.argv[1:5]
+
+def work(up):
+    up.release()
+    time.sleep(120)
+
 with Car.open(url, car=name, cars=cars) as car:
     if workers == "keep":
         forks._private.clear()
     fork = multiprocessing.get_context("fork")
-    made = [fork.Process(target=time.sleep, args=(120,)) for _ in range(2)]
+    up = fork.Semaphore(0)
+    made = [fork.Process(target=work, args=(up,)) for _ in range(2)]
     for worker in made:
         worker.start()
+        up.acquire()                        # it runs, and has let go by now
     print(car._engine.driver._guard._guard.pid, *(w.pid for w in made), flush=True)
     for _ in car.states(timeout=60.0):
         pass
