@@ -14,6 +14,7 @@ from pathlib import Path
 from circuit import devices, part_table, pin_table, said
 from drawing import diagram
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
+from perfboard import drawing as board
 from pinout import PINOUTS
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
@@ -33,6 +34,7 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
         for step, shown in data["metadata"].get("steps", {}).items():
             found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown],
                                                 beside)
+    found["mux_board.svg"] = board(folder)
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 
