@@ -137,6 +137,7 @@ def test_a_part_slower_than_the_deadline(nano: Make) -> None:
 def test_offsets_are_stored_when_standing_and_restored_after_a_reset(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_errors(calibrated_after=(0.1, 0.1, 0.1))
+    rig.nano.set_imu((0.0, 0.01, 0.0), (0.0, 0.0, 0.05))  # zeros would be no sample
     rig.run(5.0)
     saved = rig.nano.eeprom
     assert saved[0x20:0x22] == b"\x44\x4f" or saved[0x60:0x62] == b"\x44\x4f"

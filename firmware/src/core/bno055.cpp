@@ -50,9 +50,22 @@ bool has_script(ImuState state) {
 constexpr uint8_t kStatusSlots = 25;
 constexpr uint8_t kStatusTurns[] DART_ROM = {kOprMode, kCalibStat, kOprMode,
                                              kSysStatus};
+constexpr uint8_t kModeTurn = 0;
 
 // imu_age ends here (65535 x 4 us).
 constexpr Tick kMaxAge = ticks_of_ms(262);
+
+// A sample stays valid past one that was dropped, not past two: the data of
+// a part that stands perfectly still are all zeros now and then.
+constexpr Tick kHeld = ticks_of_ms(15);
+
+bool all_zero(uint8_t const* bytes, uint8_t size) {
+  while (size != 0 && *bytes == 0) {
+    ++bytes;
+    --size;
+  }
+  return size == 0;
+}
 
 int16_t word_at(uint8_t const* p) {
   return static_cast<int16_t>(p[0] | static_cast<uint16_t>(p[1] << 8));
@@ -300,7 +313,18 @@ void Bno055::begin_gyro() {
   begin_read(Job::kGyro, kGyroZ, leg_ + 10, 2);
 }
 
+//
+// A part that fell back to CONFIG reads as zeros: they are no sample, and the
+// mode is read at once.
 void Bno055::take_sample() {
+  bool const zeros = all_zero(leg_, 12);
+  look_ = zeros && !zeros_;
+  zeros_ = zeros;
+  if (zeros) {
+    valid_ = valid_ && read_start_ - sample_.start < kHeld;
+    watch_stuck(true);
+    return;
+  }
   bool equal = true;
   for (uint8_t i = 0; i < 6; ++i) {
     int16_t const word = word_at(leg_ + 2 * i);
@@ -312,9 +336,6 @@ void Bno055::take_sample() {
   has_sample_ = valid_ = true;
   busy_time_ = now_ - read_start_;
   watch_stuck(equal);
-  if (equal_ >= kStuckToReset && stuck()) {
-    enter(ImuState::kReset);
-  }
 }
 
 void Bno055::watch_stuck(bool equal) {
@@ -326,15 +347,24 @@ void Bno055::watch_stuck(bool equal) {
   if (equal_ <= 1) {
     edges_equal_ = edges_;
   }
+  if (equal_ >= kStuckToReset && stuck()) {
+    enter(ImuState::kReset);
+  }
 }
 
 void Bno055::begin_status() {
-  if (state_ != ImuState::kRun || ++status_slot_ < kStatusSlots) {
+  if (state_ != ImuState::kRun) {
     return;
   }
-  status_slot_ = 0;
-  status_turn_ =
-      static_cast<uint8_t>((status_turn_ + 1) % sizeof kStatusTurns);
+  if (look_) {
+    status_turn_ = kModeTurn;
+  } else if (++status_slot_ < kStatusSlots) {
+    return;
+  } else {
+    status_slot_ = 0;
+    status_turn_ =
+        static_cast<uint8_t>((status_turn_ + 1) % sizeof kStatusTurns);
+  }
   begin_read(Job::kStatus, rom_byte(&kStatusTurns[status_turn_]), leg_,
              1);
 }

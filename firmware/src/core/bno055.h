@@ -142,6 +142,8 @@ class Bno055 {
   uint8_t calib_ = 0;
   bool waiting_ = false;  // the script waits for resume_
   bool valid_ = false;
+  bool zeros_ = false;  // what was read last
+  bool look_ = false;   // at the mode, now
   bool has_sample_ = false;
   bool quiet_ = false;
   bool refused_ = false;  // the part did not take our offsets
