@@ -32,6 +32,8 @@ TO_UART = 255e-6
 """s from the latch to the first byte of STATE, as the emulated firmware takes."""
 IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
+HELD = 0.015
+"""s for which a sample stays valid: past one of all zeros, which is dropped."""
 STUCK = 20
 """Equal samples in motion that make an IMU stuck."""
 CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
@@ -216,7 +218,7 @@ class MockNano:
         started = self.now - self._boot_at >= START
         sample = self.imu.sample(t) if started else None
         if sample is not None and not any(sample):
-            return _FLAG["IMU_VALID"] if self._sample is not None else 0  # dropped, as there
+            return _FLAG["IMU_VALID"] if t - self._sample_at < HELD else 0
         if sample is not None:
             self._equal = self._equal + 1 if sample == self._sample else 0
             self._sample, self._sample_at = sample, t
