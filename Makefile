@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow fuzz lint bench campaign docs firmware native hardware clean
+.PHONY: help setup demo test test-slow fuzz mutants lint bench campaign docs firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -22,6 +22,9 @@ test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by 
 
 fuzz: $(VENV)/.dev ## libFuzzer on the Nano's decoder, commands and parameters: 1e7 inputs each
 	@$(MAKE) -s -C firmware fuzz PYTHON=$(CURDIR)/$(BIN)/python ARGS="$(ARGS)"
+
+mutants: $(VENV)/.mutants toolchain ## break the safety parts in 120 small ways: do the tests notice? (an hour)
+	@$(BIN)/python tests/mutation/run.py $(ARGS)
 
 lint: $(VENV)/.dev ## style, types and import floors
 	@$(BIN)/ruff check .
@@ -78,6 +81,11 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 	@echo "-- installing dart-hal and the tools that test it (once)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	@touch $@ $(VENV)/.demo
+
+$(VENV)/.mutants: pyproject.toml | $(BIN)/python
+	@echo "-- installing cosmic-ray, which makes the mutants of Python files (once)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,mutants]'
+	@touch $@ $(VENV)/.dev $(VENV)/.demo
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs]'

@@ -1,0 +1,128 @@
+"""A private copy of the checkout in which one mutant at a time is tested."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from mutant import ROOT, Mutant
+from subjects import WIDE, Subject
+
+NOT_COPIED = shutil.ignore_patterns(
+    ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
+NOT_ITS_TASK = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
+"""Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
+ENDLESS = 8.0
+"""A room that takes this many times as long as without a mutant hangs: other work of the
+machine slows it by two or three."""
+MARK = "DART_HAL_MUTANT"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """``by``: the test that failed, ``time limit``, ``compiler``; "" = survived. Time in s."""
+
+    mutant: Mutant
+    subject: str
+    by: str
+    seconds: float
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is a mutant at all: what does not compile is none."""
+        return self.by != "compiler"
+
+
+class Copy:
+    """``home``: where it lies; removed by ``close``."""
+
+    def __init__(self, home: Path) -> None:
+        self.home, self._usual = home, dict[tuple[str, ...], float]()
+        shutil.copytree(ROOT, home, ignore=NOT_COPIED, symlinks=True)
+        self._built = True
+        self._build("emulator")
+
+    def usual(self, tests: tuple[str, ...]) -> float:
+        """s that these tests take unchanged. Raises RuntimeError if they fail."""
+        if tests not in self._usual:
+            if not self._built:
+                self._build()
+            begin = time.monotonic()
+            if by := self._tests(tests, None):
+                raise RuntimeError(f"without any mutant fails {by}")
+            self._usual[tests] = time.monotonic() - begin
+        return self._usual[tests]
+
+    def judge(self, subject: Subject, mutant: Mutant) -> Verdict:
+        """Apply, test in the room, test widely if it survives there, take back."""
+        room = self._there(subject.room)
+        limit = ENDLESS * self.usual(room) + 20.0
+        begin = time.monotonic()
+        path = self.home / mutant.file
+        original = path.read_bytes()
+        path.write_text(mutant.text, encoding="utf-8")
+        try:
+            by = self._build() if subject.firmware or not self._built else ""
+            by = by or self._tests(room, limit)
+            widely = not by
+            by = by or self._tests(tuple(t for t in self._there(WIDE) if t not in room), None)
+        finally:
+            path.write_bytes(original)
+            self._built = self._built and not subject.firmware
+        if widely and by:
+            self.usual((by,))               # a test that fails anyway kills nothing
+        return Verdict(mutant, subject.name, by, time.monotonic() - begin)
+
+    def close(self) -> None:
+        shutil.rmtree(self.home, ignore_errors=True)
+
+    def _there(self, tests: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(t for t in tests if (self.home / t).exists())
+
+    def _build(self, *more: str) -> str:
+        """Firmware image and native core as the sources are; "compiler" if that fails."""
+        command = ["make", "-s", "-C", str(self.home / "firmware"), "hex", "native", *more]
+        done = subprocess.run(command, capture_output=True, check=False)
+        self._built = True
+        return "compiler" if done.returncode else ""
+
+    def _tests(self, tests: tuple[str, ...], limit: float | None) -> str:
+        """The first test that fails, "time limit", or "" when all pass."""
+        without = [f"--ignore={t}" for t in NOT_ITS_TASK]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "--tb=no",
+                   "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=0", *without,
+                   *tests]
+        environment = os.environ | {"PYTHONPATH": str(self.home / "host"), MARK: str(self.home),
+                                    "PYTHONDONTWRITEBYTECODE": "1"}
+        run = subprocess.Popen(command, cwd=self.home, env=environment, text=True,
+                               stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                               stderr=subprocess.STDOUT, start_new_session=True)
+        try:
+            said, _ = run.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            run.kill()
+            run.communicate()
+            return "time limit"
+        finally:
+            self._end_what_is_left()
+        if run.returncode == 0:
+            return ""
+        found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
+        return found[1] if found else f"exit status {run.returncode}"
+
+    def _end_what_is_left(self) -> None:
+        """Processes of this copy's tests that a mutant has left behind, known by a mark."""
+        mark = f"{MARK}={self.home}".encode()
+        for entry in Path("/proc").glob("[0-9]*/environ"):
+            try:
+                if mark in entry.read_bytes().split(b"\0"):
+                    os.kill(int(entry.parent.name), signal.SIGKILL)
+            except OSError:
+                continue

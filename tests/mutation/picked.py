@@ -1,0 +1,61 @@
+"""Mutants by hand: safety layers taken away one by one, and what once slipped through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mutant import ROOT, Mutant, changed
+
+SRC, ACT, CAR = "firmware/src/", "host/dart_hal/actuation/", "host/dart_hal/car/"
+
+
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """``old`` stands once in ``file`` and becomes ``new``."""
+
+    name: str
+    subject: str
+    file: str
+    old: str
+    new: str
+
+    def mutant(self) -> Mutant:
+        """Raises ValueError when the code has gone another way: pick again."""
+        source = (ROOT / self.file).read_text(encoding="utf-8")
+        if source.count(self.old) != 1:
+            raise ValueError(f"{self.file} has {self.old!r} {source.count(self.old)} times, "
+                             f"the pick {self.name!r} wants it once")
+        made = changed(self.file, self.name, source, source.replace(self.old, self.new))
+        if made is None:
+            raise ValueError(f"the pick {self.name!r} changes nothing")
+        return made
+
+
+PICKS = (
+    Pick("interrupt cuts after 2.5 s", "supervisor of the Nano", SRC + "app/safety.cpp",
+         "return static_cast<uint8_t>((ms + 9) / 10);", "return 250;"),
+    Pick("loop deaf to a lost beat", "supervisor of the Nano", SRC + "core/supervisor.cpp",
+         "{Safety::kLive, Safety::kTripped, kStop | kLost, 0}",
+         "{Safety::kLive, Safety::kTripped, kStop, 0}"),
+    Pick("any token arms", "supervisor of the Nano", SRC + "core/supervisor.cpp",
+         "return arm && right_token ? kArm : kDisarm;", "return arm ? kArm : kDisarm;"),
+    Pick("watchdog fed without progress", "supervisor of the Nano", SRC + "board/boot.cpp",
+         "if (slots != fed_slots && sent != fed_sent) {", "if (true) {"),
+    Pick("watchdog fed while the line is silent", "supervisor of the Nano",
+         SRC + "board/boot.cpp", "if (slots != fed_slots && sent != fed_sent) {",
+         "if (slots != fed_slots) {"),
+    Pick("bus clear of one clock", "two-wire bus", SRC + "board/twi.cpp",
+         "kRecoveryClocks = 9", "kRecoveryClocks = 1"),
+    Pick("bus clear without a stop", "two-wire bus", SRC + "board/twi.cpp",
+         "  scl_low();\n  sda_low();\n  half_period();\n", ""),
+    Pick("guard in the driver's session", "guard", ACT + "guarded.py",
+         "start_new_session=True", "start_new_session=False"),
+    Pick("guard never tells that it tripped", "guard", ACT + "guard.py",
+         '                _say(status, b"t")\n', ""),
+    Pick("silence is not watched", "guard", ACT + "guard.py",
+         "self.tripped = self.tripped or now - self._beat > SILENCE", "pass"),
+    Pick("a tripped guard is no cause", "driver", CAR + "driver.py",
+         'causes.append("GUARD_TRIPPED")', "pass"),
+    Pick("a stale link is no cause", "driver", CAR + "driver.py",
+         'causes.append("LINK_STALE")', "pass"),
+)

@@ -1,0 +1,66 @@
+"""What is mutated, how often, and which tests must notice: the room of each subject."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cpp_mutants import cpp_mutants
+from mutant import Mutant, chosen
+from picked import PICKS
+from python_mutants import python_mutants
+
+HOST, SRC = "host/dart_hal/", "firmware/src/"
+
+WIDE = ("tests/wire", "tests/actuation", "tests/car", "tests/firmware", "tests/emulator",
+        "tests/links", "tests/sim", "tests/faults", "tests/soak", "tests/estimation",
+        "tests/contract", "tests/calibration", "tests/cli")
+"""For survivors of their room: what can notice at all, quick ones first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """``count`` mutants of ``files`` beside those picked by hand; ``room``: tests, in order."""
+
+    name: str
+    files: tuple[str, ...]
+    room: tuple[str, ...]
+    count: int
+
+    @property
+    def firmware(self) -> bool:
+        """Whether the images must be built before the tests."""
+        return self.files[0].startswith(SRC)
+
+    def mutants(self) -> list[Mutant]:
+        """Those to try: picked, then chosen from all that the operators make."""
+        make = cpp_mutants if self.firmware else python_mutants
+        made = [mutant for file in self.files for mutant in make(file)]
+        return [p.mutant() for p in PICKS if p.subject == self.name] + chosen(made, self.count)
+
+
+SUBJECTS = (
+    Subject("codec", tuple(f"{HOST}wire/{n}.py" for n in ("cobs", "codec", "decoder", "frame",
+                                                           "crc")),
+            ("tests/wire",), 16),
+    Subject("codec of the Nano", (SRC + "core/frame.cpp", SRC + "core/crc16.h"),
+            ("tests/firmware/test_core_frames.py", "tests/firmware/test_nano_stream.py"), 12),
+    Subject("supervisor", (HOST + "actuation/supervisor.py", HOST + "actuation/states.py"),
+            ("tests/actuation/test_supervisor.py", "tests/actuation", "tests/car",
+             "tests/contract/test_contract_arming.py"), 14),
+    Subject("supervisor of the Nano", (SRC + "core/supervisor.cpp",),
+            ("tests/firmware/test_core_supervisor.py", "tests/firmware/test_nano_safety.py",
+             "tests/firmware"), 12),
+    Subject("guard", (HOST + "actuation/guard.py", HOST + "actuation/guarded.py"),
+            ("tests/actuation/test_guard.py", "tests/car",
+             "tests/contract/test_contract_realtime.py"), 14),
+    Subject("arming", (HOST + "actuation/arming.py",),
+            ("tests/actuation", "tests/car", "tests/contract/test_contract_arming.py"), 10),
+    Subject("driver", (HOST + "car/driver.py",),
+            ("tests/car", "tests/contract/test_contract_arming.py", "tests/contract"), 14),
+    Subject("edges", (SRC + "board/edges.cpp", SRC + "core/edge_counter.h"),
+            ("tests/firmware/test_core_encoder.py", "tests/firmware/test_nano_edges.py",
+             "tests/firmware"), 10),
+    Subject("two-wire bus", (SRC + "board/twi.cpp", SRC + "core/bno055.cpp"),
+            ("tests/firmware/test_core_imu.py", "tests/firmware/test_nano_imu.py",
+             "tests/firmware"), 12),
+)

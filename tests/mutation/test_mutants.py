@@ -1,0 +1,80 @@
+"""What `make mutants` tries: the choice is fixed, the picks fit the code, the verdict is strict."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+from copy_of_tree import Verdict
+from cpp_mutants import cpp_mutants
+from mutant import Mutant, changed, chosen
+from picked import PICKS
+from run import GOAL, report
+from subjects import SUBJECTS
+
+SUPERVISOR = "firmware/src/core/supervisor.cpp"
+
+
+@pytest.mark.parametrize("pick", PICKS, ids=lambda p: p.name)
+def test_a_picked_mutant_still_fits_the_code(pick):
+    assert pick.mutant().file == pick.file
+    assert pick.subject in {s.name for s in SUBJECTS}
+
+
+def test_the_rooms_and_files_are_there():
+    root = Path(__file__).parents[2]
+    for subject in SUBJECTS:
+        for name in (*subject.files, *subject.room):
+            assert (root / name).exists(), name
+
+
+def test_there_are_enough():
+    assert sum(s.count for s in SUBJECTS) + len(PICKS) >= 100
+
+
+def test_the_choice_is_fixed_and_takes_a_line_once():
+    made = list(cpp_mutants(SUPERVISOR))
+    first, again = chosen(made, 12), chosen(reversed(made), 12)
+    assert first == again
+    assert len({m.line for m in first}) == 12
+
+
+def test_a_line_added_elsewhere_leaves_the_choice():
+    old = [changed("a", "op", f"x\n{k}\n", f"x\n{k} changed\n") for k in range(20)]
+    new = [changed("a", "op", f"x\ny\n{k}\n", f"x\ny\n{k} changed\n") for k in range(20)]
+    apart = {m.line for m in (*old, *new)}
+    assert apart == {2, 3}
+    assert chosen(old, 1)[0].after == chosen(new, 1)[0].after
+
+
+def test_a_mutant_of_cpp_changes_one_line_and_no_comment():
+    made = list(cpp_mutants(SUPERVISOR))
+    assert {"== to !=", "|| to &&", "number + 1", "statement left out", "! left out"} <= \
+        {m.operator for m in made}
+    for mutant in made:
+        assert not mutant.before.startswith(("//", "#", "static_assert"))
+
+
+def test_a_mutant_of_python_means_something_else():
+    pytest.importorskip("cosmic_ray", reason="cosmic-ray is not installed: make mutants brings it")
+    from python_mutants import python_mutants
+
+    made = list(python_mutants("host/dart_hal/wire/cobs.py"))
+    assert {"AndWithOr", "Comparison_LtE_Lt", "Binary_Add_Sub"} <= {m.operator for m in made}
+    for mutant in made:
+        compile(mutant.text, mutant.file, "exec")
+
+
+@pytest.mark.parametrize(("killed", "broken", "status"), [(9, 0, 0), (8, 0, 1), (9, 5, 0)])
+def test_below_the_goal_it_fails_and_what_does_not_compile_is_not_counted(killed, broken, status,
+                                                                         capsys):
+    assert GOAL == 0.90
+    mutant = Mutant("f.cpp", 1, "op", "a", "b", "b\n")
+    fates = ["test_x"] * killed + [""] * (10 - killed) + ["compiler"] * broken
+    assert report([Verdict(mutant, "guard", by, 1.0) for by in fates], 60.0) == status
+    said = capsys.readouterr().out
+    assert f"10 mutants, {killed} killed" in said
+    assert said.count("SURVIVED") == 10 - killed
