@@ -4,7 +4,9 @@
     python hardware/measure_clock.py 'sim://?seed=7'
 
 Needs the wire from the spare channel (clock_channel of car.toml) to D8, the board on, the
-wheels in the air. The car is not armed. The Nano's own resonator may be 0.5 % off, so its
+wheels in the air. Throttle stays at neutral and nothing is armed; the Nano is sent heartbeats, so
+that a cut-off lets the board's pulses pass (with a multiplexer the ESC is on: it feeds the chip).
+The Nano's own resonator may be 0.5 % off, so its
 ticks are compared with this computer's clock meanwhile.
 """
 
@@ -22,13 +24,17 @@ from dart_hal.errors import DartHalError, LinkLost, UsageError
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
 from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.messages import CAPTURE_REQ
+from dart_hal.wire.messages import BEAT_MODES, CAPTURE_REQ, HEARTBEAT
 
 PERIODS = 1000
 """Of 20 ms: 20 s, in which a jitter of 1 ms of single frames leaves some 10 ppm."""
 COUNTS = 307
 """About 1.5 ms, as good as any."""
 TICKS = 1 << 32
+BOOTED = 200
+"""STATE frames, 2 s: a cut-off opens after 0.5 s of beats, and not within the measurement."""
+BEAT = 0.02
+"""s between two heartbeats."""
 PATIENCE = 10.0
 """s beyond the measurement."""
 
@@ -47,30 +53,55 @@ def board(backend: Backend, files: CarFiles) -> Pca9685:
     return pca
 
 
+class Heart:
+    """Beats for the Nano; those before its HELLO carry a wrong token and open nothing."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._last = -BEAT
+        self._seq = 0
+        self.token = 0
+
+    def beat(self, mode: str) -> None:
+        """At most one each `BEAT`; the last one, DISARMED, at once."""
+        now = self._backend.clock.now()
+        if mode == "RAW" and now - self._last < BEAT:
+            return
+        self._last, self._seq = now, (self._seq + 1) % 256
+        self._backend.link.write(encode(HEARTBEAT, self._seq, {
+            "host_id": 0, "throttle": 0, "steering": 0, "arm_token": self.token,
+            "mode": BEAT_MODES[mode], "flags": 0}))
+
+
 def periods(backend: Backend) -> tuple[float, float, float]:
     """Ticks of the Nano in one PWM period, seconds of ours in one tick, and the relative
     standard error of that. Raises LinkLost."""
-    decoder, pairs, asked = Decoder(), [], False
+    decoder, pairs, asked, heart = Decoder(), [], False, Heart(backend)
     period, wraps = None, 0
     end = backend.clock.now() + PERIODS * 0.02 + PATIENCE
     while period is None and backend.clock.now() < end:
         chunk = backend.link.read(0.1)
+        heart.beat("RAW")
         for frame in decoder.feed(chunk.data if chunk else b""):
             if frame.message.name == "STATE" and chunk is not None:
                 ticks = frame.as_dict()["t_ck"]
                 wraps += bool(pairs) and ticks + wraps * TICKS < pairs[-1][0] - TICKS / 2
                 pairs.append((ticks + wraps * TICKS, chunk.t))
+            elif frame.message.name == "HELLO":
+                heart.token = frame.as_dict()["boot_nonce"]
             elif frame.message.name == "CAPTURE":
                 seen = frame.as_dict()
                 span = (seen["last_rise"] - seen["first_rise"]) % TICKS
                 period = span / seen["frames"]
-        if not asked and len(pairs) > 100:  # the Nano has booted
+        if not asked and len(pairs) > BOOTED:
             backend.link.write(encode(CAPTURE_REQ, 0, {"frames": PERIODS}))
             asked = True
+    heart.beat("DISARMED")
     if period is None:
         raise LinkLost("the Nano timed no pulse", found=f"{len(pairs)} STATE frames",
                        expected=f"{PERIODS} pulses at D8", likely="no wire from the spare "
-                       "channel to D8, or another channel", remedy="check the capture wire")
+                       "channel to D8, another channel, or a multiplexer without supply",
+                       remedy="check the capture wire")
     return period, *rate(np.array(pairs))
 
 

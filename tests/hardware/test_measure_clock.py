@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.config import parse_car
-from dart_hal.errors import EmulatorMissing
+from dart_hal.errors import EmulatorMissing, LinkLost
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
@@ -44,6 +44,25 @@ def test_the_firmware_times_it():
     except EmulatorMissing as error:
         pytest.skip(f"emulator: {error.what}")
     assert measure_clock.measure(url)[0] == pytest.approx(truth(url), rel=50e-6)
+
+
+@pytest.mark.parametrize("cutoff", ["oe", "mux"])
+def test_a_cut_off_lets_the_pulses_pass_while_it_measures(cutoff, short):
+    url = f"sim://?seed=7&nano=mock&cutoff={cutoff}"
+    assert measure_clock.measure(url)[0] == pytest.approx(truth(url), rel=500e-6)
+
+
+def test_without_heartbeats_a_cut_off_shows_nothing(monkeypatch, short):
+    monkeypatch.setattr(measure_clock.Heart, "beat", lambda self, mode: None)
+    with pytest.raises(LinkLost, match="timed no pulse"):
+        measure_clock.measure("sim://?seed=7&nano=mock&cutoff=oe")
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """2 s of pulses instead of 20."""
+    monkeypatch.setattr(measure_clock, "PERIODS", 100)
+    monkeypatch.setattr(measure_clock, "PATIENCE", 5.0)
 
 
 def test_without_comparing_the_clocks_the_resonator_shows(monkeypatch):
