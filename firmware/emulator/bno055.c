@@ -4,9 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "emu.h"
+#include "core.h"
 
-#define NEVER INFINITY
 #define GRAVITY 9.80665
 #define CLOCK_ERROR 0.0037 /* its own oscillator: never in step with the Nano */
 
@@ -58,7 +57,7 @@ void bno_init(struct bno055 *b)
 	memset(b, 0, sizeof *b);
 	memcpy(b->calib_after, calib, sizeof calib);
 	b->period = 0.01 / (1 + CLOCK_ERROR);
-	b->ready = b->next = NEVER;
+	b->ready = b->next = INFINITY;
 	b->noise = 0x1234567u;
 	defaults(b);
 }
@@ -80,13 +79,20 @@ void bno_power(struct bno055 *b, bool on, double t)
 		return;
 	}
 	defaults(b);
-	b->ready = b->next = NEVER;
+	b->ready = b->next = INFINITY;
 }
 
 void bno_restart(struct bno055 *b, double t)
 {
 	if (b->powered)
 		start(b, t + 0.650);
+}
+
+/* A dip of its supply that its reset does not see whole. */
+void bno_config(struct bno055 *b)
+{
+	if (b->powered)
+		defaults(b);
 }
 
 /* --- signals ----------------------------------------------------------- */
@@ -131,8 +137,23 @@ static double clip(double v, double limit)
 	return v > limit ? limit : v < -limit ? -limit : v;
 }
 
+/* The newest data go in, those of `fault_value` seconds ago come out. */
+static void put_late(struct bno055 *b)
+{
+	unsigned behind = (unsigned)lround(b->fault_value / b->period);
+	unsigned n = b->late_n++;
+
+	memcpy(b->late[n % BNO_LATE], b->reg + ACC, BNO_DATA);
+	if (behind > n)
+		behind = n;
+	if (behind >= BNO_LATE)
+		behind = BNO_LATE - 1;
+	memcpy(b->reg + ACC, b->late[(n - behind) % BNO_LATE], BNO_DATA);
+}
+
 static void put_data(struct bno055 *b)
 {
+	double gain = b->fault == EMU_IMU_WRONG ? b->fault_value : 1;
 	uint8_t unit = b->reg[UNIT_SEL];
 	double per_acc = unit & 1 ? 1000 / GRAVITY : 100;
 	double per_gyro = unit & 2 ? 900 : 16 * 180 / M_PI;
@@ -141,7 +162,7 @@ static void put_data(struct bno055 *b)
 		double down = i == 2 ? GRAVITY : 0;
 		double lin = b->filtered[3 + i] + b->zero[3 + i] -
 			     b->offset[i] * 0.01;
-		double acc = clip(lin + down, 4 * GRAVITY);
+		double acc = clip(gain * lin + down, 4 * GRAVITY);
 		double gyro = b->filtered[i] + b->zero[i] -
 			      b->offset[6 + i] / 16.0 * M_PI / 180;
 
@@ -149,7 +170,7 @@ static void put_data(struct bno055 *b)
 			put(b, ACC + 2 * i, acc * per_acc);
 		if (has_gyro(b->mode))
 			put(b, GYR + 2 * i,
-			    clip(gyro, 2000 * M_PI / 180) * per_gyro);
+			    clip(gain * gyro, 2000 * M_PI / 180) * per_gyro);
 		if (!fusion(b->mode))
 			continue;
 		put(b, LIA + 2 * i, (acc - down) * per_acc);
@@ -163,11 +184,38 @@ static void put_data(struct bno055 *b)
 static void put_garbage(struct bno055 *b)
 {
 	for (int i = ACC; i < TEMP; i++) {
-		b->noise ^= b->noise << 13;
-		b->noise ^= b->noise >> 17;
-		b->noise ^= b->noise << 5;
-		b->reg[i] = (uint8_t)(b->noise >> 9);
+		b->reg[i] = (uint8_t)(noise_next(&b->noise) >> 9);
 	}
+}
+
+static void update(struct bno055 *b, double t)
+{
+	switch (b->fault) {
+	case EMU_IMU_STUCK:
+		return;
+	case EMU_IMU_GARBAGE:
+		put_garbage(b);
+		return;
+	case EMU_IMU_ZERO:
+		memset(b->reg + ACC, 0, BNO_DATA);
+		return;
+	case EMU_IMU_SLOW:
+		if (t < b->updated)
+			return;
+		b->updated += 1 / b->fault_value;
+		break;
+	}
+	put_data(b);
+	if (b->fault == EMU_IMU_DELAYED)
+		put_late(b);
+}
+
+static bool answers(struct bno055 *b, double t)
+{
+	if (!b->powered || t < b->ready || b->fault == EMU_IMU_OFF)
+		return false;
+	return b->fault != EMU_IMU_INTERMITTENT ||
+	       noise_next(&b->noise) / 4294967296.0 >= b->fault_value;
 }
 
 /* --- modes and calibration --------------------------------------------- */
@@ -229,12 +277,7 @@ void bno_sample(struct bno055 *b, double t)
 		return;
 	if (fusion(b->mode))
 		calibrate(b, t);
-	if (b->fault == EMU_IMU_STUCK)
-		return;
-	if (b->fault == EMU_IMU_GARBAGE)
-		put_garbage(b);
-	else
-		put_data(b);
+	update(b, t);
 }
 
 static void want_mode(struct bno055 *b, uint8_t mode, double t)
@@ -252,7 +295,7 @@ static void want_mode(struct bno055 *b, uint8_t mode, double t)
 
 bool bno_address(struct bno055 *b, bool read, double t)
 {
-	if (!b->powered || t < b->ready || b->fault == EMU_IMU_OFF)
+	if (!answers(b, t))
 		return false;
 	settle_mode(b, t);
 	if (read)

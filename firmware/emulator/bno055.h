@@ -9,6 +9,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#define BNO_LATE 128 /* samples, 1.28 s */
+#define BNO_DATA 0x2C /* registers 0x08 to 0x33 */
+
 struct bno055 {
 	uint8_t reg[128];
 	uint8_t burst[128]; /* data as one read transaction sees them */
@@ -27,12 +30,17 @@ struct bno055 {
 	int16_t offset[9];  /* in force: acc, mag, gyr */
 	bool restored;      /* offsets were written by the host */
 	int fault;
+	double fault_value;
+	double updated;     /* next update of a slow part */
+	uint8_t late[BNO_LATE][BNO_DATA]; /* data of a delayed part */
+	unsigned late_n;
 	uint32_t noise;
 };
 
 void bno_init(struct bno055 *b);
 void bno_power(struct bno055 *b, bool on, double t);
 void bno_restart(struct bno055 *b, double t); /* 650 ms, registers lost */
+void bno_config(struct bno055 *b); /* registers lost, no gap */
 void bno_input(struct bno055 *b, const double gyro[3], const double lin[3],
 	       double t);
 /* Next update of the data registers; then bno_sample at that time. */

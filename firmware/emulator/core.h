@@ -11,6 +11,7 @@
 #include <simavr/sim_avr.h>
 #include <simavr/avr_eeprom.h>
 #include <simavr/avr_ioport.h>
+#include <simavr/avr_timer.h>
 #include <simavr/avr_twi.h>
 #include <simavr/avr_uart.h>
 #include <simavr/avr_watchdog.h>
@@ -26,8 +27,8 @@
 
 /* Our own events; at the same cycle they run in this order. */
 enum {
-	EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_EEPROM, EV_BOOT, EV_IMU,
-	EV_COUNT
+	EV_TX, EV_RX, EV_TWI, EV_RING_A, EV_RING_B, EV_NOISE_A, EV_NOISE_B,
+	EV_EEPROM, EV_BOOT, EV_WATCHDOG, EV_IMU, EV_COUNT
 };
 
 struct isr_stat {
@@ -40,7 +41,12 @@ struct ring {
 	int n;
 	int64_t k; /* index of the next mark ahead, k = revolution * n + i */
 	uint64_t edges;
-	int level; /* what the pin got last */
+	int level; /* what the sensor shows */
+	/* electrical noise on the wire: the pin has level ^ flipped */
+	int flipped;
+	double noise_step, noise_at; /* mean cycles between two edges */
+	bool irregular;
+	uint32_t noise;
 };
 
 struct uart {
@@ -84,16 +90,16 @@ struct event_log {
 
 struct emu {
 	avr_t *avr;
-	avr_run_t raw_run;
-	avr_watchdog_t *watchdog;
 	avr_ioport_t *port[3];
 	uint64_t now;
 	uint64_t when[EV_COUNT], next_event;
 	uint64_t limit, gate;
 	bool hang;   /* the main program stands, interrupts run */
 	bool frozen; /* all of it stands, interrupts are off */
+	uint8_t frozen_i; /* the I bit before */
 	bool held;   /* in reset or in the bootloader's wait: pins released */
 	bool unpowered, low_supply;
+	bool torn; /* the supply failed during an EEPROM write */
 	struct {
 		double startup, external, other; /* s */
 		bool clears; /* MCUSR, before the program sees it */
@@ -104,7 +110,23 @@ struct emu {
 	struct eeprom {
 		avr_eeprom_t *io;
 		avr_io_write_t write; /* simavr's, of EECR */
+		uint64_t done;        /* end of the write under way */
+		uint16_t address;     /* its byte */
+		int tear;             /* the n-th write from now is cut, 0 = none */
+		bool cut;             /* this one */
+		uint32_t noise;
 	} eeprom;
+	struct {
+		avr_watchdog_t *io;
+		uint64_t since, open_until;
+		bool bitten; /* asks the run loop for a reset */
+	} watchdog;
+	struct {
+		avr_timer_t *io;
+		avr_io_write_t write; /* simavr's, of TCCR1A */
+		void *param;
+		uint8_t latch[2]; /* OC1A, OC1B: what compare matches left */
+	} timer1;
 	struct uart uart;
 	struct twi twi;
 	struct bno055 imu;
@@ -128,7 +150,6 @@ int log_get(struct event_log *log, uint64_t *cycle, uint8_t *what,
 uint32_t noise_next(uint32_t *state);
 
 /* reset.c */
-void reset_watchdog(emu_t *e);
 void reset_event(emu_t *e); /* the wait of the bootloader is over */
 
 /* each part: set up once, after each reset, at its event */
@@ -146,13 +167,26 @@ void twi_gpio(emu_t *e); /* PORTC or DDRC changed */
 int pins_init(emu_t *e);
 void pins_after_reset(emu_t *e);
 void pins_input(emu_t *e, int port, int bit, int level);
+void pins_show(emu_t *e, int port, int bit, uint8_t ddr, int port_level);
+
+/* compare.c: D9 and D10 as outputs of Timer1 */
+int compare_init(emu_t *e);
+void compare_after_reset(emu_t *e);
+int compare_level(const emu_t *e, int bit, int port_level);
+
+int watchdog_init(emu_t *e);
+void watchdog_after_reset(emu_t *e);
+void watchdog_event(emu_t *e);
 
 void wheel_event(emu_t *e, int ring);
 void wheel_clock(emu_t *e, double old_hz);
 void wheel_sensor(emu_t *e); /* D7 switched the IR sensor */
+void wheel_noise(emu_t *e, int ring);
+int wheel_level(const emu_t *e, int ring); /* at the pin */
 
 int eeprom_init(emu_t *e);
 void eeprom_event(emu_t *e);
+void eeprom_supply_lost(emu_t *e);
 
 int probe_init(emu_t *e);
 

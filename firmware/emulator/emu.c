@@ -148,7 +148,10 @@ static void run_events(emu_t *e)
 		case EV_RING_A: wheel_event(e, 0); break;
 		case EV_RING_B: wheel_event(e, 1); break;
 		case EV_EEPROM: eeprom_event(e); break;
+		case EV_NOISE_A: wheel_noise(e, 0); break;
+		case EV_NOISE_B: wheel_noise(e, 1); break;
 		case EV_BOOT: reset_event(e); break;
+		case EV_WATCHDOG: watchdog_event(e); break;
 		default: imu_event(e); break;
 		}
 	}
@@ -158,9 +161,9 @@ static void run_events(emu_t *e)
 
 static bool find_parts(emu_t *e)
 {
-	e->watchdog = emu_module(e, "watchdog", 0);
-	return e->watchdog && uart_init(e) && twi_init(e) && pins_init(e) &&
-	       eeprom_init(e) && probe_init(e);
+	return watchdog_init(e) && uart_init(e) && twi_init(e) &&
+	       pins_init(e) && compare_init(e) && eeprom_init(e) &&
+	       probe_init(e);
 }
 
 emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
@@ -184,7 +187,6 @@ emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
 	e->avr->codeend = e->avr->flashend;
 	e->avr->reset_pc = reset_pc;
 	memcpy(e->avr->flash, image, n);
-	e->raw_run = e->avr->run;
 	e->hz = F_CPU;
 	e->gate = e->next_event = e->uart.stop = NEVER;
 	for (int i = 0; i < EV_COUNT; i++)
@@ -301,8 +303,12 @@ int emu_run(emu_t *e, uint64_t target)
 		advance(e, slept);
 		avr_cycle_timer_process(avr);
 		run_events(e);
-		if (avr->run != e->raw_run) {
-			reset_watchdog(e);
+		if (e->watchdog.bitten) {
+			emu_reset(e, EMU_WATCHDOG);
+			result |= EMU_RESET;
+		} else if (e->torn) {
+			e->torn = false;
+			emu_reset(e, EMU_BROWNOUT);
 			result |= EMU_RESET;
 		} else if (avr->interrupt_state &&
 			   avr->state != cpu_Crashed) {

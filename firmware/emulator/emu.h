@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#define EMU_ABI 2
+#define EMU_ABI 3
 
 typedef struct emu emu_t;
 
@@ -22,7 +22,7 @@ typedef struct emu emu_t;
 enum {
 	EMU_DELIMITER = 1, /* stopped at the stop bit of a 0x00 of the UART */
 	EMU_CRASHED = 2,   /* the program left its code; silent until a reset */
-	EMU_RESET = 4,     /* the watchdog restarted the MCU meanwhile */
+	EMU_RESET = 4,     /* watchdog or brown-out restarted the MCU meanwhile */
 	EMU_BYTES = 8      /* emu_uart_read has something */
 };
 
@@ -31,7 +31,12 @@ enum emu_i2c_fault {
 	EMU_I2C_OK, EMU_I2C_NACK, EMU_I2C_SDA, EMU_I2C_SCL, EMU_I2C_DEAD
 };
 enum emu_imu_fault {
-	EMU_IMU_OK, EMU_IMU_OFF, EMU_IMU_STUCK, EMU_IMU_GARBAGE
+	EMU_IMU_OK, EMU_IMU_OFF, EMU_IMU_STUCK, EMU_IMU_GARBAGE,
+	EMU_IMU_WRONG,        /* value: gain of what it measures */
+	EMU_IMU_SLOW,         /* value: updates per second */
+	EMU_IMU_DELAYED,      /* value: s, at most 1.2 */
+	EMU_IMU_INTERMITTENT, /* value: share of addresses not acknowledged */
+	EMU_IMU_ZERO          /* all data read 0 */
 };
 
 int emu_abi(void);
@@ -62,6 +67,9 @@ void emu_uart_baud(emu_t *e, double host_baud);
 /* out: baud of the MCU, RX bytes delivered, overrun, garbled, TX bytes */
 void emu_uart_stats(const emu_t *e, double out[5]);
 
+/* Electrical noise on D2 (ring 0) or D3: edges per second (0 = none, at most
+ * 2e6), evenly spaced or at random. */
+int emu_chatter(emu_t *e, int ring, double edges_per_s, int irregular);
 /* Ring 0 = D2, 1 = D3: marks in revolutions, sorted in [0, 1), n even. */
 int emu_ring(emu_t *e, int ring, const double *mark, int n);
 void emu_wheel(emu_t *e, double rev_per_s);
@@ -70,8 +78,9 @@ uint64_t emu_edges(const emu_t *e, int ring); /* level changes at the pin */
 
 /* BNO055: true rad/s and m/s^2 in sensor axes. */
 void emu_imu(emu_t *e, const double gyro[3], const double lin[3]);
-void emu_imu_fault(emu_t *e, int fault);
+void emu_imu_fault(emu_t *e, int fault, double value);
 void emu_imu_reset(emu_t *e); /* the part loses its supply for a moment */
+void emu_imu_config(emu_t *e); /* it falls back to CONFIG, without a gap */
 /* in: zero-rate error rad/s x3, zero-g error m/s^2 x3, relative error of its
  * clock, seconds until sys, gyr, acc are calibrated (< 0: never). */
 void emu_imu_setup(emu_t *e, const double in[10]);
@@ -88,6 +97,9 @@ int emu_pin_log(emu_t *e, uint64_t *cycle, uint8_t *pin, uint8_t *state,
 
 int emu_eeprom_get(emu_t *e, uint8_t *buf, int n);
 int emu_eeprom_set(emu_t *e, const uint8_t *buf, int n);
+/* The supply fails in the middle of the nth byte written from now on (0 =
+ * not): that byte is garbled, and a brown-out resets the MCU. */
+void emu_eeprom_tear(emu_t *e, int nth);
 int emu_flash_get(const emu_t *e, uint8_t *buf, int n);
 
 /* Interrupt vector v: out = count, min, max, total cycles, entry and reti
@@ -99,7 +111,9 @@ void emu_stack(const emu_t *e, uint32_t out[2]);
 int emu_peek(const emu_t *e, int address); /* data space */
 void emu_poke(emu_t *e, int address, int value);
 void emu_hang(emu_t *e, int on); /* main program stands, interrupts run */
-void emu_vcc(emu_t *e, int millivolt);
+void emu_freeze(emu_t *e, int on); /* interrupts are off as well */
+void emu_vcc(emu_t *e, int millivolt); /* below 2.7 V: brown-out reset */
+void emu_power(emu_t *e, int on); /* USB cable out: nothing is driven */
 const char *emu_log(void); /* last message of simavr, "" = none */
 
 #pragma GCC visibility pop

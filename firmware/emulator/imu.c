@@ -11,9 +11,16 @@ void emu_imu(emu_t *e, const double gyro[3], const double lin[3])
 	bno_input(&e->imu, gyro, lin, emu_world(e, e->now));
 }
 
-void emu_imu_fault(emu_t *e, int fault)
+void emu_imu_fault(emu_t *e, int fault, double value)
 {
 	e->imu.fault = fault;
+	e->imu.fault_value = value;
+	e->imu.updated = e->imu.next;
+}
+
+void emu_imu_config(emu_t *e)
+{
+	bno_config(&e->imu);
 }
 
 void emu_imu_reset(emu_t *e)

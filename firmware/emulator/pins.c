@@ -2,7 +2,7 @@
  *
  * Port pins: inputs from the world, a log of what the MCU drives, and the
  * parts that hang on them (D4 powers the BNO055, D7 the IR sensor, PC4/PC5
- * are the bus lines while the TWI is off).
+ * are the bus lines while the TWI is off, Timer1 may drive D9 and D10).
  */
 #include <simavr/avr_extint.h>
 
@@ -10,12 +10,6 @@
 
 enum { LOW, HIGH, RELEASED };
 
-static int driven(uint32_t ddr, int bit, uint32_t level)
-{
-	if (!(ddr >> bit & 1))
-		return RELEASED;
-	return level & 1 ? HIGH : LOW;
-}
 
 static void changed(emu_t *e, int port, int bit, int state)
 {
@@ -34,6 +28,14 @@ static void changed(emu_t *e, int port, int bit, int state)
 		emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
 }
 
+/* The pin as DDR, PORT and, on port B, Timer1 have it. */
+void pins_show(emu_t *e, int port, int bit, uint8_t ddr, int port_level)
+{
+	int level = port == 0 ? compare_level(e, bit, port_level) : port_level;
+
+	changed(e, port, bit, !(ddr >> bit & 1) ? RELEASED :
+			      level ? HIGH : LOW);
+}
 
 /* irq->irq is the number of the pin, or IOPORT_IRQ_DIRECTION_ALL, which comes
  * with the new DDR before that is in the register. */
@@ -50,12 +52,12 @@ static void pin_notify(struct avr_irq_t *irq, uint32_t value, void *param)
 			return;
 	p = e->port[port];
 	if (bit < 8) {
-		changed(e, port, bit, driven(data[p->r_ddr], bit, value));
+		pins_show(e, port, bit, data[p->r_ddr], value & 1);
 		return;
 	}
 	for (bit = 0; bit < 8; bit++)
-		changed(e, port, bit,
-			driven(value, bit, data[p->r_port] >> bit));
+		pins_show(e, port, bit, (uint8_t)value,
+			  data[p->r_port] >> bit & 1);
 }
 
 /* The level of an undriven pin, against the pull-up as well. */
@@ -103,8 +105,9 @@ void pins_after_reset(emu_t *e)
 	for (int port = 0; port < 3; port++)
 		for (int bit = 0; bit < 8; bit++)
 			changed(e, port, bit, RELEASED);
-	pins_input(e, 2, 2, e->ring[0].level);
-	pins_input(e, 2, 3, e->ring[1].level);
+	compare_after_reset(e);
+	pins_input(e, 2, 2, wheel_level(e, 0));
+	pins_input(e, 2, 3, wheel_level(e, 1));
 	for (int port = 0; port < 3; port++) {
 		avr_ioport_t *p = e->port[port];
 		uint8_t level = p->external.pull_mask & p->external.pull_value;

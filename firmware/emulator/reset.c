@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * Resets, what comes between a reset and the program, and standing still.
+ * Resets, what comes between a reset and the program, supply, standing still.
  */
 #include <string.h>
 
@@ -8,27 +8,21 @@
 
 #define MCUSR 0x54
 #define PAINT 0xC5
-
-static void after_reset(emu_t *e, uint8_t mcusr)
-{
-	e->gate = NEVER; /* avr_reset dropped all timers */
-	e->avr->data[MCUSR] = mcusr;
-	uart_after_reset(e);
-	twi_after_reset(e);
-	pins_after_reset(e);
-	emu_gate(e);
-}
+#define BOD_MV 2700      /* extended fuse FD, typical */
+#define BOD_RELEASE 2750 /* hysteresis 50 mV */
 
 /* The start-up time of the fuses, then a bootloader that touches no pin of
- * ours: the program is held back and nothing is driven. */
+ * ours: the program is held back and nothing is driven. Without supply, for
+ * ever. */
 static void hold(emu_t *e, int cause)
 {
 	double wait = e->boot.startup + (cause == EMU_EXTERNAL ?
 					 e->boot.external : e->boot.other);
+	bool dead = e->unpowered || e->low_supply;
 
-	e->held = wait > 0;
-	emu_at(e, EV_BOOT, e->held ? e->avr->cycle + (uint64_t)(wait * e->hz)
-				   : NEVER);
+	e->held = dead || wait > 0;
+	emu_at(e, EV_BOOT, e->held && !dead ?
+			   e->avr->cycle + (uint64_t)(wait * e->hz) : NEVER);
 }
 
 void reset_event(emu_t *e)
@@ -37,43 +31,27 @@ void reset_event(emu_t *e)
 	emu_at(e, EV_BOOT, NEVER);
 }
 
-static uint8_t flags_of(const emu_t *e, uint8_t old, int cause)
-{
-	static const uint8_t flag[] = {1 << 1, 1 << 0, 1 << 2, 1 << 3};
-
-	return e->boot.clears ? 0 : (uint8_t)(old | flag[cause & 3]);
-}
-
-/* The watchdog asks for a reset by replacing avr->run. */
-void reset_watchdog(emu_t *e)
-{
-	uint8_t old = e->avr->data[MCUSR];
-
-	if (e->boot.clears) /* and stops the watchdog */
-		e->watchdog->reset_context.wdrf = 0;
-	e->avr->run(e->avr);
-	e->avr->run = e->raw_run;
-	e->hang = e->frozen = false;
-	after_reset(e, flags_of(e, old, EMU_WATCHDOG));
-	hold(e, EMU_WATCHDOG);
-}
-
 void emu_reset(emu_t *e, int cause)
 {
+	static const uint8_t flag[] = {1 << 1, 1 << 0, 1 << 2, 1 << 3};
 	uint8_t old = cause == EMU_POWER ? 0 : e->avr->data[MCUSR];
 
-	e->avr->run = e->raw_run;
-	e->watchdog->reset_context.wdrf =
-		cause == EMU_WATCHDOG && !e->boot.clears;
-	e->watchdog->reset_context.avr_run = e->raw_run;
+	if (cause == EMU_POWER || cause == EMU_BROWNOUT)
+		eeprom_supply_lost(e);
 	if (cause == EMU_POWER)
 		memset(e->avr->data + e->avr->ioend + 1, PAINT,
 		       e->avr->ramend - e->avr->ioend);
 	avr_reset(e->avr);
-	e->avr->run = e->raw_run;
 	e->hang = e->frozen = false;
-	after_reset(e, flags_of(e, old, cause));
+	e->gate = NEVER; /* avr_reset dropped all timers */
+	e->avr->data[MCUSR] = e->boot.clears ?
+			      0 : (uint8_t)(old | flag[cause & 3]);
+	watchdog_after_reset(e);
+	uart_after_reset(e);
+	twi_after_reset(e);
+	pins_after_reset(e);
 	hold(e, cause);
+	emu_gate(e);
 }
 
 void emu_boot(emu_t *e, const double in[4])
@@ -84,12 +62,47 @@ void emu_boot(emu_t *e, const double in[4])
 	e->boot.clears = in[3] != 0;
 }
 
+void emu_power(emu_t *e, int on)
+{
+	if (e->unpowered == !on)
+		return;
+	e->unpowered = !on;
+	emu_reset(e, EMU_POWER);
+}
+
+void emu_vcc(emu_t *e, int millivolt)
+{
+	bool was_low = e->low_supply;
+
+	e->avr->vcc = e->avr->avcc = e->avr->aref = (uint32_t)millivolt;
+	e->low_supply = millivolt < (was_low ? BOD_RELEASE : BOD_MV);
+	if (e->low_supply && !was_low)
+		emu_reset(e, EMU_BROWNOUT);
+	else if (was_low && !e->low_supply)
+		hold(e, EMU_BROWNOUT);
+}
+
+/* --- standing still ---------------------------------------------------- */
+
 void emu_hang(emu_t *e, int on)
 {
 	e->hang = on;
 }
 
-void emu_vcc(emu_t *e, int millivolt)
+/* As `cli` and a jump to itself: timers, their pins and the watchdog go on. */
+void emu_freeze(emu_t *e, int on)
 {
-	e->avr->vcc = e->avr->avcc = e->avr->aref = (uint32_t)millivolt;
+	avr_t *avr = e->avr;
+
+	if (e->frozen == on)
+		return;
+	e->frozen = on;
+	if (on) {
+		e->frozen_i = avr->sreg[S_I];
+		avr->sreg[S_I] = 0;
+	} else {
+		avr->sreg[S_I] = e->frozen_i;
+		if (e->frozen_i && avr_has_pending_interrupts(avr))
+			avr->interrupt_state = 1;
+	}
 }

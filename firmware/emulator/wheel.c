@@ -43,6 +43,17 @@ static void schedule(emu_t *e, int ring)
 	       dt < 1e15 ? e->wheel_c + (uint64_t)dt : NEVER);
 }
 
+int wheel_level(const emu_t *e, int ring)
+{
+	return e->ring[ring].level ^ e->ring[ring].flipped;
+}
+
+static void edge(emu_t *e, int ring)
+{
+	e->ring[ring].edges++;
+	pins_input(e, 2, 2 + ring, wheel_level(e, ring));
+}
+
 static void show(emu_t *e, int ring)
 {
 	struct ring *r = &e->ring[ring];
@@ -54,9 +65,50 @@ static void show(emu_t *e, int ring)
 	if (level == r->level)
 		return;
 	r->level = level;
-	r->edges++;
-	pins_input(e, 2, 2 + ring, level);
+	edge(e, ring);
 }
+
+/* --- electrical noise on the wire --------------------------------------- */
+
+static void next_noise(emu_t *e, int ring)
+{
+	struct ring *r = &e->ring[ring];
+	double u = (noise_next(&r->noise) + 1.0) / 4294967297.0;
+
+	r->noise_at += r->irregular ? -log(u) * r->noise_step : r->noise_step;
+	emu_at(e, EV_NOISE_A + ring, (uint64_t)ceil(r->noise_at));
+}
+
+void wheel_noise(emu_t *e, int ring)
+{
+	e->ring[ring].flipped ^= 1;
+	edge(e, ring);
+	next_noise(e, ring);
+}
+
+int emu_chatter(emu_t *e, int ring, double edges_per_s, int irregular)
+{
+	struct ring *r = &e->ring[ring & 1];
+
+	if (ring < 0 || ring > 1 || !(edges_per_s >= 0 && edges_per_s <= 2e6))
+		return -1;
+	if (edges_per_s > 0) {
+		r->noise_step = e->hz / edges_per_s;
+		r->noise_at = (double)e->now;
+		r->irregular = irregular != 0;
+		r->noise = 0x9E3779B9u + (uint32_t)ring;
+		next_noise(e, ring);
+		return 0;
+	}
+	emu_at(e, EV_NOISE_A + ring, NEVER);
+	if (r->flipped) {
+		r->flipped = 0;
+		edge(e, ring);
+	}
+	return 0;
+}
+
+/* --- rings ---------------------------------------------------------------- */
 
 void wheel_sensor(emu_t *e)
 {

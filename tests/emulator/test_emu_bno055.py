@@ -181,3 +181,57 @@ def test_silent_reset_returns_to_config(part):
     part.drain(part.now + 0.7)
     assert read(part, 0x3D, 1) == b"\x00"
     assert words(part, GYRO) == (0, 0, 0)
+
+
+def test_falling_back_to_config_makes_no_gap(part):
+    """The silent one: it acknowledges all the time, mode and data read 0."""
+    part.set_imu((0, 0, 1.0), (0, 0, 0))
+    run_mode(part)
+    assert words(part, GYRO) == (0, 0, 900)
+    part.config_imu()
+    assert read(part, 0x3D, 1) == b"\x00"
+    part.drain(part.now + 0.1)
+    assert words(part, GYRO) == (0, 0, 0)
+    run_mode(part)
+    assert words(part, GYRO) == (0, 0, 900)
+
+
+@pytest.mark.parametrize(("fault", "value", "seen"), [("wrong", 0.5, 450), ("zero", 1.0, 0)])
+def test_wrong_by_a_factor_or_altogether(part, fault, value, seen):
+    part.set_imu((0, 0, 1.0), (0, 0, 0))
+    run_mode(part)
+    part.set_imu_fault(fault, value)
+    part.drain(part.now + 0.05)
+    assert words(part, GYRO) == (0, 0, seen)
+    part.set_imu_fault("ok")
+    part.drain(part.now + 0.05)
+    assert words(part, GYRO) == (0, 0, 900)
+
+
+def test_a_slow_part_updates_at_its_rate(part):
+    run_mode(part)
+    part.set_imu_fault("slow", 5.0)
+    start, seen = part.now, set()
+    for k in range(100):
+        part.set_imu((0, 0, 1e-2 * k), (0, 0, 0))
+        part.drain(start + 0.02 * k)
+        seen.add(part.imu_register(GYRO + 4) | part.imu_register(GYRO + 5) << 8)
+    assert len(seen) == pytest.approx(2.0 * 5, abs=1)
+
+
+def test_a_delayed_part_shows_the_past(part):
+    run_mode(part)
+    part.set_imu_fault("delayed", 0.2)
+    part.drain(part.now + 0.3)
+    start = part.now
+    part.set_imu((0, 0, 1.0), (0, 0, 0))
+    part.drain(start + 0.15)
+    assert words(part, GYRO) == (0, 0, 0)
+    part.drain(start + 0.28)
+    assert words(part, GYRO)[2] == pytest.approx(900, abs=2)
+
+
+def test_an_intermittent_part_misses_its_share_of_addresses(part):
+    part.set_imu_fault("intermittent", 0.3)
+    missed = sum(part.ask(b"t\x00\x01", 0.005)[1] == 0x20 for _ in range(300))
+    assert missed == pytest.approx(90, abs=30)

@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.sim.failures import ACTIONS, Failure, parse
+from dart_hal.sim.failure_kinds import KINDS
+from dart_hal.sim.failures import Failure, parse
 from dart_hal.wire.messages import STATE_FLAGS
 
 
@@ -99,7 +100,7 @@ def test_what_the_mock_cannot_do_is_said(raw_car):
 
 
 @pytest.mark.emulator
-@pytest.mark.parametrize("key", sorted(ACTIONS), ids=":".join)
+@pytest.mark.parametrize("key", sorted(KINDS), ids=":".join)
 def test_every_failure_acts_on_the_emulated_firmware(raw_car, key):
     car = raw_car(f"sim://?nano=avr&fail={key[0]}:{key[1]}@0.6+0.2")
     car.run(1.0)

@@ -36,7 +36,11 @@ def scenario(raw_car, url, slice_s, seconds=6.0):
             car.truth)
 
 
-@pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4"])
+FAILING = ("&boot=optiboot&fail=enc:garbage=500@1.5%2B1,imu:intermittent=0.3@2%2B1,"
+           "line:intermittent=0.3@3%2B0.4,line:delayed=0.02@4%2B0.3,power:droop=2.5@4.5%2B0.3")
+
+
+@pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4", FAILING])
 def test_read_slices_do_not_matter(raw_car, extra):
     first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
@@ -47,6 +51,13 @@ def test_read_slices_do_not_matter_to_the_firmware(raw_car):
     url = "sim://?nano=avr&seed=7"
     first, *others = (scenario(raw_car, url, s, 3.5) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
+
+
+@pytest.mark.emulator
+def test_read_slices_do_not_matter_while_things_fail(raw_car):
+    url = f"sim://?nano=avr&seed=7{FAILING},enc:chatter=20000@0.5%2B0.3,imu:delayed=0.1@2%2B1"
+    first, other = (scenario(raw_car, url, s, 5.0) for s in (1e-2, 7e-4))
+    assert other == first
 
 
 def test_twice_the_same_and_another_seed_not(raw_car):

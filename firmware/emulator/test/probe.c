@@ -10,6 +10,9 @@
  *   d: deaf for four bytes      p: toggle D4 (power of the BNO055)
  *   v: ADC of the bandgap       o: toggle D9 by OC1A at each beat
  *   i: ICR1 (rising edge of D8, 0.5 us modulo 1 ms)
+ *   l mode: WDTCSR = mode, then a loop with interrupts off
+ *   m mode: the same with interrupts on, 'K' at each of the watchdog's
+ *   r address value: write a register     s address: read one
  * In its main loop it sleeps (IDLE). Boot: 'B' MCUSR.
  */
 #include <avr/eeprom.h>
@@ -177,6 +180,21 @@ static void watchdog_interrupt(void)
 	sei();
 }
 
+static void watched_loop(uint8_t mode, uint8_t interrupts)
+{
+	cli();
+	wdt_reset();
+	WDTCSR = _BV(WDCE) | _BV(WDE);
+	WDTCSR = mode;
+	if (interrupts)
+		sei();
+	for (;;)
+		if (bitten) {
+			bitten = 0;
+			put('K');
+		}
+}
+
 static void command(uint8_t v)
 {
 	uint8_t a, b;
@@ -228,6 +246,20 @@ static void command(uint8_t v)
 	case 'o':
 		DDRB |= _BV(1);
 		TCCR1A |= _BV(COM1A0);
+		break;
+	case 'l':
+		watched_loop(get(), 0);
+		break;
+	case 'm':
+		watched_loop(get(), 1);
+		break;
+	case 'r':
+		a = get();
+		b = get();
+		*(volatile uint8_t *)(uint16_t)a = b;
+		break;
+	case 's':
+		put(*(volatile uint8_t *)(uint16_t)get());
 		break;
 	case 'i':
 		put16(ICR1);

@@ -15,6 +15,7 @@ from dart_hal.config import cars_home
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.links.pty import Pty
+from dart_hal.sim.failures import parse as parse_failure
 from dart_hal.sim.serve import BusServer, PacedWorld
 from dart_hal.sim.truth import reveal_url
 
@@ -26,20 +27,25 @@ LOOK_EVERY = 0.5
 @url_option
 @click.option("--model", default=None, metavar="M",
               help="a model.toml, with its effects, or a shipped set: what the car really is")
+@click.option("--fail", "fail", multiple=True, metavar="F",
+              help="a failure on a timetable, target:kind[=value]@start[+duration], as in "
+                   "imu:stuck@3s+1s or enc:wrong=0.5@2s; again for more; a wrong one lists all")
 @click.option("--reveal", "show", is_flag=True, help="print what is true about the hidden car")
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
 @cars_option
 @json_option
-def command(url: str | None, model: str | None, show: bool, pty: bool, bus: Path | None,
-            cars: Path | None, as_json: bool) -> None:
+def command(url: str | None, model: str | None, fail: tuple[str, ...], show: bool, pty: bool,
+            bus: Path | None, cars: Path | None, as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving leaves the car's file in the folder of the cars, so that other
     programs open the port with `--car sim-N`.
     """
-    parsed = Url.parse(_with_model(url or "sim://", model))
+    for text in fail:
+        parse_failure(text)  # at once, not when the car is opened
+    parsed = Url.parse(_with(_with(url or "sim://", "vehicle", model), "fail", ",".join(fail)))
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
     if show == pty or (bus and not pty):
@@ -50,11 +56,11 @@ def command(url: str | None, model: str | None, show: bool, pty: bool, bus: Path
         _serve(parsed, bus, cars, as_json)
 
 
-def _with_model(url: str, model: str | None) -> str:
-    """The URL with the option ``vehicle``; given twice, it refuses itself."""
-    if model is None:
+def _with(url: str, option: str, value: str | None) -> str:
+    """The URL with one more option; given twice, it refuses itself."""
+    if not value:
         return url
-    return f"{url}{'&' if '?' in url else '?'}{urlencode({'vehicle': model})}"
+    return f"{url}{'&' if '?' in url else '?'}{urlencode({option: value})}"
 
 
 def _reveal(url: Url, as_json: bool) -> None:

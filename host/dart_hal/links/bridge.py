@@ -14,7 +14,7 @@ from pathlib import Path
 from dart_hal.errors import EmulatorMissing
 from dart_hal.links.image import FIRMWARE_DIR
 
-ABI = 2
+ABI = 3
 """EMU_ABI of the emu.h that the signatures below follow."""
 
 REMEDY = "apt-get install libsimavr-dev libelf-dev ; make -C firmware emulator"
@@ -37,12 +37,14 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_uart_write": (_I, _P, c.c_char_p, _I),
     "emu_uart_baud": (None, _P, _D),
     "emu_uart_stats": (None, _P, _P),
+    "emu_chatter": (_I, _P, _I, _D, _I),
     "emu_ring": (_I, _P, _I, _P, _I),
     "emu_wheel": (None, _P, _D),
     "emu_position": (_D, _P),
     "emu_edges": (_U64, _P, _I),
     "emu_imu": (None, _P, _P, _P),
-    "emu_imu_fault": (None, _P, _I),
+    "emu_imu_fault": (None, _P, _I, _D),
+    "emu_imu_config": (None, _P),
     "emu_imu_reset": (None, _P),
     "emu_imu_setup": (None, _P, _P),
     "emu_imu_peek": (_I, _P, _I),
@@ -52,6 +54,7 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_pin_log": (_I, _P, _P, _P, _P, _I),
     "emu_eeprom_get": (_I, _P, _P, _I),
     "emu_eeprom_set": (_I, _P, c.c_char_p, _I),
+    "emu_eeprom_tear": (None, _P, _I),
     "emu_flash_get": (_I, _P, _P, _I),
     "emu_isr": (None, _P, _I, _P),
     "emu_mark": (_I, _P, _P, _P, _I),
@@ -59,7 +62,9 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_peek": (_I, _P, _I),
     "emu_poke": (None, _P, _I, _I),
     "emu_hang": (None, _P, _I),
+    "emu_freeze": (None, _P, _I),
     "emu_vcc": (None, _P, _I),
+    "emu_power": (None, _P, _I),
 }
 
 

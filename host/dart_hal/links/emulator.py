@@ -30,7 +30,8 @@ F_CPU = 16_000_000
 EEPROM_SIZE = 1024
 CAUSES = {"external": 0, "power": 1, "brownout": 2, "watchdog": 3}
 I2C_FAULTS = {"ok": 0, "nack": 1, "sda": 2, "scl": 3, "dead": 4}
-IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3}
+IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6,
+              "intermittent": 7, "zero": 8}
 PINS = {"D4": ("D", 4), "D5": ("D", 5), "D6": ("D", 6), "D7": ("D", 7), "D8": ("B", 0),
         "D9": ("B", 1), "D13": ("B", 5), "SDA": ("C", 4), "SCL": ("C", 5)}
 _PIN_NAMES = {(ord(port) - ord("B")) << 4 | bit: name for name, (port, bit) in PINS.items()}
@@ -247,21 +248,50 @@ class EmulatedNano:
         self._lib.emu_i2c(self._emu, _choice(I2C_FAULTS, fault, "I2C fault"), p, stretch_us,
                           clocks)
 
-    def set_imu_fault(self, fault: str = "ok") -> None:
-        """Fault of the BNO055 from now on: ok, off, stuck or garbage. Raises UsageError."""
-        self._lib.emu_imu_fault(self._emu, _choice(IMU_FAULTS, fault, "IMU fault"))
+    def set_imu_fault(self, fault: str = "ok", value: float = 1.0) -> None:
+        """Fault of the BNO055 from now on, of `IMU_FAULTS`. Raises UsageError.
+
+        ``value``: wrong, the gain of what it measures; slow, updates per second; delayed,
+        s (at most 1.2); intermittent, the share of addresses that it does not acknowledge.
+        """
+        self._lib.emu_imu_fault(self._emu, _choice(IMU_FAULTS, fault, "IMU fault"), value)
 
     def reset_imu(self) -> None:
         """The BNO055 restarts: 650 ms without ACK, registers lost."""
         self._lib.emu_imu_reset(self._emu)
+
+    def config_imu(self) -> None:
+        """The BNO055 falls back to CONFIG without a gap: registers lost, data 0."""
+        self._lib.emu_imu_config(self._emu)
+
+    def set_chatter(self, ring: int, rate: float, irregular: bool = False) -> None:
+        """Electrical noise on D2 (ring 0) or D3: ``rate`` edges/s (0: none), evenly spaced or
+        at random. Raises UsageError above 2e6."""
+        if self._lib.emu_chatter(self._emu, ring, rate, irregular):
+            raise UsageError(f"ring {ring} cannot chatter at {rate:g} edges/s",
+                             expected="ring 0 or 1, at most 2e6 edges/s")
+
+    def freeze(self, on: bool = True) -> None:
+        """The program stands still with interrupts off, until a reset; timers, their pins
+        and the watchdog go on."""
+        self._lib.emu_freeze(self._emu, on)
 
     def hang(self, on: bool = True) -> None:
         """The main program stands still while interrupts run, until a reset."""
         self._lib.emu_hang(self._emu, on)
 
     def set_vcc(self, volt: float) -> None:
-        """Supply as the ADC sees it [V]."""
+        """Supply as the ADC sees it [V]; below 2.7 the brown-out detector holds the MCU."""
         self._lib.emu_vcc(self._emu, round(1000 * volt))
+
+    def set_power(self, on: bool) -> None:
+        """The supply comes and goes, as with the USB cable: off drives nothing, RAM is lost."""
+        self._lib.emu_power(self._emu, on)
+
+    def tear_eeprom(self, nth: int = 1) -> None:
+        """The supply fails in the middle of the ``nth`` byte that is written from now on: it
+        is garbled, and a brown-out resets the MCU (0: not any more)."""
+        self._lib.emu_eeprom_tear(self._emu, nth)
 
     # --- looking in ---------------------------------------------------------
 

@@ -54,8 +54,9 @@ def open_sim(url: Url) -> Backend:
     latency = jitter(url.options.get("jitter", "none"))
     silence = silences(failures)
     up = LineFaults(bit_error=_number(url, "ber", 0.0), silence=silence)
-    link = SimLink(world, Line(up, latency, (car.seed, 200)),
+    world.lines = (Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
+    link = SimLink(world, *world.lines)
     return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                    car=car.name, car_toml=car_toml(drawn.base, drawn.body),
                    notices=notices + drawn.notices, workshop=SimWorkshop(world))

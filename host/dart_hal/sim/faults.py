@@ -46,7 +46,7 @@ class LineFaults:
 
     ``bit_error`` per bit; ``drop``, ``duplicate`` per byte; ``burst`` per byte,
     damaging ``burst_length`` bytes (0x00 among them); ``silence``: intervals
-    [s] in which nothing passes.
+    [s] in which nothing passes; ``late``: s that every byte takes longer.
     """
 
     bit_error: float = 0.0
@@ -55,6 +55,7 @@ class LineFaults:
     burst: float = 0.0
     burst_length: int = 8
     silence: Sequence[Interval] = ()
+    late: float = 0.0
 
     @property
     def clean(self) -> bool:
@@ -109,6 +110,7 @@ class Line:
 
     def _arrival(self, t: float) -> float:
         latency = self.latency
+        t += self.faults.late
         if latency.spread or latency.tail_p:
             u, p, w = self._delay_rng.random(3).tolist()
             low, high = latency.tail

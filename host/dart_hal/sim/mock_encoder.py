@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
+from random import Random
 
 HISTORY = 64
 LONG = 0xFFFF
@@ -19,7 +20,9 @@ class MockEncoder:
 
     def __init__(self, marks: Sequence[float]) -> None:
         self.marks = list(marks)
-        self.due = float("inf")
+        self._mark_due = self._noise_due = float("inf")
+        self._noise = 0.0
+        self._random = Random(0)
         self.clear()
         self._t0, self._phase0, self._rate = 0.0, 0.0, 0.0
         self._next = 0
@@ -41,12 +44,29 @@ class MockEncoder:
         self._t0, self._rate = t, rev_per_s
         self._aim()
 
+    @property
+    def due(self) -> float:
+        """When the next edge comes [s]."""
+        return min(self._mark_due, self._noise_due)
+
+    def set_noise(self, rate: float, t: float) -> None:
+        """Phantom edges at random, ``rate`` per second from t on."""
+        self._noise, self._noise_due = rate, t
+        self._next_noise()
+
+    def _next_noise(self) -> None:
+        self._noise_due = (self._noise_due + self._random.expovariate(self._noise)
+                           if self._noise else float("inf"))
+
     def run(self, until: float, ticks: Callable[[float], int], edge_min_ck: int) -> None:
         """Count all edges up to ``until``; ``ticks`` stamps a time."""
         while self.due <= until:
             self._edge(ticks(self.due), edge_min_ck)
-            self._next += 1 if self._rate > 0 else -1
-            self.due = self._time_of(self._next)
+            if self._noise_due < self._mark_due:
+                self._next_noise()
+            else:
+                self._next += 1 if self._rate > 0 else -1
+                self._mark_due = self._time_of(self._next)
 
     def _edge(self, ck: int, edge_min_ck: int) -> None:
         gap = (ck - self.last_ck) & 0xFFFFFFFF
@@ -61,14 +81,14 @@ class MockEncoder:
     def _aim(self) -> None:
         """Index of the next mark in the direction of motion."""
         if self._rate == 0.0 or not self.marks:
-            self.due = float("inf")
+            self._mark_due = float("inf")
             return
         turn, within = divmod(self._phase0, 1.0)
         k = bisect_right(self.marks, within)
         if self._rate < 0.0 and k and self.marks[k - 1] == within:
             k -= 1                              # standing on a mark: it was passed already
         self._next = int(turn) * len(self.marks) + (k if self._rate > 0 else k - 1)
-        self.due = self._time_of(self._next)
+        self._mark_due = self._time_of(self._next)
 
     def _time_of(self, index: int) -> float:
         turn, k = divmod(index, len(self.marks))

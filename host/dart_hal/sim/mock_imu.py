@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from random import Random
 
 GYRO_HZ, ACCEL_HZ = 32.0, 62.5
 PERIOD = 0.010
@@ -16,7 +17,9 @@ class MockImu:
     """Filters the true values, samples them each 10 ms, quantises."""
 
     def __init__(self) -> None:
-        self.fault = "ok"
+        self.fault, self.value = "ok", 1.0
+        self._contact = Random(0)
+        self._history: deque[tuple[int, ...]] = deque(maxlen=128)
         self._gyro = [0.0, 0.0, 0.0]
         self._accel = [0.0, 0.0, 0.0]
         self._t = 0.0
@@ -44,15 +47,29 @@ class MockImu:
         if slot != self._k:
             self._k = slot
             values = (*(_raw(v, 100.0) for v in f), *(_raw(v, 900.0) for v in w))
-            if self.fault == "stuck" and self._samples:
-                values = self._samples[-1][1]
-            elif self.fault == "garbage":
-                values = tuple((0x5A5A * (slot + k)) % 0x10000 - 0x8000 for k in range(6))
-            self._samples.append((t, values))
+            self._history.append(values)
+            self._samples.append((t, self._shown(values, slot)))
+
+    def _shown(self, values: tuple[int, ...], slot: int) -> tuple[int, ...]:
+        """The data registers, as the fault has them."""
+        fault, last = self.fault, self._samples[-1][1] if self._samples else values
+        if fault == "garbage":
+            return tuple((0x5A5A * (slot + k)) % 0x10000 - 0x8000 for k in range(6))
+        if fault == "zero":
+            return (0,) * 6
+        if fault == "wrong":
+            return tuple(_raw(v, self.value) for v in values)
+        if fault == "delayed":
+            return self._history[-1 - min(round(self.value / PERIOD), len(self._history) - 1)]
+        if fault == "slow":
+            return last if slot % max(1, round(1.0 / (self.value * PERIOD))) else values
+        return last if fault == "stuck" else values
 
     def sample(self, t: float) -> tuple[int, ...] | None:
         """(lin_acc, gyro) raw, as registers read at t; None = no answer."""
         if self.fault == "off":
+            return None
+        if self.fault == "intermittent" and self._contact.random() < self.value:
             return None
         found = None
         for when, values in self._samples:

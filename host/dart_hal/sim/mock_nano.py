@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from dart_hal.errors import UsageError
 from dart_hal.links.boot import BootWait
 from dart_hal.sim.eeprom import packed_params, stored
 from dart_hal.sim.mock_capture import MockCapture
@@ -34,6 +35,10 @@ IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
 HELD = 0.015
 """s for which a sample stays valid: past one of all zeros, which is dropped."""
+IMU_RESET = 0.650
+"""s that the BNO055 takes to restart."""
+BROWN_OUT = 2.7
+"""V of the detector, extended fuse FD."""
 STUCK = 20
 """Equal samples in motion that make an IMU stuck."""
 CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
@@ -65,6 +70,7 @@ class MockNano:
         self._byte = 10.0 / host_baud
         self._phase, self._timer_start = slot_phase, timer_start
         self._wait = boot or BootWait()
+        self._dead, self._vcc, self._imu_from = False, 5.0, 0.0
         self._boot("external" if boot and any(boot) else "power")
 
     # -- the Nano protocol -------------------------------------------------
@@ -119,9 +125,31 @@ class MockNano:
         """A fault of the IMU bus: any but "ok" stops the samples."""
         self.imu.fault = "ok" if fault == "ok" else "off"
 
-    def set_imu_fault(self, fault: str = "ok") -> None:
-        """A fault of the IMU: ok, off, stuck or garbage."""
-        self.imu.fault = fault
+    def set_imu_fault(self, fault: str = "ok", value: float = 1.0) -> None:
+        """A fault of the IMU, as `EmulatedNano.set_imu_fault` has them."""
+        self.imu.fault, self.imu.value = fault, value
+
+    def reset_imu(self) -> None:
+        """It answers again after its own start and the first read."""
+        self._imu_from = self.now + IMU_RESET + START - 0.40
+
+    def set_chatter(self, ring: int, rate: float, irregular: bool = True) -> None:
+        """Phantom edges; raises UsageError for a chatter that starves interrupts."""
+        if rate and not irregular:
+            raise UsageError("MockNano has no interrupts to starve", remedy="use nano=avr")
+        self.rings[ring].set_noise(rate, self.now)
+
+    def set_power(self, on: bool) -> None:
+        """The supply comes and goes; without it nothing is driven."""
+        self._dead = not on
+        self._boot("power")
+
+    def set_vcc(self, volt: float) -> None:
+        """Supply [V]; below 2.7 the brown-out detector holds the MCU."""
+        low, self._vcc = self._vcc < BROWN_OUT, volt
+        if (volt < BROWN_OUT) != low:
+            self._dead = volt < BROWN_OUT
+            self._boot("brownout")
 
     def set_pin(self, name: str, level: bool) -> None:
         """An input of the world; D8 is the input capture."""
@@ -147,11 +175,13 @@ class MockNano:
 
     def _boot(self, cause: str, restart: bool = False) -> None:
         """``restart``: by the program itself, past start-up and bootloader."""
-        self.boot_count += 1
+        self.boot_count += not self._dead
         wait = self._wait
         hidden = wait.clears and not restart and cause != "power"
         self._cause = CAUSES["external" if hidden else cause]
         held = wait.startup + (wait.external if cause == "external" else wait.other)
+        if self._dead or (cause == "watchdog" and wait.other and not restart):
+            held = float("inf")    # ATmegaBOOT does not let go of a watchdog that has bitten
         self._starts = self.now if restart else self.now + held
         self._boot_at = self._starts + self._timer_start
         self.nonce = crc16(struct.pack("<IH", self.board_id, self.boot_count & 0xFFFF))
@@ -174,7 +204,7 @@ class MockNano:
         self._event(1, self._cause)
 
     def _ck(self, t: float) -> int:
-        return max(0, int((t - self._boot_at) * self._rate)) & 0xFFFFFFFF
+        return int((t - self._boot_at) * self._rate) & 0xFFFFFFFF if t > self._boot_at else 0
 
     def _time(self, ck: int) -> float:
         return self._boot_at + ck / self._rate
@@ -215,7 +245,7 @@ class MockNano:
     def _imu_flags(self) -> int:
         """Take the sample that was read before this slot."""
         t = self.now - IMU_READ
-        started = self.now - self._boot_at >= START
+        started = self.now - self._boot_at >= START and self.now >= self._imu_from
         sample = self.imu.sample(t) if started else None
         if sample is not None and not any(sample):
             return _FLAG["IMU_VALID"] if t - self._sample_at < HELD else 0
@@ -256,7 +286,7 @@ class MockNano:
         return zero | {"t_ck": ck, "rx_ok": c.ok & 0xFFFF, "rx_crc": (c.crc + c.cobs) & 0xFFFF,
                        "rx_len": (c.length + c.unknown) & 0xFFFF, "rx_seq_gap": c.gaps & 0xFFFF,
                        "edges_rejected": self.rings[0].rejected & 0xFFFF,
-                       "loop_max_us": 1000, "stack_free": 1000, "vcc_mv": 5000,
+                       "loop_max_us": 1000, "stack_free": 1000, "vcc_mv": round(1e3 * self._vcc),
                        "boot_count": self.boot_count & 0xFFFF}
 
     def _event(self, code: int, arg: int) -> None:

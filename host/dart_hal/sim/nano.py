@@ -38,4 +38,7 @@ class Nano(Protocol):
     def reset(self, cause: str = "external") -> None:
         """"external", "power", "brownout" or "watchdog"."""
 
+    def set_power(self, on: bool) -> None:
+        """The supply comes and goes; without it nothing is driven."""
+
     def close(self) -> None: ...

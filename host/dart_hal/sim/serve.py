@@ -23,7 +23,10 @@ NO_DEVICE = 121
 
 
 class PacedWorld:
-    """The shape that ``links.pty`` paces, over a whole simulated car."""
+    """The shape that ``links.pty`` paces, over a whole simulated car.
+
+    The line damages and loses what the URL says; delays are the pty's own.
+    """
 
     def __init__(self, backend: Backend) -> None:
         if not isinstance(backend.link, SimLink):
@@ -44,11 +47,13 @@ class PacedWorld:
 
     def read(self) -> list[tuple[bytes, float]]:
         with self.lock:
-            return self._world.nano.read()
+            up = self._world.lines[0]
+            carried = [(up.carry(data, t)[0], t) for data, t in self._world.nano.read()]
+            return [(data, t) for data, t in carried if data]
 
     def write(self, data: bytes) -> None:
         with self.lock:
-            self._world.nano.write(data)
+            self._world.nano.write(self._world.lines[1].carry(data, self._world.t)[0])
 
     def reset(self, cause: str = "external") -> None:
         with self.lock:

@@ -20,6 +20,7 @@ from dart_hal.errors import UsageError
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.cutoff import make_wiring
 from dart_hal.sim.esc import Esc, LateEsc
+from dart_hal.sim.faults import Line
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.imu import Imu
 from dart_hal.sim.injected import InjectedServo, injected
@@ -82,6 +83,7 @@ class World:
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
         self.distance = 0.0
+        self.lines: tuple[Line, ...] = ()
         self.watchers: list[Callable[[int, Pulse], None]] = []
         self._agenda: list[tuple[float, int, Callable[[World], None]]] = []
         self._pin_edges: list[tuple[float, bool]] = []
@@ -113,6 +115,10 @@ class World:
     def at(self, t: float, action: Callable[[World], None]) -> None:
         """Call ``action(world)`` at the first tick from world time t on."""
         insort(self._agenda, (t, len(self._agenda), action), key=lambda entry: entry[:2])
+
+    def power_nano(self, on: bool) -> None:
+        """The Nano's USB cable goes in or out: without it, no supply and no ground from there."""
+        self.nano.set_power(on)
 
     def truth(self, t: float | None = None) -> Truth:
         """The state at time t (linear between records 5 ms apart), default now."""
