@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow fuzz mutants lint bench campaign docs firmware native hardware clean
+.PHONY: help setup demo test test-slow faults fuzz mutants lint bench campaign docs firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -19,6 +19,9 @@ test: $(VENV)/.dev toolchain ## run every test (about five minutes)
 
 test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
 	@$(BIN)/python -m pytest -m slow $(ARGS)
+
+faults: $(VENV)/.dev toolchain ## every fault stopped at the ESC pin, with its negative control (half an hour)
+	@$(BIN)/python tests/faults/run.py $(ARGS)
 
 fuzz: $(VENV)/.dev ## libFuzzer on the Nano's decoder, commands and parameters: 1e7 inputs each
 	@$(MAKE) -s -C firmware fuzz PYTHON=$(CURDIR)/$(BIN)/python ARGS="$(ARGS)"

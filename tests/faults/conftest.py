@@ -1,0 +1,8 @@
+"""The fault table is a package beside these tests; ``run.py`` starts it from a terminal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))

@@ -1,0 +1,46 @@
+"""What a measurement gets: a folder of its own, cars, rigs and processes, all closed after it."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from fault_table.drive import Drive
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "firmware"))
+
+
+class Bench:
+    """One measurement's tools. ``full``: make faults, not the sample of the default tests."""
+
+    def __init__(self, folder: Path, *, full: bool = True, hil: str | None = None) -> None:
+        self.folder, self.full, self.hil = folder, full, hil
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def drive(self, options: str = "", **more: Any) -> Drive:
+        """A car in virtual time."""
+        return self._stack.enter_context(Drive(self.folder, options, **more))
+
+    def rig(self, **options: Any) -> Any:
+        """The firmware in the emulator and a host that only knows the wire."""
+        from firmware_rig import Rig
+
+        rig = Rig(None, **options)
+        self._stack.callback(rig.nano.close)
+        return rig
+
+    def stand(self, options: str = "", **more: Any) -> Any:
+        """A car for real processes: served over a pty, or the real one."""
+        from fault_table.stand import HilStand, PtyStand
+
+        made = HilStand(self.hil, self.folder) if self.hil else PtyStand(self.folder, options,
+                                                                         **more)
+        return self._stack.enter_context(made)

@@ -1,0 +1,136 @@
+"""A car in virtual time whose ESC pin is watched: every pulse, with its world time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from dart_hal.car import Car
+from dart_hal.errors import BadCommand, LinkLost
+from dart_hal.links.base import open_backend
+from dart_hal.sim.failures import parse, schedule
+from dart_hal.sim.faults import LineFaults
+from dart_hal.sim.truth import world_of
+from dart_hal.types import State
+from dart_hal.wire.codec import UP
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.messages import HELLO
+from fault_table.row import NEVER
+
+WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+ESC = 1
+"""Channel of the throttle."""
+SLACK = 5e-6
+"""s around neutral that an ESC takes for neutral; PWM counts are 4.9 us."""
+PERIOD = 0.0205
+"""s between two pulses of 50 Hz, a slow oscillator included."""
+FULL = 1.0
+
+Command = Callable[[Car, State], object]
+
+
+def forward(throttle: float, valid_for: float = 0.2) -> Command:
+    """A loop that asks for this throttle at every State, whatever the mode."""
+    return lambda car, state: car.drive(throttle=throttle, valid_for=valid_for)
+
+
+class Drive:
+    """One simulated car. Use as a context manager; ``pulses`` are (rise, fall) at the ESC."""
+
+    def __init__(self, folder: Path, options: str = "", *, nano: str = "mock",
+                 edit: tuple[str, str] | None = None) -> None:
+        backend = open_backend(f"sim://?nano={nano}{options}")
+        if edit is not None:
+            backend.car_toml = re.sub(*edit, backend.car_toml)
+        self.backend, self.world = backend, world_of(backend)
+        self.pulses: list[tuple[float, float]] = []
+        self.hellos: list[tuple[float, int]] = []
+        self.states: list[State] = []
+        self.deaf_to_hello = False
+        self._decoder = Decoder(UP)
+        self.world.watchers.append(self._saw)
+        self.car = Car.over(backend, cars=folder)
+        self.neutral = self.car.files.neutral_us * 1e-6
+        self.car.on_bytes(self._heard)
+
+    def __enter__(self) -> Drive:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.car.close()
+
+    @property
+    def now(self) -> float:
+        return self.world.t
+
+    def armed(self) -> Drive:
+        """Armed, with an ESC that has seen its 2 s of neutral whatever happened on the way."""
+        self.run(2.2)
+        self.car.arm(waive=WAIVE)
+        return self
+
+    def run(self, seconds: float, command: Command | None = None) -> list[State]:
+        """Live on for so long, also through a lost link; States seen."""
+        end, seen = self.now + seconds, []
+        while self.now < end - 0.005:
+            with suppress(LinkLost):
+                for state in self.car.states(duration=end - self.now, timeout=0.05):
+                    seen.append(state)
+                    if command is not None:
+                        with suppress(BadCommand):
+                            command(self.car, state)
+                    if self.now >= end - 0.005:
+                        break
+        self.states = seen
+        return seen
+
+    def driving(self, throttle: float = 0.4, seconds: float = 1.0) -> Drive:
+        """Armed and on its way: at the end the pin carries a throttle."""
+        self.armed().run(seconds, forward(throttle))
+        assert self.wrong(self.pulses[-1]), (
+            f"it does not drive: {self.car.mode} {self.car.causes} {self.states[-1].applied}")
+        return self
+
+    def fail(self, text: str) -> float:
+        """Let a failure (``mcu:reset``, ``enc:wrong=0.5``) begin now; returns the time."""
+        at = self.now + 0.002
+        schedule(self.world, [parse(f"{text}@{at:.6f}")])
+        return at
+
+    def silence(self, seconds: float = NEVER) -> float:
+        """The line carries nothing, either way, from now on."""
+        link, now = self.backend.link, self.now
+        for line in (link._up, link._down):
+            line.faults = LineFaults(silence=[(now, now + seconds)])
+        return now
+
+    def wrong(self, pulse: tuple[float, float]) -> bool:
+        """Whether an ESC would drive forward on it."""
+        rise, fall = pulse
+        return fall - rise > self.neutral + SLACK
+
+    def off(self, pulse: tuple[float, float]) -> bool:
+        """Whether it differs from neutral either way (a stub that a cut-off leaves apart)."""
+        rise, fall = pulse
+        return abs(fall - rise - self.neutral) > SLACK and fall - rise > 900e-6
+
+    def last_wrong(self, since: float) -> float:
+        """ms from ``since`` to the end of the last pulse that drives; NEVER = it goes on."""
+        last = max((fall for rise, fall in self.pulses if self.wrong((rise, fall))), default=0.0)
+        if last > self.now - 3 * PERIOD:
+            return NEVER
+        return max(0.0, (last - since) * 1e3)
+
+    def _saw(self, channel: int, pulse: tuple[float, float]) -> None:
+        if channel == ESC:
+            self.pulses.append(pulse)
+
+    def _heard(self, direction: str, data: bytes, t: float) -> bytes:
+        if direction != "rx":
+            return data
+        frames = self._decoder.feed(data)
+        hello = [frame for frame in frames if frame.message is HELLO]
+        self.hellos += [(t, frame.as_dict()["boot_count"]) for frame in hello]
+        return b"" if hello and self.deaf_to_hello else data

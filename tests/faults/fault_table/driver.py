@@ -1,0 +1,103 @@
+"""A program that drives, and then does what its name says: the driver of the rows with processes.
+
+    python driver.py URL CAR CARS HOW
+
+Prints "driving" when the pins carry a throttle, then reads a line; on "now" it
+prints "at STAMP" (CLOCK_MONOTONIC) and does HOW.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+
+from dart_hal.car import Car
+from dart_hal.errors import LinkLost, NotArmed
+from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
+from fault_table.drive import WAIVE
+from fault_table.layers import inherit
+
+THROTTLE = 0.3
+LONG = 3.0
+ESC_STARTS = 2.2
+"""s of neutral after which every ESC obeys: one that does not looks like a dead encoder."""
+
+
+def say(*words: object) -> None:
+    print(*words, flush=True)
+
+
+def hog() -> None:
+    """One call that keeps the interpreter to itself."""
+    begin = time.monotonic()
+    while time.monotonic() - begin < LONG:
+        sum(range(40_000_000))
+
+
+def fork() -> None:
+    """A worker, as a data loader forks it; it lives on."""
+    worker = os.fork()
+    if worker == 0:
+        while True:
+            time.sleep(1.0)
+    say("worker", worker)
+
+
+def block(car: Car) -> None:
+    """A listener that never comes back."""
+    car.on_state(lambda state: time.sleep(1e6))
+
+
+HOW = {
+    "wait": lambda car: None,
+    "segfault": lambda car: ctypes.string_at(0),
+    "exit": lambda car: os._exit(3),
+    "exec": lambda car: os.execv("/bin/sleep", ["sleep", "5"]),
+    "stall": lambda car: time.sleep(LONG),
+    "hog": lambda car: hog(),
+    "fork": lambda car: fork(),
+    "listener": block,
+    "error": lambda car: 1 / 0,
+}
+
+
+def main(url: str, name: str, cars: str, how: str) -> None:
+    wanted = threading.Event()
+
+    def listen() -> None:
+        for order in sys.stdin:
+            if order.strip() == "now":
+                wanted.set()
+
+    with Car.open(url, car=name, cars=cars or None) as car:
+        threading.Thread(target=listen, daemon=True).start()
+        driven, done, told = 0, False, False
+        with suppress(LinkLost):
+            for _ in car.states(duration=ESC_STARTS, timeout=20.0):
+                pass
+        while True:
+            with suppress(NotArmed, LinkLost):
+                if not driven and car.mode != "ARMED":      # later trips are not healed
+                    car.arm(waive=WAIVE)
+            with suppress(LinkLost):
+                for state in car.states(timeout=20.0):
+                    if wanted.is_set() and not done:
+                        done = True
+                        say("at", time.monotonic())
+                        HOW[how](car)
+                    car.drive(throttle=THROTTLE, valid_for=0.5)
+                    driven += state.applied.throttle > 0.2
+                    if driven > 20 and not told:
+                        told = True
+                        say("driving")
+                    if car.mode != "ARMED" and not driven:
+                        break
+
+
+if __name__ == "__main__":
+    with inherit():
+        main(*sys.argv[1:5])

@@ -1,0 +1,109 @@
+"""The layers of the host and of the world, each with the line that removes it."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from dart_hal.actuation import limits
+from dart_hal.estimation.frames import FrameReader
+from dart_hal.sim.cutoff import Direct
+from dart_hal.wire.blocks import BlockReader
+from dart_hal.wire.frame import Frame
+from fault_table.layers import FOREVER, host
+
+
+def nothing(*_: Any, **__: Any) -> None:
+    """Stands where a layer did something."""
+
+
+_ADVANCE, _READ = FrameReader._advance, BlockReader.read
+_LEFT: WeakKeyDictionary[BlockReader, int] = WeakKeyDictionary()
+
+
+class NoGuard:
+    """Looks like a guard that is well, and is not there."""
+
+    age, tripped = 0.0, False
+
+    def __init__(self, *_: Any) -> None:
+        self.ready = self.beat = self.close = nothing
+
+
+class EqualsAll:
+    """A checksum that every frame carries."""
+
+    def __eq__(self, other: object) -> bool:
+        return True
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def eternal(steering: float, throttle: float, valid_for: float, source: str,
+            now: float) -> limits.Command:
+    """A command that never runs out."""
+    command = limits.checked(steering, throttle, valid_for, source, now)
+    return limits.Command(command.steering, command.throttle, math.inf, source)
+
+
+def in_our_session(*words: Any, **options: Any) -> subprocess.Popen[bytes]:
+    """A child that dies with the process group."""
+    return subprocess.Popen(*words, **{**options, "start_new_session": False})
+
+
+def clumsy(reader: BlockReader, block: bytes, end: int, frames: list[Frame]) -> None:
+    """After a damaged block the next two are lost as well."""
+    if left := _LEFT.get(reader, 0):
+        _LEFT[reader] = left - 1
+        return
+    known = len(frames)
+    _READ(reader, block, end, frames)
+    if len(frames) == known:
+        _LEFT[reader] = 2
+
+
+def unaware(reader: FrameReader, t_raw: int, t_arrival: float) -> bool:
+    """The device clock goes on, whatever it says."""
+    _ADVANCE(reader, t_raw, t_arrival)
+    return False
+
+
+def always(value: Any) -> Callable[..., Any]:
+    """A function that answers the same to everything."""
+    return lambda *_, **__: value
+
+
+host("crc", "the checksum of a frame", "dart_hal.wire.blocks.crc_hqx", always(EqualsAll()))
+host("delimiter", "after damage the next delimiter begins anew",
+     "dart_hal.wire.blocks.BlockReader.read", clumsy)
+host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gates.passes",
+     always(True))
+host("ledger", "sequence numbers tell what was lost", "dart_hal.wire.decoder.Ledger.note", nothing)
+host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
+host("expiry", "a command runs out", "dart_hal.actuation.chain.checked", eternal)
+host("link_stale", "100 ms without a frame trip", "dart_hal.car.driver.STALE", FOREVER)
+host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
+     nothing)
+host("guard", "a process that outlives the driver", "dart_hal.car.driver.GuardPost", NoGuard)
+host("cutoff", "the Nano's hardware cut-off", "dart_hal.sim.world.make_wiring",
+     lambda _, pca: Direct(pca))
+host("read_back", "MODE1 and PRE_SCALE are read back",
+     "dart_hal.actuation.chain.Actuator._read_back", always(True))
+host("bad_command", "a command that is no number trips",
+     "dart_hal.actuation.chain.Actuator._refuse", nothing)
+
+host("rebase", "counts are re-based when the Nano's clock begins anew",
+     "dart_hal.estimation.frames.FrameReader._advance", unaware)
+host("guard_session", "the guard lives in a session of its own",
+     "dart_hal.actuation.guarded.subprocess",
+     SimpleNamespace(Popen=in_our_session, PIPE=subprocess.PIPE,
+                     DEVNULL=subprocess.DEVNULL, TimeoutExpired=subprocess.TimeoutExpired))
+host("guard_gate", "a throttle is written only while the guard speaks",
+     "dart_hal.actuation.guarded.Guard.gate", nothing)
+host("signals", "SIGTERM and SIGHUP end through the with block",
+     "dart_hal.car.car.stop_on_signals", nothing)
+host("close_neutral", "closing writes neutral", "dart_hal.car.driver.Driver.close", nothing)

@@ -1,0 +1,27 @@
+"""All rows, in the order of their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fault_table import rows_pins, rows_processes, rows_wire, switches, switches_nano
+from fault_table.layers import LAYERS
+from fault_table.row import Row
+
+__all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
+
+ROOMS = (rows_wire, rows_pins, rows_processes)
+
+
+def joined() -> tuple[Row, ...]:
+    """Cases of one number from several rooms become one row."""
+    rows: dict[int, Row] = {}
+    for room in ROOMS:
+        for row in room.ROWS:
+            known = rows.get(row.number)
+            rows[row.number] = row if known is None else replace(
+                known, cases=(*known.cases, *row.cases))
+    return tuple(rows[number] for number in sorted(rows))
+
+
+ROWS = joined()

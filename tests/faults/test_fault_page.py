@@ -1,0 +1,25 @@
+"""The page in the handbook says what the rows say."""
+
+from __future__ import annotations
+
+from fault_table import page
+from fault_table.table import LAYERS, ROWS
+
+
+def test_the_page_is_written_from_the_rows():
+    assert page.PAGE.read_text(encoding="utf-8") == page.text(), 'make faults ARGS="--page"'
+
+
+def test_every_row_and_layer_is_on_it():
+    text = page.text()
+    assert all(f"| {row.number} | {row.fault} |" in text for row in ROWS)
+    assert all(f"| `{name}` |" in text for name in LAYERS)
+
+
+def test_a_row_that_changes_is_seen():
+    """The control of the first."""
+    assert page.text().replace("kill -9", "kill -15") != page.PAGE.read_text(encoding="utf-8")
+
+
+def test_the_handbook_links_it():
+    assert "\nfault_table\n" in (page.PAGE.parent / "index.md").read_text(encoding="utf-8")

@@ -1,0 +1,100 @@
+"""Every case of the fault table keeps its limit, and breaks it without its layer."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from fault_table.judge import How, Verdict, judge
+from fault_table.layers import VARIABLE, without
+from fault_table.row import Case, Measured, Row
+from fault_table.table import LAYERS, ROWS
+
+from dart_hal.errors import EmulatorMissing
+from dart_hal.links import bridge
+
+AWAITED = frozenset({8, 29, 35, 37})
+"""Rows whose mend is on its way."""
+
+
+def parameters(fast: bool):
+    for row in ROWS:
+        for case in row.cases:
+            if case.fast is fast and not row.soak:
+                marks = [pytest.mark.emulator] if case.world == "elf" else []
+                marks += [] if fast else [pytest.mark.slow]
+                marks += [pytest.mark.xfail(strict=False)] if row.number in AWAITED else []
+                yield pytest.param(case, marks=marks, id=f"{row.number}-{case.world}-{case.what}")
+
+
+def check(case: Case, full: bool) -> None:
+    if case.world == "elf":
+        try:
+            bridge.load()
+        except EmulatorMissing as error:
+            pytest.skip(f"emulator: {error.what}")
+    verdict = judge(case, How(full=full))
+    assert verdict.holds, verdict.measured
+    assert verdict.proves, verdict.control
+
+
+@pytest.mark.parametrize("case", list(parameters(fast=True)))
+def test_a_case_holds_and_its_control_does_not(case):
+    check(case, full=False)
+
+
+@pytest.mark.parametrize("case", list(parameters(fast=False)))
+def test_the_other_cases_hold_and_their_controls_do_not(case):
+    check(case, full=True)
+
+
+def test_every_case_has_a_control_of_known_layers():
+    assert [(row.number, case.what) for row in ROWS for case in row.cases
+            if not case.control] == []
+    assert {name for row in ROWS for case in row.cases for name in case.control
+            if row.number not in AWAITED} <= set(LAYERS)
+
+
+def test_every_layer_alone_turns_a_row_red():
+    alone = {case.control[0] for row in ROWS for case in row.cases if len(case.control) == 1}
+    assert set(LAYERS) - alone == set()
+
+
+def test_numbers_are_unique_and_the_first_33_are_there():
+    numbers = [row.number for row in ROWS]
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_layer_comes_back(monkeypatch):
+    from dart_hal.car import driver
+
+    before = driver.STALE
+    with without("link_stale"):
+        assert before != driver.STALE
+    assert before == driver.STALE
+
+
+def test_children_are_told_what_is_gone(monkeypatch):
+    import os
+
+    with without("link_stale"), without("expiry"):
+        assert os.environ[VARIABLE] == "link_stale,expiry"
+    assert VARIABLE not in os.environ
+
+
+def test_what_breaks_down_is_neither_green_nor_a_proof():
+    good, bad, nan = Measured(1.0), Measured(3.0), Measured(math.nan)
+    case = Case("wire", "", lambda bench: good, 2.0, "s", ("crc",))
+    assert Verdict(case, good, bad, 0.0).green
+    assert not Verdict(case, good, good, 0.0).green
+    assert not Verdict(case, bad, bad, 0.0).green
+    assert not Verdict(case, nan, bad, 0.0).green
+    assert not Verdict(case, good, nan, 0.0).green
+
+
+def test_a_row_is_printed_with_its_figures(capsys):
+    from fault_table.show import line
+
+    case = Case("wire", "what", lambda bench: Measured(1.0), 2.0, "ms", ("crc",))
+    line(Row(1, "fault", "reaction", (case,)), Verdict(case, Measured(1.5), Measured(9.0), 0.0))
+    assert "1.5 ms" in capsys.readouterr().out
