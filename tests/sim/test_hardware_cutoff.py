@@ -116,7 +116,7 @@ def test_a_switch_inside_a_pulse_cuts_it():
     mux = make_wiring("mux", pca)
     assert isinstance(mux, Multiplexer)
     mux.pins([(0.010, "D9", 1), (0.0105, "D5", 1), (0.0115, "D9", 0)])
-    assert mux.esc_pulses(1) == [(0.010, 0.0105)]
+    assert mux.esc_pulses(1, 0.1) == [(0.010, 0.0105)]
 
 
 def test_unknown_cutoff_is_refused():

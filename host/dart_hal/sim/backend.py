@@ -21,7 +21,7 @@ from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
 from dart_hal.sim.car_file import car_toml
-from dart_hal.sim.cutoff import CUTOFFS
+from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
 from dart_hal.sim.eeprom import preset
 from dart_hal.sim.failures import parse, schedule, silences
@@ -45,8 +45,9 @@ def open_sim(url: Url) -> Backend:
                          expected="sim://?seed=1&nano=mock")
     drawn = car_of(url)
     car = drawn.true
-    cutoff = choice(url, "cutoff", *CUTOFFS) or "none"
-    params = {"safety_out": CUTOFFS[cutoff]} if cutoff != "none" else None
+    cutoff = url.options.get("cutoff", "none")
+    fitted = cutoff.partition("-")[0] if cutoff in FLAWED else choice(url, "cutoff", *CUTOFFS)
+    params = {"safety_out": CUTOFFS[fitted]} if fitted and fitted != "none" else None
     nano, notices = _nano(url, car, preset(car.board_id, params))
     world = World(car, nano, drawn.model, _tick(url, drawn.model), cutoff)
     failures = [parse(text) for text in url.options.get("fail", "").split(",") if text]

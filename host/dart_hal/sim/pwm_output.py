@@ -95,6 +95,11 @@ class PwmOutput:
         self._oe = disabled
         self._refresh_pins()
 
+    @property
+    def disabled(self) -> bool:
+        """/OE is high."""
+        return self._oe
+
     # -- production ------------------------------------------------------
 
     def advance(self, t: float) -> None:

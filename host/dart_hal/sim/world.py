@@ -82,6 +82,7 @@ class World:
         self.esc = LateEsc(car.esc) if car.esc.delay else Esc(car.esc)
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
+        self._through = True
         self.distance = 0.0
         self.lines: tuple[Line, ...] = ()
         self.watchers: list[Callable[[int, Pulse], None]] = []
@@ -119,6 +120,7 @@ class World:
     def power_nano(self, on: bool) -> None:
         """The Nano's USB cable goes in or out: without it, no supply and no ground from there."""
         self.nano.set_power(on)
+        self._wiring.power(on, self.t)
 
     def truth(self, t: float | None = None) -> Truth:
         """The state at time t (linear between records 5 ms apart), default now."""
@@ -160,7 +162,19 @@ class World:
             self._wheel = wheel
             nano.set_wheel(wheel)
         nano.set_imu(*self._imu.sense(a_x, a_y, omega, omega_dot, rate))
-        self._pin_edges = self.pca.output.upcoming(CLOCK, self._next)
+        self._pin_edges = self._capture_edges(now)
+
+    def _capture_edges(self, now: float) -> list[tuple[float, bool]]:
+        """What D8 gets until the next tick: the spare channel, behind the cut-off.
+
+        A cut-off that switches acts here at the tick that follows.
+        """
+        output, through = self.pca.output, self._wiring.captured
+        edges = output.upcoming(CLOCK, self._next) if through else []
+        if through != self._through:
+            self._through = through
+            edges.insert(0, (now, through and output.high_since(CLOCK) is not None))
+        return edges
 
     def _pulses(self, now: float) -> None:
         output, wiring = self.pca.output, self._wiring
@@ -168,7 +182,7 @@ class World:
             wiring.pins(self.nano.pin_log())
         output.advance(now)
         self._deliver(STEERING, output.take(STEERING), self.servo.pulse)
-        self._deliver(THROTTLE, wiring.esc_pulses(THROTTLE), self.esc.pulse)
+        self._deliver(THROTTLE, wiring.esc_pulses(THROTTLE, now), self.esc.pulse)
         output.take(CLOCK)
 
     def _deliver(self, channel: int, pulses: list[Pulse], to: Callable[[Pulse], None]) -> None:
