@@ -16,7 +16,7 @@ from dart_hal.sim.truth import world_of
 from dart_hal.types import State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.messages import HELLO
+from dart_hal.wire.messages import HELLO, STATE
 from fault_table.row import NEVER
 
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
@@ -49,6 +49,8 @@ class Drive:
         self.hellos: list[tuple[float, int]] = []
         self.states: list[State] = []
         self.deaf_to_hello = False
+        self.sample: tuple[int, ...] = ()
+        """Words of the IMU in the newest STATE."""
         self._decoder = Decoder(UP)
         self.world.watchers.append(self._saw)
         self.car = Car.over(backend, cars=folder)
@@ -93,10 +95,11 @@ class Drive:
             f"it does not drive: {self.car.mode} {self.car.causes} {self.states[-1].applied}")
         return self
 
-    def fail(self, text: str) -> float:
+    def fail(self, text: str, seconds: float | None = None) -> float:
         """Let a failure (``mcu:reset``, ``enc:wrong=0.5``) begin now; returns the time."""
         at = self.now + 0.002
-        schedule(self.world, [parse(f"{text}@{at:.6f}")])
+        lasts = f"+{seconds}" if seconds is not None else ""
+        schedule(self.world, [parse(f"{text}@{at:.6f}{lasts}")])
         return at
 
     def silence(self, seconds: float = NEVER) -> float:
@@ -131,6 +134,10 @@ class Drive:
         if direction != "rx":
             return data
         frames = self._decoder.feed(data)
+        for frame in frames:
+            if frame.message is STATE:
+                values = frame.as_dict()
+                self.sample = (*values["gyro"], *values["lin_acc"])
         hello = [frame for frame in frames if frame.message is HELLO]
         self.hellos += [(t, frame.as_dict()["boot_count"]) for frame in hello]
         return b"" if hello and self.deaf_to_hello else data

@@ -66,11 +66,17 @@ def main(url: str, folder: Path) -> None:
     threading.Thread(target=watch_for_stalls, args=(Log(folder / "stalls"),), daemon=True).start()
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     with BusServer(backend, paced, folder / "i2c"), Pty(paced, always=True) as port:
-        print(json.dumps({"url": f"serial://{port.path}?i2c=unix:{folder / 'i2c'}",
-                          "port": port.path, "car": backend.car}), flush=True)
+        name = folder / "port"              # as udev names a port, whatever the kernel calls it
+        name.symlink_to(port.path)
+        print(json.dumps({"url": f"serial://{name}?i2c=unix:{folder / 'i2c'}",
+                          "port": str(name), "car": backend.car}), flush=True)
         for order in sys.stdin:
             if order.strip() == "unplug":
-                os.close(port._master)
+                port.unplug()
+                name.unlink()
+            elif order.strip() == "plug":
+                port.plug()
+                name.symlink_to(port.path)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from dart_hal.actuation import limits
+from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
+from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.sim.cutoff import Direct
 from dart_hal.wire.blocks import BlockReader
 from dart_hal.wire.frame import Frame
@@ -72,6 +74,12 @@ def unaware(reader: FrameReader, t_raw: int, t_arrival: float) -> bool:
     return False
 
 
+def trusting(check: ImuCheck, now: float, t_imu: float, gyro: Any, acc: Any, *_: Any) -> bool:
+    """Whatever the Nano vouches for is good."""
+    check.trusted, check.doubts = gyro is not None, frozenset()
+    return check.trusted
+
+
 def always(value: Any) -> Callable[..., Any]:
     """A function that answers the same to everything."""
     return lambda *_, **__: value
@@ -107,3 +115,12 @@ host("guard_gate", "a throttle is written only while the guard speaks",
 host("signals", "SIGTERM and SIGHUP end through the with block",
      "dart_hal.car.car.stop_on_signals", nothing)
 host("close_neutral", "closing writes neutral", "dart_hal.car.driver.Driver.close", nothing)
+host("imu_check", "a sample of the IMU must be possible",
+     "dart_hal.car.telemetry.ImuCheck.judge", trusting)
+host("encoder_check", "the encoder is held against model and accelerometer",
+     "dart_hal.car.telemetry.EncoderCheck.judge", nothing)
+host("margins", "a weak or loaded car is no dead encoder", "dart_hal.estimation.bounds.UNKNOWN",
+     Margin(-0.3, -0.3))
+host("edge_gate", "edges that no wheel makes are dropped",
+     "dart_hal.estimation.speed.MAX_ACCELERATION", FOREVER)
+host("ring_table", "uneven marks are learnt", "fault_table.rows_sensors.learnt", nothing)

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fault_table import rows_pins, rows_processes, rows_wire, switches, switches_nano
+from fault_table import (
+    rows_nano,
+    rows_pins,
+    rows_processes,
+    rows_sensors,
+    rows_wire,
+    switches,
+    switches_nano,
+)
 from fault_table.layers import LAYERS
 from fault_table.row import Row
 
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
-ROOMS = (rows_wire, rows_pins, rows_processes)
+ROOMS = (rows_wire, rows_sensors, rows_nano, rows_pins, rows_processes)
 
 
 def joined() -> tuple[Row, ...]:

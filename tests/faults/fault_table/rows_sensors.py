@@ -1,0 +1,271 @@
+"""Rows of IMU and encoder as the user sees them: no wrong number is called good."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+
+from dart_hal.car import Car
+from dart_hal.errors import DartHalError
+from dart_hal.types import State
+from fault_table.bench import Bench
+from fault_table.drive import Drive, forward
+from fault_table.row import NEVER, Case, Measured, Row, case
+from fault_table.rows_pins import MS, PULSE, alone
+
+FAR_OFF = 1.0
+"""rad/s by which no yaw rate that is called valid may be wrong."""
+
+
+def circle(throttle: float = 0.3) -> Callable[[Car, State], object]:
+    return lambda car, state: car.drive(steering=0.15, throttle=throttle, valid_for=0.5)
+
+
+def turning(bench: Bench, nano: str) -> Drive:
+    """On a circle, long enough that nothing settles any more."""
+    drive = bench.drive(nano=nano).armed()
+    drive.run(1.5, circle())
+    return drive
+
+
+def believed(nano: str, text: str) -> Callable[[Bench], Measured]:
+    """States marked valid whose yaw rate is far off, or whose yaw is off by > 3 stated sigma."""
+    def measure(bench: Bench) -> Measured:
+        drive = turning(bench, nano)
+        before = drive.states[-1]
+        start = drive.world.truth(before.t).yaw
+        drive.fail(text)
+        seen = drive.run(2.0, circle())
+        wrong, worst, valid = 0, 0.0, 0
+        for state in seen:
+            if state.yaw_rate is None:
+                continue
+            valid += 1
+            truth = drive.world.truth(state.t)
+            error = abs(state.pose.yaw - before.pose.yaw - (truth.yaw - start))
+            sigma = math.sqrt(state.pose.cov[2, 2]) + 1e-3
+            off = abs(state.yaw_rate - truth.yaw_rate)
+            worst = max(worst, off)
+            wrong += off > FAR_OFF or error > 3 * sigma
+        return Measured(wrong, f"{valid} of {len(seen)} valid, worst {worst:.2f} rad/s")
+    return measure
+
+
+def zeros(nano: str, moving: bool) -> Callable[[Bench], Measured]:
+    """States marked valid whose sample is all zeros, after a silent fall to CONFIG."""
+    def measure(bench: Bench) -> Measured:
+        drive = turning(bench, nano) if moving else bench.drive(nano=nano)
+        if not moving:
+            drive.run(2.0)
+        wrong = lost = 0
+
+        def look(car: Car, state: State) -> None:
+            nonlocal wrong, lost
+            wrong += state.yaw_rate is not None and not any(drive.sample)
+            lost += state.yaw_rate is None
+            if moving:
+                circle()(car, state)
+
+        drive.fail("imu:config")
+        drive.run(2.0, look)
+        return Measured(wrong, f"{lost} not valid")
+    return measure
+
+
+def recovered(text: str) -> Callable[[Bench], Measured]:
+    """s until samples are valid again, and stay so."""
+    def measure(bench: Bench) -> Measured:
+        drive = turning(bench, "avr")
+        at = drive.fail(text)
+        seen = drive.run(3.5, circle())
+        bad = [state.t for state in seen if state.yaw_rate is None]
+        still = seen[-1].yaw_rate is None
+        return Measured(NEVER if still else max(bad, default=at) - at, f"{len(bad)} not valid")
+    return measure
+
+
+def disowned(text: str) -> Callable[[Bench], Measured]:
+    """ms until the yaw rate is no longer given out, on a circle at 0.6 m/s."""
+    def measure(bench: Bench) -> Measured:
+        def slowly(car: Car, state: State) -> None:
+            car.drive_speed(steering=0.15, speed=0.6)
+
+        drive = bench.drive().armed()
+        drive.run(3.0, slowly)
+        at = drive.fail(text)
+        gone = [state.t for state in drive.run(3.0, slowly) if state.yaw_rate is None]
+        return Measured(1e3 * (gone[0] - at) if gone else NEVER, _doubts(drive.states))
+    return measure
+
+
+def doubted(text: str, doubt: str, seconds: float = 3.0) -> Callable[[Bench], Measured]:
+    """ms until the State says what is doubted, at 1 m/s held by the built-in loop."""
+    def measure(bench: Bench) -> Measured:
+        drive = cruising(bench)
+        at = drive.fail(text)
+        seen = drive.run(seconds, cruise)
+        told = [state.t for state in seen
+                if any(name.startswith(doubt) for name in state.health.doubts)]
+        return Measured(1e3 * (told[0] - at) if told else NEVER, _doubts(seen))
+    return measure
+
+
+def fastest(text: str, bench: Bench) -> Measured:
+    """Highest true speed [m/s] after the fault with ``drive_speed(1.0)``."""
+    drive = cruising(bench)
+    top = 0.0
+
+    def go(car: Car, state: State) -> None:
+        nonlocal top
+        cruise(car, state)
+        top = max(top, drive.world.truth().v_x)
+
+    drive.fail(text)
+    seen = drive.run(4.0, go)
+    return Measured(top, _doubts(seen))
+
+
+def reverse(bench: Bench) -> Measured:
+    """Fastest backwards [m/s] when the encoder dies and -0.5 m/s is asked for."""
+    drive = bench.drive().armed()
+    top = 0.0
+
+    def back(car: Car, state: State) -> None:
+        nonlocal top
+        car.drive_speed(steering=0.0, speed=-0.5, valid_for=0.5)
+        top = max(top, -drive.world.truth().v_x)
+
+    drive.run(2.0, back)
+    drive.fail("enc:off")
+    seen = drive.run(3.0, back)
+    return Measured(top, _doubts(seen))
+
+
+def cruise(car: Car, state: State) -> None:
+    car.drive_speed(steering=0.0, speed=1.0, valid_for=0.5)
+
+
+def cruising(bench: Bench) -> Drive:
+    drive = bench.drive().armed()
+    drive.run(3.0, cruise)
+    return drive
+
+
+def _doubts(seen: list[State]) -> str:
+    return ", ".join(sorted(set().union(*(s.health.doubts for s in seen)))) or "no doubt"
+
+
+def dead_encoder(bench: Bench) -> Measured:
+    """ms until the throttle is capped when no edge comes any more."""
+    drive = bench.drive().driving()
+    at = drive.fail("enc:off")
+    drive.run(2.0, forward(0.4, 0.5))
+    return Measured(drive.last_wrong(at), _doubts(drive.states))
+
+
+def false_alarm(bench: Bench) -> Measured:
+    """Doubts of a car that stands in its dead band, and of one that drives well."""
+    drive = bench.drive().armed()
+    seen = drive.run(2.0, forward(0.05)) + drive.run(2.0, cruise)
+    alarms = [name for s in seen for name in s.health.doubts if name.startswith("ENCODER")]
+    return Measured(len(alarms), _doubts(seen))
+
+
+def noise(bench: Bench) -> Measured:
+    """States whose speed is off by > 5 % and by > 3 stated sigma; 50 ms of 10 k edges/s."""
+    drive = cruising(bench)
+    drive.fail("enc:garbage=10000", 0.05)
+    seen = drive.run(1.0, cruise)
+    wrong = 0
+    for state in seen:
+        true = drive.world.truth(state.t).v_x
+        wrong += abs(state.speed - true) > max(0.05 * true, 3 * state.speed_std)
+    return Measured(wrong, _doubts(seen))
+
+
+def calibrating(bench: Bench) -> Measured:
+    """ms from the death of the encoder in a steering calibration to the last driving pulse."""
+    from dart_hal.calibration.runner import Runner
+
+    drive = bench.drive()
+    with drive.car.raw():
+        runner = Runner(drive.car)
+        runner.hold(3.0, 1700.0, 0.5)
+        assert drive.wrong(drive.pulses[-1]), "it does not drive"
+        at = drive.fail("enc:off")
+        with suppress(DartHalError):
+            runner.hold(4.0, 1700.0, 0.5)
+        return Measured(drive.last_wrong(at), drive.car.mode)
+
+
+def missing_mark(bench: Bench) -> Measured:
+    """rms error [m/s] at a constant 1 m/s on a ring of marks 12 % wide, its table known."""
+    from dart_hal.estimation import WheelSpeed
+
+    fractions = [1.12 if n % 2 else 0.88 for n in range(10)]
+    metres = 0.00412918
+    edges, position = [], 0.0
+    for n in range(6000):
+        position += metres * fractions[n % 10]
+        edges.append(position)
+    estimator, errors, k = WheelSpeed(metres, 10, learnt(fractions)), [], 0
+    for frame in range(1, 1000):
+        now = frame * 0.01
+        while edges[k] < now:
+            k += 1
+        gap = edges[k - 1] - edges[k - 2] if k > 1 else 0.0
+        speed, _ = estimator.update(k, edges[k - 1], gap, now, 1.0, 1)
+        errors.append(speed - 1.0)
+    late = errors[500:]
+    return Measured(math.sqrt(sum(e * e for e in late) / len(late)))
+
+
+def learnt(fractions: list[float]) -> list[float] | None:
+    """What a calibration leaves of a ring."""
+    return fractions
+
+
+def _same(name: str, measure: Callable[[str], Callable[[Bench], Measured]], limit: float,
+          unit: str, *control: str) -> tuple[Case, ...]:
+    return tuple(case(world, name, measure(nano), limit, unit, *control, fast=world == "mock")
+                 for world, nano in (("mock", "mock"), ("elf", "avr")))
+
+
+ROWS = (
+    Row(14, "BNO055 silently back in CONFIG", "no sample of zeros, offsets restored", (
+        case("elf", "standing, host alone", alone("imu_zeros", zeros("avr", False)), 0, "States",
+             "imu_check"),
+        case("elf", "moving, firmware alone", alone("imu_check", zeros("avr", True)), 0, "States",
+             "imu_zeros"),
+        case("elf", "standing", zeros("avr", False), 0, "States", "imu_zeros", "imu_check"),
+        case("elf", "recovery", recovered("imu:config"), 1.2, "s", "imu_mode", fast=True),
+    )),
+    Row(15, "IMU stuck, garbage, wrong, absent", "not valid, encoder only", (
+        *_same("garbage", lambda nano: believed(nano, "imu:garbage"), 0, "States", "imu_check"),
+        case("mock", "gain 3 on a slow circle", disowned("imu:wrong=3"), 600, MS, "imu_check"),
+    )),
+    Row(17, "encoder noise, phantom edges", "slots refused, speed held, its std covers it", (
+        case("mock", "10 k edges/s for 50 ms", alone("encoder_check", noise), 0, "States",
+             "edge_gate"),
+        case("mock", "2600 phantom edges/s told", doubted("enc:garbage=2600", "ENCODER_"), 500, MS,
+             "encoder_check"),
+    )),
+    Row(18, "encoder dead while throttle is on", "throttle capped, no false alarm", (
+        case("mock", "dead", dead_encoder, 300 + PULSE, MS, "encoder_check", fast=True),
+        case("mock", "dead in reverse", reverse, 1.0, "m/s", "encoder_check"),
+        case("mock", "false alarms", false_alarm, 0, "States", "margins"),
+    )),
+    Row(19, "ring with uneven marks", "learnt, taken out", (
+        case("wire", "rms at 1 m/s", missing_mark, 0.02, "m/s", "ring_table", fast=True),
+    )),
+    Row(38, "half of the encoder's edges at 1 m/s", "told, the speed loop lets go", (
+        case("mock", "true speed", lambda b: fastest("enc:wrong=0.5", b), 1.3, "m/s",
+             "encoder_check", fast=True),
+        case("mock", "told", doubted("enc:wrong=0.5", "ENCODER_LOW"), 500, MS, "encoder_check"),
+    )),
+    Row(39, "encoder dies in a calibration", "stopped", (
+        case("mock", "calibrate steering", calibrating, 300 + PULSE, MS, "encoder_check",
+             fast=True),
+    )),
+)
