@@ -54,10 +54,10 @@ def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cau
     assert (hello["bootloader"], hello["reset_cause"]) == (bootloader, cause)
 
 
-@pytest.mark.emulator
-def test_a_hardware_watchdog_under_the_old_bootloader_never_ends(raw_car):
+@pytest.mark.parametrize("nano", NANOS)
+def test_a_hardware_watchdog_under_the_old_bootloader_never_ends(raw_car, nano):
     """It leaves the watchdog on at 16 ms; Optiboot switches it off."""
-    car = reset(raw_car, "avr", "old", "watchdog")
+    car = reset(raw_car, nano, "old", "watchdog")
     seen = len(car.stamps)
     car.run(3.0)
     assert not [t for t in car.stamps[seen:] if t > 2.02]
