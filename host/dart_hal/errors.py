@@ -94,9 +94,10 @@ class PortDenied(DartHalError, PermissionError):
 
 
 class BusError(DartHalError, OSError):
-    """An I2C transaction failed."""
+    """An I2C transaction failed. ``part``: what is wrong, as arming names it."""
 
     code = "D-I2C-01"
+    part = "write"
     likely_default = "loose jumper, wrong bus number, or the board has no power"
     remedy_default = "dart-hal doctor"
 
@@ -105,6 +106,7 @@ class PcaMissing(BusError):
     """No PCA9685 answers at its address."""
 
     code = "D-I2C-02"
+    part = "absent"
     likely_default = "address jumpers set (0x41..0x7f), or VCC not powered from the 3.3 V pin"
     remedy_default = "dart-hal doctor ; then [pwm] address in car.toml"
 
@@ -113,6 +115,7 @@ class PcaFault(BusError):
     """The PCA9685 does not hold what was written."""
 
     code = "D-I2C-03"
+    part = "mode"
     likely_default = "brown-out of the board, or a second program writes to it"
     remedy_default = "check the board's 3.3 V and end other programs on the bus; dart-hal doctor"
 

@@ -29,6 +29,7 @@ class Limit(str, Enum):
     STALE_LINK = "STALE_LINK"
     UNCALIBRATED = "UNCALIBRATED"
     NOT_SENT = "NOT_SENT"
+    CUT_OFF = "CUT_OFF"
     ENCODER_DOUBTED = "ENCODER_DOUBTED"
 
     def __str__(self) -> str:

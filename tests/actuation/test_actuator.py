@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from fractions import Fraction
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +26,7 @@ def opened(files: CarFiles | None = None, output: Output = LIVE,
     world = World()
     actuator = world.actuator(files, **options)
     actuator.open()
-    actuator.set_output(output)
+    actuator.demand = lambda: output
     return world, actuator
 
 
@@ -64,7 +67,7 @@ def test_command_returns_what_the_next_frame_applies() -> None:
 def test_what_was_wanted_while_disarmed_does_not_jump_in_when_armed() -> None:
     world, actuator = opened(output=Output())
     actuator.command(0.0, 1.0, 0.5, "user", world.t)
-    actuator.set_output(LIVE)
+    actuator.demand = lambda: LIVE
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL
 
@@ -114,8 +117,9 @@ def test_a_command_that_is_not_a_number_is_neutral_in_the_same_call(bad, place) 
     assert actuator.trips() == ("COMMAND_INVALID",)
     drive(world, actuator, 0.1, 0.5, frames=5)               # not without the supervisor
     assert actuator.applied.throttle_us == NEUTRAL
-    actuator.set_output(HELD)
-    actuator.set_output(LIVE)
+    actuator.demand = lambda: HELD
+    world.run(actuator, 1)
+    actuator.demand = lambda: LIVE
     drive(world, actuator, 0.1, 0.5, frames=5)
     assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
 
@@ -171,7 +175,7 @@ def test_a_stop_ramp_of_the_car_file_takes_its_time() -> None:
     world, actuator = opened(files)
     drive(world, actuator, 0.0, 1.0, frames=5)
     actuator.stop()
-    actuator.set_output(HELD)
+    actuator.demand = lambda: HELD
     world.run(actuator, 12)
     assert actuator.applied.throttle == pytest.approx(0.5, abs=0.05)
     world.run(actuator, 15)
@@ -206,22 +210,92 @@ def test_the_throttle_cap_of_a_lost_encoder() -> None:
     assert "RANGE" in actuator.applied.limited
 
 
+def raw_pulses(world: World, actuator: Actuator, throttle_us: float, frames: int = 1,
+               steering_us: float = 1300.0) -> None:
+    for _ in range(frames):
+        actuator.pulses(steering_us, throttle_us, world.t)
+        world.run(actuator, 1)
+
+
 def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
     world, actuator = opened(output=Output())
-    actuator.pulses(1300.0, 1700.0)
+    actuator.pulses(1300.0, 1700.0, world.t)
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL
-    actuator.set_output(RAW)
+    actuator.demand = lambda: RAW
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL, "a pulse from before raw() must not act"
-    actuator.pulses(1300.0, 1700.0)
-    world.run(actuator, 3)
+    raw_pulses(world, actuator, 1700.0, frames=3)
     assert actuator.applied.throttle_us == pytest.approx(1700, abs=4.9)
     assert actuator.applied.steering_us == pytest.approx(1300, abs=4.9)
-    for pulse in (999.0, 2001.0, math.nan):
+    for pulse in (999.0, 2001.0, math.nan, True, "1500", None):
         with pytest.raises(BadCommand, match="throttle_us"):
-            actuator.pulses(1500.0, pulse)
+            actuator.pulses(1500.0, pulse, world.t)
     assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_raw_pulses_hold_for_a_fifth_of_a_second_and_running_out_trips() -> None:
+    world, actuator = opened(output=RAW)
+    actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0)
+    world.run(actuator, 11)
+    assert actuator.applied.throttle_us == pytest.approx(1700, abs=4.9)
+    assert actuator.trips() == ()
+    world.run(actuator, 1)
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert actuator.applied.steering_us == pytest.approx(1300, abs=4.9)
+    assert "EXPIRED" in actuator.applied.limited
+    assert actuator.trips() == ("COMMAND_EXPIRED",)
+
+
+def test_raw_pulses_that_run_out_at_neutral_are_no_trip() -> None:
+    world, actuator = opened(output=RAW)
+    raw_pulses(world, actuator, 1500.0)
+    world.run(actuator, 20)
+    assert actuator.trips() == ()
+
+
+def test_raw_obeys_the_limits_of_the_car_and_the_cap_of_a_lost_encoder() -> None:
+    world, actuator = opened(car_files(max_throttle=0.2, min_throttle=0.0), output=RAW)
+    raw_pulses(world, actuator, 1900.0, frames=3)
+    assert actuator.applied.throttle_us == pytest.approx(1500 + 0.2 * 450, abs=4.9)
+    assert "RANGE" in actuator.applied.limited
+    raw_pulses(world, actuator, 1100.0, frames=3)
+    assert actuator.applied.throttle_us == NEUTRAL
+    actuator.throttle_cap = 0.0
+    raw_pulses(world, actuator, 1900.0, frames=3)
+    assert actuator.applied.throttle_us == NEUTRAL
+    raw_pulses(world, actuator, 1500.0, frames=3, steering_us=1000.0)
+    servo = actuator.car.steering
+    assert actuator.applied.steering_us == pytest.approx(servo.center_us - servo.span_us, abs=4.9)
+
+
+def test_wheels_off_the_ground_have_the_full_range() -> None:
+    world, actuator = opened(car_files(max_throttle=0.2), output=replace(RAW, full_range=True))
+    raw_pulses(world, actuator, 2000.0, frames=3, steering_us=1000.0)
+    assert actuator.applied.throttle_us == pytest.approx(2000, abs=4.9)
+    assert actuator.applied.steering_us == pytest.approx(1000, abs=4.9)
+
+
+@pytest.mark.parametrize("wild", [1e300, -11.0, True, None, "x", 10**400, [1], b"1"])
+@pytest.mark.parametrize("place", ["steering", "throttle"])
+def test_wild_numbers_are_refused_at_neutral(wild, place) -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=5)
+    values = {"steering": 0.1, "throttle": 0.5, "valid_for": 0.2, place: wild}
+    with pytest.raises(BadCommand, match=place) as refused:
+        actuator.command(**values, source="user", now=world.t)
+    assert refused.value.expected
+    assert refused.value.remedy
+    assert actuator.applied.throttle_us == NEUTRAL
+    assert actuator.trips() == ("COMMAND_INVALID",)
+
+
+def test_what_numpy_calls_a_number_is_one() -> None:
+    world, actuator = opened()
+    for number in (np.float64(0.5), np.float32(0.5), np.array(0.5), Fraction(1, 2)):
+        actuator.command(number, number, number, "user", world.t)
+    with pytest.raises(BadCommand):
+        actuator.command(0.0, np.True_, 0.2, "user", world.t)
 
 
 def test_an_equal_value_is_written_within_100_ms_of_a_brown_out() -> None:
@@ -314,7 +388,7 @@ def test_closing_leaves_two_frames_of_neutral_and_the_chip_awake() -> None:
 def test_without_a_bus_commands_are_reported_as_not_sent() -> None:
     actuator = Actuator(car_files(), None, lambda s: None)
     actuator.open()
-    actuator.set_output(LIVE)
+    actuator.demand = lambda: LIVE
     actuator.command(0.1, 0.3, 0.2, "user", 1.0)
     applied = actuator.frame(1.0)
     assert applied.throttle == pytest.approx(0.3, abs=0.02)

@@ -66,7 +66,7 @@ def test_the_throttle_obeys_in_armed_and_raw_alone() -> None:
 @pytest.mark.parametrize("broken", [
     GRID.replace("BUS_BACK", "BUS_LOST"),
     "\n".join(line for line in GRID.splitlines() if not line.startswith("TRIP ")),
-    GRID.replace("CHECKED      .", "CHECKED"),
+    GRID.replace("CHECKED       .", "CHECKED"),
 ])
 def test_a_grid_with_a_hole_is_not_accepted(broken: str) -> None:
     with pytest.raises(AssertionError):
@@ -214,19 +214,20 @@ BAD_FACTS = {
     "IMU_STALE": {"imu_stale": True}, "IMU_STUCK": {"imu_stuck": True},
     "IMU_DOUBTED": {"imu_doubted": True},
     "ENCODER_MOVING": {"wheel_moves": True}, "ENCODER_LOST": {"encoder_lost": True},
-    "ENCODER_NOISY": {"encoder_noisy": True}, "PCA_ABSENT": {"pca_present": False},
-    "PCA_MODE": {"pca_mode_ok": False}, "PCA_PRESCALE": {"prescale_ok": False},
-    "PCA_WRITE_FAILED": {"write_failed": True}, "NEUTRAL_TOO_SHORT": {"neutral_for": 1.9},
+    "ENCODER_NOISY": {"encoder_noisy": True}, "CAR_MOVES": {"car_moves": True},
+    "PCA_ABSENT": {"bus_fault": "absent"},
+    "PCA_MODE": {"bus_fault": "mode"}, "PCA_PRESCALE": {"bus_fault": "prescale"},
+    "PCA_WRITE_FAILED": {"bus_fault": "write"}, "NEUTRAL_TOO_SHORT": {"neutral_for": 1.9},
     "PWM_CLOCK_UNCALIBRATED": {"clock_calibrated": False},
     "THROTTLE_NOT_NEUTRAL": {"throttle": 0.1}, "COMMAND_INVALID": {"command_ok": False},
-    "RAW_MODE_OPEN": {"raw_open": True}, "RUN_STOP": {"run_stop": True},
+    "RAW_MODE_OPEN": {"raw_open": True},
     "GUARD_MISSING": {"guard_age": None}, "GUARD_SILENT": {"guard_age": 0.2},
-    "LOOP_TOO_SLOW": {"loop_p99": 0.03}, "LATCHED": {"latched": True},
-    "CALIBRATION_MISSING": {"calibration": "missing"},
-    "CALIBRATION_OTHER_CAR": {"calibration": "other_car"},
-    "CALIBRATION_INVALID": {"calibration": "invalid"},
+    "LATCHED": {"latched": True}, "CALIBRATION_MISSING": {"calibration_missing": True},
     "CUTOFF_REQUIRED": {"cutoff_required": True},
-    "CUTOFF_TEST_FAILED": {"cutoff": "mux", "cutoff_tested": False},
+    "CUTOFF_UNTESTED": {"cutoff": "mux", "cutoff_test": "pending"},
+    "CUTOFF_TEST_FAILED": {"cutoff": "mux", "cutoff_test": "failed"},
+    "BEAT_LIMIT_UNKNOWN": {"cutoff": "oe", "beat_limit": None},
+    "BEAT_LIMIT_TOO_LONG": {"cutoff": "oe", "beat_limit": 1000},
     "MCU_WATCHDOG_FIRED": {"watchdog_fired": True},
 }
 
@@ -239,8 +240,8 @@ def test_every_refusal_has_a_fact_that_raises_it_alone() -> None:
 
 
 def test_all_reasons_are_named_at_once_with_their_remedies() -> None:
-    facts = Facts(run_stop=True, hello=False, throttle=0.2)
-    assert refusals(facts) == ("NO_HELLO", "THROTTLE_NOT_NEUTRAL", "RUN_STOP")
+    facts = Facts(raw_open=True, hello=False, throttle=0.2)
+    assert refusals(facts) == ("NO_HELLO", "THROTTLE_NOT_NEUTRAL", "RAW_MODE_OPEN")
     s, t = at(State.DISARMED)
     with pytest.raises(NotArmed) as caught:
         s.arm(t, refusals(facts))
@@ -249,10 +250,10 @@ def test_all_reasons_are_named_at_once_with_their_remedies() -> None:
 
 
 def test_waivers_are_by_name_and_only_for_what_may_be_waived() -> None:
-    facts = Facts(clock_calibrated=False, calibration="missing", run_stop=True)
+    facts = Facts(clock_calibrated=False, calibration_missing=True, raw_open=True)
     assert set(WAIVABLE) == {"PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING"}
-    assert refusals(facts, WAIVABLE) == ("RUN_STOP",)
-    for name in ("RUN_STOP", "NO_SUCH_NAME"):
+    assert refusals(facts, WAIVABLE) == ("RAW_MODE_OPEN",)
+    for name in ("RAW_MODE_OPEN", "NO_SUCH_NAME"):
         with pytest.raises(NotArmed, match="cannot be waived"):
             refusals(facts, [name])
 
@@ -263,9 +264,18 @@ def test_an_imu_that_is_not_required_does_not_refuse() -> None:
     assert refusals(replace(facts, imu_required=False)) == ()
 
 
-def test_warnings_do_not_refuse() -> None:
-    facts = Facts(calibration_old=True, watchdog_on=False, firmware_dirty=True,
-                  imu_calibrated=False)
+def test_a_cut_off_that_cannot_be_watched_is_known_and_refused_where_the_car_demands_it() -> None:
+    facts = Facts(cutoff="mux", cutoff_test="unwired")
     assert refusals(facts) == ()
-    assert warnings(facts) == ("NO_HARDWARE_CUTOFF", "CALIBRATION_OLD", "IMU_UNCALIBRATED",
-                               "WATCHDOG_OFF", "FIRMWARE_DIRTY")
+    assert [w.name for w in warnings(facts)] == ["CUTOFF_UNPROVEN"]
+    assert refusals(replace(facts, cutoff_test_required=True)) == ("CUTOFF_TEST_FAILED",)
+
+
+def test_warnings_do_not_refuse_and_say_what_to_do() -> None:
+    facts = Facts(calibration_old=True, firmware_dirty=True, imu_calibrated=False, loop_late=0.03)
+    assert refusals(facts) == ()
+    told = warnings(facts)
+    assert [w.name for w in told] == ["NO_HARDWARE_CUTOFF", "CALIBRATION_OLD", "IMU_UNCALIBRATED",
+                                      "LOOP_LATE", "FIRMWARE_DIRTY"]
+    assert all(w.text and w.remedy and str(w).startswith(w.name) for w in told)
+    assert not warnings(Facts(simulated=True)), "a simulated car needs no cut-off"

@@ -5,7 +5,7 @@ says what it may carry; ``arming`` says why a car does not arm. Importing this
 room opens nothing and loads neither ServoKit nor scipy.
 """
 
-from dart_hal.actuation.arming import Facts, not_armed, refusals, warnings
+from dart_hal.actuation.arming import Caution, Facts, not_armed, refusals, warnings
 from dart_hal.actuation.bus import SmbusBus
 from dart_hal.actuation.chain import Actuator, Counters
 from dart_hal.actuation.guarded import Guard
@@ -17,7 +17,7 @@ from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
-    "LIVE", "RAW", "Actuator", "Counters", "Event", "Facts", "Guard", "Output", "Pca9685",
-    "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed", "refusals",
-    "steering_map", "warnings",
+    "LIVE", "RAW", "Actuator", "Caution", "Counters", "Event", "Facts", "Guard", "Output",
+    "Pca9685", "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed",
+    "refusals", "steering_map", "warnings",
 ]

@@ -12,6 +12,12 @@ from dataclasses import dataclass
 
 from dart_hal.errors import NotArmed
 
+BEAT_LIMIT_MS = 110
+"""ms that a Nano with a cut-off waits for a heartbeat: the ESC is at neutral in 140 ms."""
+GUARD_ALIVE = 0.1
+"""s within which the guard process says something: it beats each 20 ms."""
+LATE = 0.02
+"""s, one PWM frame: pulses that come later than this are a loop that does not keep up."""
 GOOD_FOR = 0.5
 """s for which every check must hold before ARMED."""
 
@@ -20,10 +26,14 @@ GOOD_FOR = 0.5
 class Facts:
     """What is known about car, link and process; the defaults are those of a good car.
 
-    Times in s. ``wheel_moves``: edges come in at neutral. ``calibration``:
-    "ok", "missing", "other_car" or "invalid". ``cutoff``: the Nano's
-    safety_out. ``guard_age`` None = there is no guard process; a backend in
-    virtual time needs none and passes 0.
+    Times in s. ``wheel_moves``: edges come in at neutral. ``bus_fault``: what
+    the PCA9685 does not do: "absent", "mode", "prescale", "write", None = it
+    obeys. ``cutoff``: the Nano's safety_out; ``cutoff_test``: "pending",
+    "passed", "failed", "unwired" (no pulse came through the capture wire).
+    ``car_moves``: the wheels shall be off the ground, and the IMU does not show a car
+    that stands. ``beat_limit``: the Nano's heartbeat limit [ms], None = not told yet.
+    ``guard_age`` None = there is no guard process; a backend in virtual time
+    needs none and passes 0. ``loop_late``: p99 of how late pulses are written.
     """
 
     hello: bool = True
@@ -41,29 +51,28 @@ class Facts:
     wheel_moves: bool = False
     encoder_lost: bool = False
     encoder_noisy: bool = False
-    pca_present: bool = True
-    pca_mode_ok: bool = True
-    prescale_ok: bool = True
-    write_failed: bool = False
+    car_moves: bool = False
+    bus_fault: str | None = None
     neutral_for: float = math.inf
     arm_neutral: float = 2.0
     clock_calibrated: bool = True
     throttle: float = 0.0
     command_ok: bool = True
     raw_open: bool = False
-    run_stop: bool = False
     guard_age: float | None = 0.0
-    loop_p99: float = 0.0
+    loop_late: float = 0.0
     latched: bool = False
-    calibration: str = "ok"
+    calibration_missing: bool = False
+    calibration_old: bool = False
     cutoff_required: bool = False
     cutoff: str = "none"
-    cutoff_tested: bool = True
+    cutoff_test: str = "passed"
+    cutoff_test_required: bool = False
+    beat_limit: int | None = BEAT_LIMIT_MS
     watchdog_fired: bool = False
-    calibration_old: bool = False
     imu_calibrated: bool = True
-    watchdog_on: bool = True
     firmware_dirty: bool = False
+    simulated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,14 +118,19 @@ REFUSALS: tuple[Refusal, ...] = (
             "check the gap from sensor to ring; turn a wheel by hand", lambda f: f.encoder_lost),
     Refusal("ENCODER_NOISY", "sensors", "the encoder counts more edges than the car can make",
             "shade the sensor, shorten its wires", lambda f: f.encoder_noisy),
+    Refusal("CAR_MOVES", "sensors",
+            "the IMU does not show a car that stands still with its wheels off the ground",
+            "put it on a stand and hold it still; the IMU must be valid", lambda f: f.car_moves),
     Refusal("PCA_ABSENT", "actuators", "no PCA9685 answers", _DOCTOR,
-            lambda f: not f.pca_present),
-    Refusal("PCA_MODE", "actuators", "the PCA9685 sleeps or is in another mode",
-            "close and open the car again", lambda f: not f.pca_mode_ok),
-    Refusal("PCA_PRESCALE", "actuators", "the PCA9685's frequency is not verified",
-            "close and open the car again", lambda f: not f.prescale_ok),
+            lambda f: f.bus_fault == "absent"),
+    Refusal("PCA_MODE", "actuators", "the PCA9685 sleeps, or somebody else writes to it",
+            "check its 3.3 V, end other programs on the bus, then open the car again",
+            lambda f: f.bus_fault == "mode"),
+    Refusal("PCA_PRESCALE", "actuators", "the PCA9685 runs at another frequency than was set",
+            "check its 3.3 V, end other programs on the bus, then open the car again",
+            lambda f: f.bus_fault == "prescale"),
     Refusal("PCA_WRITE_FAILED", "actuators", "the last write to the PCA9685 failed", _DOCTOR,
-            lambda f: f.write_failed),
+            lambda f: f.bus_fault == "write"),
     Refusal("NEUTRAL_TOO_SHORT", "actuators", "the ESC has not seen neutral long enough",
             "wait; arm() waits by itself", lambda f: f.neutral_for < f.arm_neutral),
     Refusal("PWM_CLOCK_UNCALIBRATED", "actuators",
@@ -127,32 +141,38 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("THROTTLE_NOT_NEUTRAL", "command", "a source asks for throttle",
             "release the throttle, then arm()", lambda f: f.throttle != 0.0),
     Refusal("COMMAND_INVALID", "command", "the last command was not a number",
-            "check the controller's output", lambda f: not f.command_ok),
+            "check the controller's output; 0.5 s later arm() again", lambda f: not f.command_ok),
     Refusal("RAW_MODE_OPEN", "command", "raw() is open", "leave the raw() block",
             lambda f: f.raw_open),
-    Refusal("RUN_STOP", "command", "the run-stop is pressed", "release it",
-            lambda f: f.run_stop),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
     Refusal("GUARD_SILENT", "process", "the guard process has not answered for 0.1 s",
-            "open the car again", lambda f: f.guard_age is not None and f.guard_age > 0.1),
-    Refusal("LOOP_TOO_SLOW", "process", "the loop's p99 is above 20 ms",
-            "close other programs; nice -n -5", lambda f: f.loop_p99 > 0.020),
+            "open the car again", lambda f: f.guard_age is not None and f.guard_age > GUARD_ALIVE),
     Refusal("LATCHED", "process", "three trips in 60 s locked the car",
             'car.unlock("reason")', lambda f: f.latched),
     Refusal("CALIBRATION_MISSING", "files", "this car has no calibration.toml",
             'dart-hal calibrate steering, or arm(waive=["CALIBRATION_MISSING"]), in a shell '
             '--waive CALIBRATION_MISSING',
-            lambda f: f.calibration == "missing", waivable=True),
-    Refusal("CALIBRATION_OTHER_CAR", "files", "calibration.toml belongs to another car",
-            "dart-hal calibrate steering", lambda f: f.calibration == "other_car"),
-    Refusal("CALIBRATION_INVALID", "files", "calibration.toml cannot be used",
-            "dart-hal calibrate steering", lambda f: f.calibration == "invalid"),
+            lambda f: f.calibration_missing, waivable=True),
     Refusal("CUTOFF_REQUIRED", "hardware", "car.toml demands a hardware cut-off, none is fitted",
             "fit it (docs), or cutoff_required = false",
             lambda f: f.cutoff_required and f.cutoff == "none"),
-    Refusal("CUTOFF_TEST_FAILED", "hardware", "the hardware cut-off did not cut in its test",
-            "check its wiring", lambda f: f.cutoff != "none" and not f.cutoff_tested),
+    Refusal("CUTOFF_UNTESTED", "hardware", "the test of the hardware cut-off is not over",
+            "wait; arm() waits by itself",
+            lambda f: f.cutoff != "none" and f.cutoff_test == "pending"),
+    Refusal("CUTOFF_TEST_FAILED", "hardware",
+            "the hardware cut-off did not cut, or no capture wire shows that it does",
+            "check its wiring (docs, hardware cut-off); without a capture wire: [safety] "
+            "cutoff_test = false",
+            lambda f: f.cutoff != "none" and (f.cutoff_test == "failed" or (
+                f.cutoff_test == "unwired" and f.cutoff_test_required))),
+    Refusal("BEAT_LIMIT_UNKNOWN", "hardware", "the Nano has not told its heartbeat limit",
+            "wait; if it stays: dart-hal flash",
+            lambda f: f.cutoff != "none" and f.beat_limit is None),
+    Refusal("BEAT_LIMIT_TOO_LONG", "hardware",
+            f"the Nano waits longer than {BEAT_LIMIT_MS} ms for a heartbeat before it cuts",
+            f"python hardware/set_parameter.py beat_timeout_ms={BEAT_LIMIT_MS}",
+            lambda f: f.cutoff != "none" and (f.beat_limit or 0) > BEAT_LIMIT_MS),
     Refusal("MCU_WATCHDOG_FIRED", "hardware", "the Nano's watchdog fired at its last run",
             "power the Nano off and on; report it with the recording",
             lambda f: f.watchdog_fired),
@@ -160,12 +180,35 @@ REFUSALS: tuple[Refusal, ...] = (
 BY_NAME = {r.name: r for r in REFUSALS}
 WAIVABLE = tuple(r.name for r in REFUSALS if r.waivable)
 
-WARNINGS: tuple[tuple[str, Callable[[Facts], bool]], ...] = (
-    ("NO_HARDWARE_CUTOFF", lambda f: f.cutoff == "none"),
-    ("CALIBRATION_OLD", lambda f: f.calibration_old),
-    ("IMU_UNCALIBRATED", lambda f: not f.imu_calibrated),
-    ("WATCHDOG_OFF", lambda f: not f.watchdog_on),
-    ("FIRMWARE_DIRTY", lambda f: f.firmware_dirty),
+
+@dataclass(frozen=True, slots=True)
+class Caution:
+    """What does not refuse but should be known: holds(facts), what it means, what to do."""
+
+    name: str
+    text: str
+    remedy: str
+    holds: Callable[[Facts], bool]
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.text}; {self.remedy}"
+
+
+WARNINGS: tuple[Caution, ...] = (
+    Caution("NO_HARDWARE_CUTOFF", "if the computer dies the car keeps its throttle",
+             "fit a cut-off (docs, hardware cut-off)",
+             lambda f: f.cutoff == "none" and not f.simulated),
+    Caution("CUTOFF_UNPROVEN", "no capture wire shows whether the hardware cut-off cuts",
+             "lead channel 15 through the cut-off to D8",
+             lambda f: f.cutoff != "none" and f.cutoff_test == "unwired"),
+    Caution("CALIBRATION_OLD", "the car was calibrated more than half a year ago",
+             "dart-hal calibrate steering", lambda f: f.calibration_old),
+    Caution("IMU_UNCALIBRATED", "the gyro has not calibrated itself",
+             "let the car stand still for some seconds", lambda f: not f.imu_calibrated),
+    Caution("LOOP_LATE", "pulses are written more than 20 ms late (p99)",
+             "close other programs; nice -n -5", lambda f: f.loop_late > LATE),
+    Caution("FIRMWARE_DIRTY", "the firmware was built from sources that were not committed",
+             "dart-hal flash", lambda f: f.firmware_dirty),
 )
 
 
@@ -182,9 +225,9 @@ def refusals(facts: Facts, waive: Iterable[str] = ()) -> tuple[str, ...]:
     return tuple(r.name for r in REFUSALS if r.name not in given and r.holds(facts))
 
 
-def warnings(facts: Facts) -> tuple[str, ...]:
-    """Names of what does not refuse but should be known."""
-    return tuple(name for name, holds in WARNINGS if holds(facts))
+def warnings(facts: Facts) -> tuple[Caution, ...]:
+    """What does not refuse but should be known."""
+    return tuple(w for w in WARNINGS if w.holds(facts))
 
 
 def not_armed(names: Iterable[str]) -> NotArmed:

@@ -1,21 +1,22 @@
 """The actuator: what the plan wants, in counts, on the pins of a PCA9685.
 
 No thread and no clock of its own: the owner calls ``frame(now)`` once per PWM
-frame (every second STATE frame), passes time in, and tells through
-``set_output`` what the supervisor allows. Unless told otherwise, the throttle
-is neutral.
+frame (every second STATE frame) and passes time in. Nobody tells it what it may
+do: whenever it plans it asks ``demand`` what the state demands now. Unless that
+says otherwise, the throttle is neutral.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import cast
 
-from dart_hal.actuation.limits import Command, checked
+from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, number, validity
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
-from dart_hal.actuation.plan import Output, Plan, Planner
+from dart_hal.actuation.plan import RAW_HIGH_US, RAW_LOW_US, Output, Plan, Planner
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
@@ -23,7 +24,6 @@ from dart_hal.errors import BadCommand, BusError, PcaFault
 from dart_hal.links.base import Bus
 from dart_hal.types import Applied, Limit
 
-RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
 READ_BACK_EVERY = 1.0
 """s between two looks at MODE1, PRE_SCALE and the pulses of the frame before."""
 REOPEN_EVERY = 0.1
@@ -53,16 +53,19 @@ class Actuator:
     """The servo and the ESC of one car.
 
     ``bus`` None (a replay): commands are worked out and reported as NOT_SENT.
-    ``sleep`` lets time pass in the backend's clock. ``gate`` is asked right
-    before each write that moves the car; a name it returns trips that write to
-    neutral. ``fault`` is the bus error that holds, None = the chip obeys.
+    ``sleep`` lets time pass in the backend's clock. ``demand`` is what the
+    supervisor's state lets the pins carry. ``gate`` is asked right before each
+    write that moves the car; a name it returns trips that write to neutral.
+    ``fault`` is the bus error that holds, None = the chip obeys.
     """
 
     def __init__(self, files: CarFiles, bus: Bus | None, sleep: Callable[[float], None], *,
+                 demand: Callable[[], Output] = Output,
                  gate: Callable[[], str | None] | None = None) -> None:
         car, clock = files.config, files.oscillator_hz
         table = files.calibration.steering.map if files.calibration else None
-        self.car, self.gate, self.counters = car, gate, Counters()
+        self.car, self.counters = car, Counters()
+        self.demand, self.gate = demand, gate
         self.map = steering_map(car, table)
         self.neutral_us = files.neutral_us
         self.clock_calibrated = clock is not None
@@ -75,7 +78,7 @@ class Actuator:
         self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame)
         self._quantisers = tuple(Quantiser(self.pca.count_us) for _ in range(2))
         self._trips: list[str] = []
-        self._lapsed: Command | None = None
+        self._lapsed: Command | Pulses | None = None
         self._checked_at = self._tried_at = -math.inf
         self.applied = self._applied(self._at_rest(0.0), _NOT_ARMED)
 
@@ -123,39 +126,51 @@ class Actuator:
         """A source wants steering [rad] and throttle [-1..1] for ``valid_for`` s.
 
         Returns what the next frame will put on the pins. Raises BadCommand for
-        numbers that are not finite and for time going back; the throttle is
-        then neutral already.
+        what is no number and for time going back; the throttle is then neutral
+        already.
         """
-        try:
+        self._planner.obey(self.demand())
+        with self._tripping():
             wanted = checked(steering, throttle, valid_for, source, now)
-            if now < self._planner.last - BACKWARD:
-                raise BadCommand("time went back", found=f"{now} s",
-                                 expected=f"{self._planner.last} s or later")
-        except BadCommand:
-            self._refuse()
-            raise
-        self._planner.arbiter.put(wanted)
-        plan = self._planner.plan(now, source)
+            self._in_order(now)
+            self._planner.arbiter.put(wanted)
+            plan = self._planner.plan(now, source)
         self.counters.overridden += any(name.startswith("OVERRIDDEN") for name in plan.limited)
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 
-    def pulses(self, steering_us: float, throttle_us: float) -> Applied:
-        """Pulses for calibration; they act while the output is raw.
+    def pulses(self, steering_us: float, throttle_us: float, now: float,
+               valid_for: float = LONGEST_RAW) -> Applied:
+        """Pulses for calibration, for at most 0.2 s; they act while the output is raw.
 
         Raises BadCommand outside 1000 to 2000 us; the throttle is neutral then.
         """
-        for name, pulse in (("steering_us", steering_us), ("throttle_us", throttle_us)):
-            if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
-                self._refuse()
-                raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
-                                 expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
-        self._planner.raw = (float(steering_us), float(throttle_us))
-        plan = self._planner.plan(self._planner.last, "raw")
+        self._planner.obey(self.demand())
+        with self._tripping():
+            self._in_order(now)
+            steering, throttle = (number(name, pulse, "raw") for name, pulse in (
+                ("steering_us", steering_us), ("throttle_us", throttle_us)))
+            for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
+                if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
+                    raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
+                                     expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
+            self._planner.raw = Pulses(steering, throttle, throttle - self.neutral_us,
+                                       now + validity(valid_for, "raw", LONGEST_RAW))
+            plan = self._planner.plan(now, "raw")
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 
-    def set_output(self, output: Output) -> None:
-        """What the supervisor allows from the next frame on; see ``plan.Output``."""
-        self._planner.set_output(output)
+    @contextmanager
+    def _tripping(self) -> Iterator[None]:
+        """Whatever a command path raises, the throttle is neutral before it is heard of."""
+        try:
+            yield
+        except BaseException:
+            self.refuse()
+            raise
+
+    def _in_order(self, now: float) -> None:
+        if now < self._planner.last - BACKWARD:
+            raise BadCommand("time went back", found=f"{now} s",
+                             expected=f"{self._planner.last} s or later")
 
     def asked(self, now: float) -> Command | None:
         """What the winning source asks for at ``now``, armed or not; None = nothing."""
@@ -170,11 +185,17 @@ class Actuator:
     def throttle_cap(self, cap: float | None) -> None:
         self._planner.throttle_cap = cap
 
+    @property
+    def astray(self) -> bool:
+        """The pins may move the car and the state demands that they do not."""
+        return self._planner.output.live and not self.demand().live
+
     def stop(self) -> Applied:
         """Throttle neutral now, steering held; a ramp if car.toml asks for one.
 
         Raises nothing: a bus error stands in ``fault`` and is reported as a trip.
         """
+        self._planner.obey(self.demand())
         self._planner.forget()
         return self._put(self._planner.stopped(_NOT_ARMED))
 
@@ -202,8 +223,9 @@ class Actuator:
             self._trip("TIME_BACKWARD")
             return self.stop()
         self.counters.frames += 1
+        self._planner.obey(self.demand())
         plan = self._planner.plan(now)
-        self._note_expiry()
+        self._note_expiry(now)
         self._planner.last = now
         if self.fault is not None:
             self._revive(now)
@@ -325,17 +347,18 @@ class Actuator:
         self._checked_at = -math.inf                    # look at the chip as soon as it answers
         self._trip(name)
 
-    def _note_expiry(self) -> None:
+    def _note_expiry(self, now: float) -> None:
         """A command ran out. Running out at neutral is a stop; with throttle on, a hang."""
-        lapsed = self._planner.arbiter.lapsed
+        lapsed = self._planner.lapsed(now)
         if lapsed is None or lapsed is self._lapsed:
             return
         self._lapsed = lapsed
         self.counters.expired += 1
-        if lapsed.throttle != 0.0 and self._planner.output.throttle == "command":
+        if lapsed.throttle != 0.0:
             self._trips.append("COMMAND_EXPIRED")
 
-    def _refuse(self) -> None:
+    def refuse(self) -> None:
+        """A command that cannot be obeyed: trip, and neutral at once."""
         self.counters.bad_commands += 1
         self._trip("COMMAND_INVALID")
         self.stop()

@@ -6,10 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dart_hal.errors import BadCommand
 
 LONGEST_VALIDITY = 0.5
 """s that one command may hold the car, whatever its sender asks for."""
+LONGEST_RAW = 0.2
+"""s that raw pulses may hold the car: nobody calibrates at less than 10 Hz."""
+WILD = 10.0
+"""rad, and times full throttle: beyond it a controller has diverged or speaks of
+degrees and per cent. Below, what is out of range is clipped and said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,19 +29,55 @@ class Command:
     source: str
 
 
-def checked(steering: float, throttle: float, valid_for: float, source: str,
+@dataclass(frozen=True, slots=True)
+class Pulses:
+    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us]."""
+
+    steering_us: float
+    throttle_us: float
+    throttle: float
+    until: float
+
+
+def number(name: str, value: object, of: str) -> float:
+    """``value`` as a finite float. Raises BadCommand for all that is none.
+
+    True counts as no number: it would be full throttle. So does text, though
+    float() would read it.
+    """
+    if isinstance(value, bool | np.bool_ | str | bytes) or not hasattr(value, "__float__"):
+        raise BadCommand(f"{name} of {of} is not a number", found=repr(value)[:80],
+                         expected="a finite number; the car is tripped to neutral")
+    try:
+        known = float(value)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise BadCommand(f"{name} of {of} is not one finite number", found=str(error),
+                         expected="a finite number; the car is tripped to neutral") from error
+    if not math.isfinite(known):
+        raise BadCommand(f"{name} of {of} is not a number", found=repr(known),
+                         expected="a finite number; the car is tripped to neutral")
+    return known
+
+
+def checked(steering: object, throttle: object, valid_for: object, source: str,
             now: float) -> Command:
-    """A command of finite numbers, valid for at most 0.5 s. Raises BadCommand."""
-    for name, value in (("steering", steering), ("throttle", throttle),
-                        ("valid_for", valid_for), ("now", now)):
-        if not math.isfinite(value):
-            raise BadCommand(f"{name} of source {source} is not a number", found=repr(value),
-                             expected="a finite number; the car is tripped to neutral")
-    if valid_for <= 0:
-        raise BadCommand(f"valid_for of source {source} must be positive", found=repr(valid_for),
-                         expected=f"above 0, at most {LONGEST_VALIDITY} s")
-    return Command(float(steering), float(throttle), now + min(valid_for, LONGEST_VALIDITY),
-                   source)
+    """A command of numbers that can be meant, valid for at most 0.5 s. Raises BadCommand."""
+    of = f"source {source}"
+    angle, part = number("steering", steering, of), number("throttle", throttle, of)
+    for name, value, unit in (("steering", angle, "rad"), ("throttle", part, "of full throttle")):
+        if abs(value) > WILD:
+            raise BadCommand(f"{name} of {of} cannot be meant", found=f"{value:g} {unit}",
+                             expected=f"at most {WILD:g} {unit}; degrees or per cent?")
+    return Command(angle, part, number("now", now, of) + validity(valid_for, of), source)
+
+
+def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> float:
+    """s for which a command counts, at most ``longest``. Raises BadCommand."""
+    seconds = number("valid_for", valid_for, of)
+    if seconds <= 0:
+        raise BadCommand(f"valid_for of {of} must be positive", found=repr(seconds),
+                         expected=f"above 0, at most {longest} s")
+    return min(seconds, longest)
 
 
 class Arbiter:

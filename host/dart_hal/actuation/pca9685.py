@@ -148,11 +148,13 @@ class Pca9685:
         prescale = self._read(PRE_SCALE)
         if mode1 & (SLEEP | AUTO_INCREMENT | EXTCLK) != AUTO_INCREMENT \
                 or mode2 & 0x1F != MODE2_NORMAL or prescale != self.prescale:
-            raise PcaFault(
+            fault = PcaFault(
                 f"the PCA9685 at {self.address:#04x} lost its settings",
                 found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, PRE_SCALE {prescale:#04x}",
                 expected=f"MODE1 0x20 or 0x21, MODE2 0x04, PRE_SCALE {self.prescale:#04x}",
                 remedy="check the 3.3 V supply of the board; dart-hal doctor")
+            fault.part = "mode" if prescale == self.prescale else "prescale"
+            raise fault
         if pulses and all(channel in self._written for channel in self.channels):
             self._compare(*sorted(self.channels))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_hal.actuation.limits import Arbiter, Command, clip, slew
+from dart_hal.actuation.limits import Arbiter, Command, Pulses, clip, slew
 from dart_hal.actuation.steering_map import SteeringMap, throttle_pulse
 from dart_hal.config import CarConfig
 from dart_hal.types import Limit
@@ -16,21 +16,31 @@ from dart_hal.types import Limit
 PIN_LOW_US, PIN_HIGH_US = 750.0, 2250.0
 """No pulse outside these leaves the house: ServoKit's own range."""
 
+RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
+"""What an ESC or a servo may be asked for at all: the range of every RC pulse."""
+
 LONGEST_STEP = 0.1
 """s of slew that one frame may catch up after a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What the supervisor lets the pins carry.
+    """What the supervisor's state demands of the pins.
 
     throttle: "neutral", "command", "raw", "untouched"; steering: "centre",
     "held", "command", "raw", "untouched". ``why`` enters ``Applied.limited``.
+    ``full_range``: raw pulses up to 1000 and 2000 us, for wheels off the ground.
     """
 
     throttle: str = "neutral"
     steering: str = "centre"
     why: tuple[str, ...] = (Limit.NOT_ARMED.value,)
+    full_range: bool = False
+
+    @property
+    def live(self) -> bool:
+        """Whether a source may move the throttle."""
+        return self.throttle in ("command", "raw")
 
 
 LIVE = Output("command", "command", ())
@@ -52,15 +62,16 @@ class Plan:
 class Planner:
     """Turns what sources want into what the next frame carries.
 
-    ``angle``, ``throttle``: where the last frame was, the start of slew limits.
-    ``latched``: tripped; neutral until the supervisor leaves "command".
+    ``output``: what the state demanded when it was last asked. ``angle``,
+    ``throttle``: where the last frame was, the start of slew limits.
+    ``latched``: tripped; neutral until the state is no longer live.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
                  frame: float) -> None:
         self.output = Output()
         self.arbiter = Arbiter(car.priorities.sources)
-        self.raw: tuple[float, float] | None = None
+        self.raw: Pulses | None = None
         self.throttle_cap: float | None = None
         self.latched = False
         self.angle, self.throttle = 0.0, 0.0
@@ -68,18 +79,17 @@ class Planner:
         self._car, self._map = car, steering
         self._neutral_us, self._frame = neutral_us, frame
 
-    def set_output(self, output: Output) -> None:
-        """What is allowed from now on; leaving a mode forgets what it was told."""
+    def obey(self, output: Output) -> None:
+        """What the state demands now; leaving a mode forgets what it was told."""
         if output.throttle != self.output.throttle:
-            self.arbiter.clear()
-            self.raw = None
-        if output.throttle not in ("command", "raw"):
+            self.forget()
+        if not output.live:
             self.latched = False
         self.output = output
 
     def latch(self) -> None:
         """Something tripped: every standing command is void."""
-        self.latched = self.output.throttle in ("command", "raw")
+        self.latched = self.output.live
         self.forget()
 
     def forget(self) -> None:
@@ -87,21 +97,29 @@ class Planner:
         self.arbiter.clear()
         self.raw = None
 
+    def lapsed(self, now: float) -> Command | Pulses | None:
+        """What moved the car, or held it, until it ran out; None while something stands."""
+        if self.output.throttle == "raw":
+            return self.raw if self.raw is not None and self.raw.until < now else None
+        self.arbiter.winner(now)
+        return self.arbiter.lapsed if self.output.throttle == "command" else None
+
     def plan(self, now: float, source: str | None = None) -> Plan:
         """The frame at ``now``, and why it is not what ``source`` asked for."""
         why = [*self.output.why]
         if self.latched:
             why.append(Limit.NOT_ARMED.value)
             return self.neutral(self.angle, tuple(why))
+        passed = now - self.last if math.isfinite(self.last) else self._frame
+        dt = min(max(passed, self._frame), LONGEST_STEP)
+        if self.lapsed(now) is not None:
+            why.append(Limit.EXPIRED.value)
         if self.output.throttle == "raw":
-            return self._raw_plan(tuple(why))
+            return self._raw_plan(now, dt, why)
         winner = self.arbiter.winner(now)
         if winner and source and winner.source != source:
             why.append(f"OVERRIDDEN({winner.source})")
-        if self.output.throttle == "command" and winner is None and self.arbiter.lapsed:
-            why.append(Limit.EXPIRED.value)
-        passed = now - self.last if math.isfinite(self.last) else self._frame
-        return self._limited(winner, min(max(passed, self._frame), LONGEST_STEP), why)
+        return self._limited(winner, dt, why)
 
     def neutral(self, angle: float, why: tuple[str, ...]) -> Plan:
         """Throttle neutral, steering at ``angle``, at once."""
@@ -114,8 +132,7 @@ class Planner:
     def _limited(self, winner: Command | None, dt: float, why: list[str]) -> Plan:
         limits, live = self._car.limits, self.output.throttle == "command"
         wanted = winner.throttle if winner and live else 0.0
-        cap = 1.0 if self.throttle_cap is None else self.throttle_cap
-        throttle = clip(wanted, max(limits.min_throttle, -cap), min(limits.max_throttle, cap))
+        throttle = clip(wanted, *self._throttle_range())
         angle = self._wanted_angle(winner)
         bounded = clip(angle, max(-limits.max_steering, self._map.lowest),
                        min(limits.max_steering, self._map.highest))
@@ -138,12 +155,37 @@ class Planner:
         ramp = self._car.throttle.stop_ramp
         return slew(0.0, self.throttle, 1.0 / ramp if ramp > 0 else None, dt)
 
-    def _raw_plan(self, why: tuple[str, ...]) -> Plan:
-        if self.raw is None:
-            return self.neutral(0.0, why)
-        steering_us, throttle_us = self.raw
-        throttle = (throttle_us - self._neutral_us) / self._car.throttle.span_us
-        return Plan(steering_us, throttle_us, self._map.angle(steering_us), throttle, True, why)
+    def _throttle_range(self) -> tuple[float, float]:
+        """Limits of the throttle, and the cap of a lost encoder."""
+        limits, cap = self._car.limits, self.throttle_cap
+        cap = 1.0 if cap is None else cap
+        return max(limits.min_throttle, -cap), min(limits.max_throttle, cap)
+
+    def _raw_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Pulses [us] that servo and ESC may get in RAW: the car's limits, as in ARMED."""
+        if self.output.full_range:
+            return (RAW_LOW_US, RAW_HIGH_US), (RAW_LOW_US, RAW_HIGH_US)
+        servo, span = self._car.steering, self._car.throttle.span_us
+        low, high = self._throttle_range()
+        return ((servo.center_us - servo.span_us, servo.center_us + servo.span_us),
+                (self._neutral_us + low * span, self._neutral_us + high * span))
+
+    def _raw_plan(self, now: float, dt: float, why: list[str]) -> Plan:
+        """Pulses as they were asked for within the limits; neutral once they ran out."""
+        if self.raw is None or self.raw.until < now:
+            return self.neutral(self.angle, tuple(why))
+        servo, esc = self._raw_range()
+        steering_us, bounded = clip(self.raw.steering_us, *servo), clip(self.raw.throttle_us, *esc)
+        if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):
+            why.append(Limit.RANGE.value)
+        span = self._car.throttle.span_us
+        wanted = (bounded - self._neutral_us) / span
+        throttle = slew(wanted, self.throttle, self._car.limits.throttle_slew, dt)
+        if throttle != wanted:
+            why.append(Limit.SLEW.value)
+            bounded = self._neutral_us + throttle * span
+        return Plan(steering_us, bounded, self._map.angle(steering_us), throttle,
+                    bounded != self._neutral_us, tuple(why))
 
     def _as_plan(self, angle: float, throttle: float, why: tuple[str, ...]) -> Plan:
         pulse = throttle_pulse(throttle, self._neutral_us, self._car.throttle.span_us)

@@ -47,28 +47,30 @@ class Event(str, Enum):
     RAW_TIMEOUT = "RAW_TIMEOUT"
     BUS_LOST = "BUS_LOST"
     BUS_BACK = "BUS_BACK"
+    OPENED_LOCKED = "OPENED_LOCKED"
 
 
 GRID = """
-             CLOSED   OPENING   DISARMED ARMING   ARMED    TRIPPED  LOCKED   RAW      FAULT
-OPEN         OPENING  .         .        .        .        .        .        .        OPENING
-OPENED       .        DISARMED  .        .        .        .        .        .        .
-OPEN_FAILED  .        FAULT     .        .        .        .        .        .        .
-CLOSE        .        CLOSED    CLOSED   CLOSED   CLOSED   CLOSED   CLOSED   CLOSED   CLOSED
-ARM          .        .         ARMING   .        .        .        .        .        .
-REFUSED      .        .         .        DISARMED .        .        .        .        .
-CHECKED      .        .         .        ARMED    .        .        .        .        .
-STOP         .        .         .        DISARMED DISARMED .        .        DISARMED .
-REBOOT       .        .         .        DISARMED DISARMED .        .        DISARMED .
-TRIP         .        .         .        DISARMED TRIPPED  .        .        DISARMED .
-THIRD_TRIP   .        .         .        .        LOCKED   .        .        .        .
-CLEARED      .        .         .        .        .        DISARMED .        .        .
-UNLOCK       .        .         .        .        .        .        DISARMED .        .
-RAW_OPEN     .        .         RAW      .        .        .        .        .        .
-RAW_CLOSE    .        .         .        .        .        .        .        DISARMED .
-RAW_TIMEOUT  .        .         .        .        .        .        .        DISARMED .
-BUS_LOST     .        FAULT     FAULT    FAULT    FAULT    FAULT    .        FAULT    .
-BUS_BACK     .        .         .        .        .        .        .        .        OPENING
+              CLOSED   OPENING   DISARMED ARMING   ARMED    TRIPPED  LOCKED   RAW      FAULT
+OPEN          OPENING  .         .        .        .        .        .        .        OPENING
+OPENED        .        DISARMED  .        .        .        .        .        .        .
+OPENED_LOCKED .        LOCKED    .        .        .        .        .        .        .
+OPEN_FAILED   .        FAULT     .        .        .        .        .        .        .
+CLOSE         .        CLOSED    CLOSED   CLOSED   CLOSED   CLOSED   CLOSED   CLOSED   CLOSED
+ARM           .        .         ARMING   .        .        .        .        .        .
+REFUSED       .        .         .        DISARMED .        .        .        .        .
+CHECKED       .        .         .        ARMED    .        .        .        .        .
+STOP          .        .         .        DISARMED DISARMED .        .        DISARMED .
+REBOOT        .        .         .        DISARMED DISARMED .        .        DISARMED .
+TRIP          .        .         .        DISARMED TRIPPED  .        .        DISARMED .
+THIRD_TRIP    .        .         .        .        LOCKED   .        .        .        .
+CLEARED       .        .         .        .        .        DISARMED .        .        .
+UNLOCK        .        .         .        .        .        .        DISARMED .        .
+RAW_OPEN      .        .         RAW      .        .        .        .        .        .
+RAW_CLOSE     .        .         .        .        .        .        .        DISARMED .
+RAW_TIMEOUT   .        .         .        .        .        .        .        DISARMED .
+BUS_LOST      .        FAULT     FAULT    FAULT    FAULT    FAULT    FAULT    FAULT    .
+BUS_BACK      .        .         .        .        .        .        .        .        OPENING
 """
 
 
@@ -114,8 +116,12 @@ def check_table(table: dict[State, dict[Event, State]]) -> None:
     """The laws of the table. Raises AssertionError.
 
     The throttle obeys commands in ARMED alone, ARMED is entered through CHECKED
-    alone, every state can be closed and can lose the bus or be unlocked.
+    alone, every state can be closed, and where the bus is lost the state says so:
+    without it nobody knows what the pins carry.
     """
+    lost = {s for s, row in table.items() if row[Event.BUS_LOST] is State.FAULT}
+    if lost != set(State) - {State.CLOSED}:
+        raise AssertionError("a state hides that the bus is lost")
     live = {s for s, e in ENTRY.items() if e.output.throttle == "command"}
     into = {(s, e) for s, row in table.items() for e, to in row.items()
             if to is State.ARMED and s is not State.ARMED}

@@ -25,7 +25,8 @@ PATIENCE = 1.5
 """s beyond the ESC's neutral time that ARMING waits for what comes by waiting."""
 
 COMES_BY_WAITING = frozenset({"NEUTRAL_TOO_SHORT", "LINK_NOT_GOOD_500MS", "CLOCK_NOT_SYNCED",
-                              "IMU_STALE"})
+                              "IMU_STALE", "IMU_DOUBTED", "CUTOFF_UNTESTED",
+                              "BEAT_LIMIT_UNKNOWN"})
 """IMU_STALE too: a calibrated BNO055 at rest has its offsets read out once, 70 ms."""
 LIMIT_OF = {"LINK_STALE": "STALE_LINK", "COMMAND_EXPIRED": "EXPIRED"}
 """How a trip reads in ``Applied.limited``, beside NOT_ARMED."""
@@ -47,6 +48,9 @@ class Supervisor:
         self.causes: tuple[str, ...] = ()
         self.reasons: tuple[str, ...] = ()
         self.log: deque[tuple[float, Event, State, tuple[str, ...]]] = deque(maxlen=1000)
+        self.lifted = False
+        """RAW with the wheels off the ground; asked for at its opening."""
+        self._locked = False
         self._arm_neutral, self._follow = arm_neutral, follow_disarmed
         self._trips: deque[float] = deque(maxlen=TRIPS_TO_LOCK)
         self._neutral_since: float | None = None
@@ -68,7 +72,8 @@ class Supervisor:
         why = entry.why
         if self.state in (State.TRIPPED, State.LOCKED):
             why = (*(LIMIT_OF[c] for c in self.causes if c in LIMIT_OF), *why)
-        return Output(entry.throttle, steering, why)
+        return Output(entry.throttle, steering, why,
+                      full_range=self.lifted and self.state is State.RAW)
 
     @property
     def beat(self) -> str:
@@ -86,6 +91,11 @@ class Supervisor:
         self._now = max(self._now, now)
         if event in (Event.TRIP, Event.BUS_LOST) and self.state is State.ARMED:
             event = self._count_trip(event, now)
+        if event is Event.UNLOCK:
+            self._locked = False
+            self._trips.clear()
+        if event is Event.OPENED and self._locked:
+            event = Event.OPENED_LOCKED
         to = TABLE[self.state][event]
         if to is not self.state:
             self._enter(to, event, now, tuple(why))
@@ -107,6 +117,11 @@ class Supervisor:
             self.reasons = _told(lasting, refused)
             raise not_armed(self.reasons)
         self.event(Event.ARM, now)
+
+    def open_raw(self, now: float, lifted: bool) -> None:
+        """Enter RAW from DISARMED; ``lifted``: the wheels are off the ground."""
+        self.lifted = lifted
+        self.event(Event.RAW_OPEN, now)
 
     def raw_called(self, now: float) -> None:
         """``pulses()`` was called: RAW stays open for another 10 s."""
@@ -158,18 +173,20 @@ class Supervisor:
     def _count_trip(self, event: Event, now: float) -> Event:
         self._trips.append(now)
         third = len(self._trips) == TRIPS_TO_LOCK and now - self._trips[0] <= TRIP_WINDOW
-        return Event.THIRD_TRIP if third else event
+        self._locked = self._locked or third
+        # A lost bus is said first: nobody knows what the pins carry. LOCKED comes after it.
+        return Event.THIRD_TRIP if third and event is Event.TRIP else event
 
     def _enter(self, to: State, event: Event, now: float, why: tuple[str, ...]) -> None:
         if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST):
             self.causes = why
         if self.state is State.ARMING:
             self.reasons = why if to is State.DISARMED else ()
-        if event is Event.UNLOCK:
-            self._trips.clear()
         if ENTRY[to].output.throttle != "neutral":
             self._neutral_since = None
         elif self._neutral_since is None:
             self._neutral_since = now
+        if to is not State.RAW:
+            self.lifted = False
         self.state, self.since, self._good_since = to, now, None
         self.log.append((now, event, to, why))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,8 +12,9 @@ from math import inf
 from pathlib import Path
 from types import TracebackType
 
-from dart_hal.actuation import Event
+from dart_hal.actuation import Caution, Event
 from dart_hal.actuation import State as Mode
+from dart_hal.actuation.limits import number, validity
 from dart_hal.car.engine import Engine
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
@@ -20,6 +22,7 @@ from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.signals import stop_on_signals
+from dart_hal.car.speed_loop import SpeedLoop
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
@@ -27,8 +30,6 @@ from dart_hal.links.base import Backend, open_backend
 from dart_hal.links.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, Limit, State
-from dart_hal.vehicle.load import vehicle_of
-from dart_hal.vehicle.speed_law import SpeedLaw
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
@@ -38,6 +39,8 @@ RAW_PATIENCE = 1.0
 """s that raw() waits for what comes by waiting: a clean half second of frames."""
 ARM_PATIENCE = 4.5
 """s: the ESC's 2 s of neutral, 0.5 s of good checks, 1.5 s for what comes by waiting."""
+
+log = logging.getLogger("dart_hal")
 
 
 class Car:
@@ -52,12 +55,12 @@ class Car:
         self.notices = backend.notices
         self.url = backend.url.text
         self._engine = Engine(backend, files)
-        self._law = SpeedLaw(vehicle_of(files.model))
+        self._loop = SpeedLoop(files)
         self._timer = LoopTimer()
-        self._law_t: float | None = None
         self._state: State | None = None
         self._pump: Pump | None = None
         self._closed = False
+        self._told: set[str] = set()
         self._recorder = start_recording(self._engine, files, record) if record else None
 
     # -- life ------------------------------------------------------------------
@@ -188,14 +191,14 @@ class Car:
         """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s.
 
         Returns what the pins carry, or will with the next PWM frame, and why
-        it differs. Raises BadCommand for NaN and inf; the car is tripped then.
+        it differs. Raises BadCommand for what is no finite number and for what
+        cannot be meant; whatever this call raises, the car is tripped then.
         """
         engine = self._engine
-        with engine.lock:
-            now = engine.now
+        with self._commanding() as now:
+            planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
             if self._recorder is not None:
                 self._recorder.command(now, steering, throttle, source)
-            planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
             return engine.driver.applied if engine.answer() else planned
 
     def drive_speed(self, *, steering: float, speed: float, valid_for: float = 0.2,
@@ -206,41 +209,44 @@ class Car:
         The integral is forgotten at a stop and when commands expired. While the
         measured speed is doubted (``health.speed_doubted``) the feed-forward
         alone drives, at most [limits] encoder_lost_throttle: ENCODER_DOUBTED.
+        Raises as ``drive``.
         """
-        state = self._state
-        measured, t = (state.speed, state.t) if state else (0.0, 0.0)
-        dt = t - self._law_t if self._law_t is not None else 0.0
-        self._law_t = t
-        if dt > valid_for or self._engine.driver.mode is not Mode.ARMED:
-            self._law.reset()
-            dt = 0.0
-        limits = self.files.config.limits
-        wanted = min(max(speed, -limits.max_speed), limits.max_speed)
-        if state is None or not state.health.speed_doubted:
-            throttle = self._law.throttle(wanted, measured, dt)
-            return self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
-                              source=source)
-        self._law.reset()
-        cap = limits.encoder_lost_throttle
-        throttle = min(max(self._law.feed_forward(wanted), -cap), cap)
-        applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
+        with self._commanding():
+            of = f"source {source}"
+            wanted, window = number("speed", speed, of), validity(valid_for, of)
+            armed = self._engine.driver.mode is Mode.ARMED
+            throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
+        applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
                              source=source)
+        if not self._loop.open_loop:
+            return applied
         return replace(applied, limited=(*applied.limited, Limit.ENCODER_DOUBTED.value))
 
-    def pulses(self, *, steering_us: float, throttle_us: float) -> Applied:
-        """Raw pulses [us] for calibration, inside ``with car.raw():``.
+    def pulses(self, *, steering_us: float, throttle_us: float, valid_for: float = 0.2) -> Applied:
+        """Raw pulses [us] for calibration, inside ``with car.raw():``, for at most 0.2 s.
 
-        Raises BadCommand outside 1000 to 2000 us or outside raw().
+        The car's limits apply as in ``drive``. Raises BadCommand outside 1000
+        to 2000 us or outside raw(); the throttle is neutral then.
         """
         engine = self._engine
-        with engine.lock:
-            engine.driver.supervisor.raw_called(engine.now)
-            planned = engine.driver.raw_pulses(steering_us, throttle_us)
+        with self._commanding() as now:
+            planned = engine.driver.raw_pulses(steering_us, throttle_us, valid_for, now)
             return engine.driver.applied if engine.answer() else planned
+
+    @contextmanager
+    def _commanding(self) -> Iterator[float]:
+        """A command path: the time; whatever it raises, the throttle is neutral first."""
+        engine = self._engine
+        with engine.lock:
+            try:
+                yield engine.now
+            except BaseException:
+                engine.driver.actuator.refuse()
+                raise
 
     def stop(self) -> Applied:
         """Throttle neutral now, steering held; the car is disarmed."""
-        self._law.reset()
+        self._loop.reset()
         with self._engine.lock:
             return self._engine.driver.stop(self._engine.now)
 
@@ -251,15 +257,17 @@ class Car:
         if self._recorder is not None:
             self._recorder.note(name, values)
 
-    def arm(self, *, waive: Sequence[str] = ()) -> None:
+    def arm(self, *, waive: Sequence[str] = ()) -> tuple[Caution, ...]:
         """Hold neutral for the ESC's start-up time, check everything, arm.
 
         Raises NotArmed with every reason that holds; never prompts. Waivable:
         PWM_CLOCK_UNCALIBRATED, CALIBRATION_MISSING; waivers are recorded.
+        Returns what does not refuse but should be known; the log tells it too
+        (``logging``, "dart_hal"), each once per open car.
         """
         engine = self._engine
         if engine.backend.bus is None:
-            return
+            return ()
         for _ in self._until_good():
             pass
         with engine.lock:
@@ -271,6 +279,15 @@ class Car:
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
             self.stop()
             raise
+        return self._caution()
+
+    def _caution(self) -> tuple[Caution, ...]:
+        found = self.cautions
+        for caution in found:
+            if caution.name not in self._told:
+                self._told.add(caution.name)
+                log.warning("%s", caution)
+        return found
 
     def _await_armed(self) -> None:
         driver = self._engine.driver
@@ -291,27 +308,32 @@ class Car:
             yield state
 
     @contextmanager
-    def raw(self) -> Iterator[None]:
+    def raw(self, *, lifted: bool = False) -> Iterator[None]:
         """Calibration: ``pulses()`` instead of ``drive()``, after the ESC's neutral time.
 
-        Ends after 10 s without a call. Raises NotArmed when the link or the
-        bus is not good; clock and calibration need not exist yet.
+        As safe as ARMED: pulses hold for 0.2 s, the car's limits, the cap of a
+        lost encoder and every trip apply. ``lifted=True`` says that the wheels
+        are off the ground: it allows the full range of 1000 to 2000 us, is
+        written to the recording, and ends when the IMU shows motion. Ends
+        after 10 s without a call. Raises NotArmed when the link or the bus is
+        not good; clock and calibration need not exist yet.
         """
-        engine = self._engine
+        engine, driver = self._engine, self._engine.driver
         for _ in self.states(duration=self.files.config.throttle.arm_neutral):
             pass
         for _ in self.states(duration=RAW_PATIENCE):
             with engine.lock:
-                if not engine.driver.raw_refusals(engine.now):
+                if not driver.raw_refusals(engine.now, lifted=lifted):
                     break
         with engine.lock:
-            engine.driver.open_raw(engine.now)
+            driver.open_raw(engine.now, lifted=lifted)
+        if lifted:
+            self.note("raw_lifted", {"wheels": "off the ground, as the caller says"})
         try:
             yield
         finally:
             with engine.lock:
-                engine.driver.event(Event.RAW_CLOSE, engine.now)
-                engine.driver.actuator.stop()
+                driver.stop(engine.now, Event.RAW_CLOSE)
 
     def unlock(self, reason: str) -> None:
         """Leave LOCKED (three trips in a minute); the reason is recorded."""
@@ -344,6 +366,12 @@ class Car:
         """Names of what would keep ``arm()`` from arming now, waiting apart."""
         with self._engine.lock:
             return self._engine.driver.arm_refusals(self._engine.now)
+
+    @property
+    def cautions(self) -> tuple[Caution, ...]:
+        """What does not keep the car from arming but should be known."""
+        with self._engine.lock:
+            return self._engine.driver.cautions(self._engine.now)
 
     @property
     def causes(self) -> tuple[str, ...]:

@@ -11,11 +11,14 @@ from __future__ import annotations
 import contextlib
 import secrets
 import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from math import isfinite
 from typing import Any
 
 from dart_hal.car.driver import Driver
+from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identify import await_hello
 from dart_hal.car.identity import Hello
@@ -27,11 +30,13 @@ from dart_hal.errors import DartHalError
 from dart_hal.links.base import Backend
 from dart_hal.types import Applied, State
 from dart_hal.wire.crc import crc16
-from dart_hal.wire.messages import HELLO_REQ, PROTO, SCHEMA, SEED_FOREVER
+from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
 
 BAUD = 500_000
 GRACE = 0.004
 """s that the user's loop has to answer a STATE before the pulses are written."""
+INQUIRE_EVERY = 0.1
+"""s between two questions that the Nano has not answered."""
 REFRESH = 0.020
 """s, one PWM frame: pulses and heartbeat go on even when no STATE comes."""
 
@@ -41,7 +46,8 @@ class Engine:
 
     def __init__(self, backend: Backend, files: CarFiles) -> None:
         self.backend = backend
-        self.lock: AbstractContextManager[Any] = threading.RLock()
+        self._own_lock = threading.RLock()
+        self.lock: AbstractContextManager[Any] = self._own_lock
         self.hooks = Hooks()
         byte_time = BITS_PER_BYTE / getattr(backend.link, "baud", BAUD)
         host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual
@@ -58,7 +64,8 @@ class Engine:
         self._frames = 0
         self._due = False
         self._due_since = 0.0
-        self._refresh_at = float("-inf")
+        self._refresh_at = self._inquire_at = float("-inf")
+        self._late: deque[float] = deque(maxlen=500)
         self._noted: Applied | None = None
         self.recorder: Any = None
         self.listeners: list[Callable[[State], None]] = []
@@ -113,9 +120,12 @@ class Engine:
                 self.driver.seen(state, chunk.t)
                 if self._frames % 2 == 0:
                     self._due, self._due_since = True, chunk.t
-                for listener in self.listeners:
-                    listener(state)
-            return states
+            if self.driver.overdue:
+                self._write(self.now)
+        for state in states:        # without the lock: one that blocks holds up nobody's stop
+            for listener in self.listeners:
+                listener(state)
+        return states
 
     def answer(self) -> bool:
         """A command came: write it now if this is its PWM frame; True if it was."""
@@ -125,27 +135,36 @@ class Engine:
         return due
 
     def start(self) -> None:
-        """HELLO is there: note it, and say hello to the Nano's supervisor."""
+        """HELLO is there: note it."""
         if self.recorder is not None and self.receiver.hello_values is not None:
             self.recorder.hello(self.receiver.hello_values)
             self.recorder.note("line", {"baud": str(getattr(self.backend.link, "baud", BAUD))})
 
     def close(self) -> None:
-        """Neutral on the pins, a last heartbeat that says stop."""
-        with self.lock:
+        """Neutral on the pins, a last heartbeat that says stop.
+
+        Whoever holds the lock for longer than a PWM frame is not waited for.
+        """
+        held = self._own_lock.acquire(timeout=REFRESH)
+        try:
             self.driver.close(self.now)
             if self.receiver.hello is not None:
                 with contextlib.suppress(DartHalError):
                     self.driver.heartbeat(self.now)
+        finally:
+            if held:
+                self._own_lock.release()
 
     @property
     def link_age(self) -> float:
         """s since the last good frame."""
-        return self.now - self.driver.seen_at
+        return self.now - self.driver.observer.seen_at
 
     def _patience(self, timeout: float) -> float:
         """How long a read may last: until pulses are due again, answered or not."""
         due = self._refresh_at
+        if not self.driver.observer.stale(self.now):
+            due = min(due, self.driver.observer.seen_at + STALE + 1e-6)
         if self._due and not self.backend.virtual:
             due = min(due, self._due_since + GRACE)
         return min(timeout, max(due - self.now, 0.0))  # exact: now + (due - now) is due
@@ -153,17 +172,38 @@ class Engine:
     def _write_if_due(self) -> None:
         now = self.now
         answered = self.backend.virtual or now >= self._due_since + GRACE
-        if (self._due and answered) or now >= self._refresh_at:
+        if (self._due and answered) or now >= self._refresh_at or self.driver.overdue:
             self._write(now)
 
     def _write(self, now: float) -> None:
-        """One PWM frame: pulses, heartbeat, ping when its time has come."""
+        """One PWM frame: pulses, heartbeat, ping and questions when their time has come."""
+        self._note_lateness(now)
         self._due = False
         self._refresh_at = now + 1.5 * REFRESH
         applied = self.driver.frame(now)
         if self.receiver.hello is not None:
             self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay
             self.driver.heartbeat(now)
+            self._inquire(now)
         if self.recorder is not None and applied != self._noted:
             self.recorder.applied(now, applied)
             self._noted = applied
+
+    def _inquire(self, now: float) -> None:
+        """Ask for what the Nano has not said since it booted: who it is, how long it waits."""
+        if now < self._inquire_at or self.backend.bus is None:
+            return
+        self._inquire_at = now + INQUIRE_EVERY
+        if self.receiver.hello_stale:
+            self.ask()
+        if BEAT_LIMIT.id not in self.receiver.params:
+            self.transmitter.send(PARAM_GET, {"id": BEAT_LIMIT.id}, now)
+
+    def _note_lateness(self, now: float) -> None:
+        """How long after its time this frame is written; p99 of the last 10 s."""
+        due = self._due_since + GRACE if self._due else self._refresh_at
+        if self.backend.virtual or not isfinite(due):
+            return
+        self._late.append(max(now - due, 0.0))
+        if len(self._late) == self._late.maxlen and self._frames % 100 == 0:
+            self.driver.observer.loop_late = sorted(self._late)[int(0.99 * len(self._late))]

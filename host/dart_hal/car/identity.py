@@ -45,6 +45,11 @@ class Hello:
         return bool(self.build & BUILD_MOCK)
 
     @property
+    def dirty(self) -> bool:
+        """True when the firmware was built from sources that were not committed."""
+        return bool(self.build & BUILD_DIRTY)
+
+    @property
     def same_schema(self) -> bool:
         return self.schema == SCHEMA
 

@@ -13,7 +13,15 @@ from dart_hal.types import Applied, State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Counters, Decoder
 from dart_hal.wire.frame import Frame
-from dart_hal.wire.messages import DIAG, HELLO, STATE, TIME_PONG
+from dart_hal.wire.messages import (
+    CAPTURE,
+    DIAG,
+    HELLO,
+    PARAM_STATUS,
+    PARAM_VALUE,
+    STATE,
+    TIME_PONG,
+)
 from dart_hal.wire.plausible import Gates
 
 INBOX = 64
@@ -23,9 +31,11 @@ INBOX = 64
 class Receiver:
     """Decodes the link's bytes; one per open car.
 
-    ``hello``, ``diag``: the newest; ``inbox``: the other messages in order of
-    arrival; ``boots``: how often a HELLO of another boot was seen; ``sent_at``:
-    when the recorded pings of a replay had left; ``fed``: bytes so far.
+    ``hello``, ``diag``: the newest; ``params``, ``captures``: what the Nano
+    answered in this boot; ``inbox``: the other messages in order of
+    arrival; ``boots``: how often a HELLO of another boot was seen;
+    ``hello_stale``: the Nano's clock began anew and no HELLO has said why yet;
+    ``sent_at``: when the recorded pings of a replay had left; ``fed``: bytes so far.
     """
 
     def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
@@ -38,8 +48,12 @@ class Receiver:
         self.hello_values: dict[str, Any] | None = None
         self.diag: dict[str, Any] = {}
         self.boots = 0
+        self.params: dict[int, int] = {}
+        self.captures: deque[dict[str, Any]] = deque(maxlen=4)
+        self.hello_stale = False
+        self._hello_new = False
         self.inbox: deque[Frame] = deque(maxlen=INBOX)
-        self.on_boot: Callable[[Hello], None] = lambda hello: None
+        self.on_boot: Callable[[], None] = lambda: None
         self.sent_at: Callable[[int], float | None] | None = None
 
     @property
@@ -70,8 +84,18 @@ class Receiver:
     def _state(self, frame: Frame, t: float, applied: Applied) -> State:
         self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
         millivolt = self.diag.get("vcc_mv", 0)
-        return self._telemetry.read(frame, self._seq, t, self.fed - frame.end, applied,
-                                    self.counters.gaps, millivolt * 1e-3 if millivolt else None)
+        state = self._telemetry.read(frame, self._seq, t, self.fed - frame.end, applied,
+                                     self.counters.gaps, millivolt * 1e-3 if millivolt else None)
+        if self._telemetry.restarted and not self._hello_new:
+            self.hello_stale = True  # another boot, and its HELLO did not get through
+            self._forget_boot()
+        self._hello_new = False
+        return state
+
+    def _forget_boot(self) -> None:
+        self.params.clear()
+        self.captures.clear()
+        self.on_boot()
 
     def _other(self, frame: Frame, t: float) -> None:
         if self._seq >= 0:
@@ -86,14 +110,25 @@ class Receiver:
             pong = frame.as_dict()
             sent = self.sent_at(pong["ping_id"]) if self.sent_at else None
             self._transmitter.pong(pong, self._telemetry.clock, t - behind, sent)
+        elif frame.message is PARAM_VALUE:
+            self._param(frame.as_dict())
+            self.inbox.append(frame)
+        elif frame.message is CAPTURE:
+            self.captures.append(frame.as_dict())
+            self.inbox.append(frame)
         else:
             self.inbox.append(frame)
 
+    def _param(self, value: dict[str, Any]) -> None:
+        if value["status"] == PARAM_STATUS["OK"]:
+            self.params[value["id"]] = value["value"]
+
     def _hello(self, hello: Hello) -> None:
-        known = self.hello
-        self.hello = hello
+        known, stale = self.hello, self.hello_stale
+        self.hello, self.hello_stale = hello, False
         if known is not None and (known.boot_count, known.board_id) != (hello.boot_count,
                                                                         hello.board_id):
             self.boots += 1
+            self._hello_new = not stale
             self._telemetry.restart()
-            self.on_boot(hello)
+            self._forget_boot()

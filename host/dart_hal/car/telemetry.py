@@ -55,6 +55,8 @@ class Telemetry:
                                     files.metres_per_edge.value, files.config.imu.x)
         self._ticks = 0
         self.last_dev = 0.0
+        self.restarted = False
+        """The Nano's clock began anew with the newest frame."""
 
     def set_byte_time(self, byte_time: float) -> None:
         """The line runs at another rate: [s] per byte."""
@@ -69,6 +71,7 @@ class Telemetry:
              lost: int, vcc: float | None) -> State:
         """Turn one STATE frame into a State (``skipped`` is left at 0)."""
         sample = self._frames.read(frame.values(), t_arrival)
+        self.restarted = sample.restarted
         if sample.restarted:
             self.clock.restart()
             self.odometry.restart()

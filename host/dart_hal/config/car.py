@@ -130,9 +130,14 @@ class Priorities(Table, frozen=True, kw_only=True):
 
 
 class Safety(Table, frozen=True, kw_only=True):
-    """Whether arm() demands a hardware cut-off (Nano parameter safety_out)."""
+    """Whether arm() demands a hardware cut-off (Nano parameter safety_out), and its proof.
+
+    ``cutoff_test``: the capture wire is fitted, so the cut-off must show at each arm() that
+    it cuts; without it a cut-off that cannot be watched is a warning.
+    """
 
     cutoff_required: bool = False
+    cutoff_test: bool = False
 
 
 class CarConfig(Table, frozen=True, kw_only=True):

@@ -222,7 +222,7 @@ class MockNano:
             self._send(m.DIAG, self._diag(ck & 0xFFFFFFFF))
         elif self._queue:
             self._send(*self._queue.popleft())
-        elif self._capture.done:
+        elif self._capture.done(ck):
             self._send(m.CAPTURE, self._capture.take())
         elif self._edges:
             self._send_edges()
@@ -363,4 +363,4 @@ class MockNano:
 
     def _on_capture_req(self, frame: Frame, t: float) -> None:
         (n,) = frame.values()
-        self._capture.begin(n)
+        self._capture.begin(n, self._ck(t))
