@@ -4,7 +4,9 @@
     python hardware/set_parameter.py ring_b 1 serial:///dev/ttyUSB0
 
 `safety_out` also takes none, oe, mux. Nothing is sent for an unknown name or a value out of
-bounds. safety_out and ring_b count from the next boot: unplug the Nano and plug it in again.
+bounds. The Nano confirms a value once its last byte is stored, 0.1 s later; one that it refuses
+(wdt_reset without Optiboot) is said at once. safety_out and ring_b count from the next boot: unplug
+the Nano and plug it in again.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ USAGE = "python hardware/set_parameter.py NAME VALUE [URL]"
 BOOT = 2.0
 """s that the Nano needs after its port was opened."""
 TRIES = 4
+REFUSED = (PARAM_STATUS["UNKNOWN_ID"], PARAM_STATUS["OUT_OF_RANGE"])
+"""Final; EEPROM_BUSY is not: the value asked for before is still being stored."""
 ANSWER = 0.5
 """s to wait for the answer to one request."""
 
@@ -46,7 +50,7 @@ def wanted(name: str, value: str) -> tuple[Param, int]:
 
 
 def write(backend: Backend, param: Param, value: int) -> int:
-    """Ask until the Nano confirms; the value now in force. Raises LinkLost, UsageError."""
+    """Ask until the Nano confirms that it is stored; the value. Raises LinkLost, UsageError."""
     decoder = Decoder()
     ready = backend.clock.now() + BOOT
     for seq in range(TRIES):
@@ -60,8 +64,12 @@ def write(backend: Backend, param: Param, value: int) -> int:
                 answer = frame.as_dict()
                 if frame.message.name != "PARAM_VALUE" or answer["id"] != param.id:
                     continue
-                if answer["status"] == PARAM_STATUS["OK"]:
-                    return int(answer["value"])
+                if answer["status"] == PARAM_STATUS["OK"] and answer["value"] == value:
+                    return value
+                if answer["status"] in REFUSED:
+                    raise UsageError(f"the Nano refuses {param.name} = {value}",
+                                     found=f"it stays {answer['value']}", expected=param.doc,
+                                     remedy="dart-hal doctor names its bootloader and version")
     raise LinkLost(f"the Nano did not confirm {param.name}", found=f"{TRIES - 1} requests",
                    remedy="dart-hal doctor, then try again")
 

@@ -47,7 +47,8 @@ void load_eeprom() {
   }
   identity.count_boot();
   settings = {params.get(wire::ParamId::kRingB) != 0,
-              params.get(wire::ParamId::kWdtReset) != 0,
+              params.get(wire::ParamId::kWdtReset) != 0 &&
+                  boot.bootloader == board::Bootloader::kOptiboot,
               static_cast<uint8_t>(params.get(wire::ParamId::kSafetyOut))};
 }
 
@@ -89,7 +90,9 @@ void report_boot(Tick now) {
 
 void write_eeprom() {
   identity.store().step();
-  params.store().step();
+  if (params.step()) {  // looks before the offsets take the next byte's turn
+    param_stored(board::now());
+  }
   offsets.step();
 }
 
@@ -128,7 +131,7 @@ void setup() {
   report_boot(now);
   safety_start(now);
   board::take_phases();  // slots of the set-up are not late, they never were
-  board::watchdog_start(settings.wdt_reset);
+  board::watchdog_start(settings.safety_out != 0, settings.wdt_reset);
 }
 
 void loop() {
@@ -150,8 +153,9 @@ void loop() {
 }
 
 void board::on_phase(bool slot) {
-  edges_refresh();
+  edges_refresh(slot);
   if (slot) {
     beats_slot();
+    watchdog_slot();
   }
 }

@@ -32,7 +32,6 @@ struct Board {
   uint8_t line_next;
   uint8_t eeprom[kEeprom];
   dart::SafetyOutput outputs;
-  uint8_t beat_slots;
   jmp_buf left;  // the way out of a function that never returns
 };
 Board board_;
@@ -56,7 +55,7 @@ void restart() { longjmp(board_.left, 1); }
 void restart_bootloader() { longjmp(board_.left, 1); }
 void outputs_start(Cutoff) { board_.outputs = {false, false, true}; }
 void outputs_set(SafetyOutput const& output) { board_.outputs = output; }
-void beats_refresh(uint8_t slots) { board_.beat_slots = slots; }
+void beats_refresh(uint16_t) {}
 void led(bool) {}
 void edges_set_rule(uint16_t) {}
 uint8_t AvrEeprom::read(uint16_t address) {
@@ -190,7 +189,9 @@ void pass_time(Tick ticks) {
   app::safety_step(board_.now);
   LAW(before == Safety::kLive || app::supervisor.state() != Safety::kLive);
   check_way(before, beats.calm);
-  app::params.store().step();
+  if (app::params.step()) {
+    app::param_stored(board_.now);
+  }
   check();
 }
 

@@ -64,12 +64,14 @@ Values in_force(Params const& params) {
   return values;
 }
 
+// To the moment at which a host is told that the value is stored.
 void settle(Params& params) {
   // Each byte of the record is written once, and asked for at most so often.
-  for (int i = 0; i < 64 * (kPolls + 2) && params.store().saving(); ++i) {
-    params.store().step();
+  bool stored = false;
+  for (int i = 0; i < 64 * (kPolls + 2) && !stored; ++i) {
+    stored = params.step();
   }
-  LAW(!params.store().saving());
+  LAW(stored);
 }
 
 Params& renewed(void* place, Cells& cells) {
@@ -96,7 +98,6 @@ extern "C" int LLVMFuzzerTestOneInput(uint8_t const* data, size_t size) {
   while (!input.empty()) {
     uint8_t const choice = input.byte();
     if (choice >= 0xF0) {  // somebody else has written there
-      settle(*params);
       damage(cells, input);
       params = &renewed(place, cells);
       params->load();

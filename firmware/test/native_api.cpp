@@ -5,6 +5,7 @@
 #include <new>
 
 #include "../src/core/baud_guard.h"
+#include "../src/core/beat_counter.h"
 #include "../src/core/bno055.h"
 #include "../src/core/crc16.h"
 #include "../src/core/direction.h"
@@ -15,6 +16,7 @@
 #include "../src/core/frame.h"
 #include "../src/core/identity.h"
 #include "../src/core/params.h"
+#include "../src/core/progress.h"
 #include "../src/core/pulse_capture.h"
 #include "../src/core/rx_stats.h"
 #include "../src/core/supervisor.h"
@@ -79,6 +81,8 @@ EventQueue events;
 PulseCapture capture;
 BaudGuard baud_guard;
 DirectionGuard direction;
+BeatCounter beats;
+Progress progress;
 Supervisor supervisor(0);
 
 // EEPROM in memory that can lose its supply after some writes.
@@ -235,11 +239,15 @@ API void encoder_update(uint32_t now, uint16_t count, uint16_t last,
 API void counter_new(uint8_t level, uint16_t min_ticks) {
   memset(&counter, 0, sizeof counter);
   counter.start(level, min_ticks);
+  counter.budget = edge_budget(min_ticks);
 }
-API void counter_edge(uint16_t now, uint8_t level) {
-  counter.edge(now, level);
+API int32_t counter_edge(uint16_t now, uint8_t level) {
+  return counter.edge(now, level);
 }
-API void counter_refresh(uint16_t now) { counter.refresh(now); }
+API void counter_refresh(uint16_t now) {
+  counter.refresh(now, edge_budget(counter.min_ticks));
+}
+API void counter_rule(uint16_t min_ticks) { counter.set_rule(min_ticks); }
 API void counter_get(uint16_t* out) {
   out[0] = counter.count;
   out[1] = counter.rejects;
@@ -306,6 +314,18 @@ API int32_t baud_slot(int32_t bytes, int32_t valid, uint8_t framing) {
   return baud_guard.slot(framing);
 }
 
+API void beats_new() { renew(beats); }
+API void beats_beat(uint16_t limit_ms) { beats.beat(limit_ms); }
+API int32_t beats_slot() { return beats.slot(); }
+
+API void progress_new(uint8_t slots, uint8_t sent) {
+  renew(progress);
+  progress.start(slots, sent);
+}
+API int32_t progress_made(uint8_t slots, uint8_t sent) {
+  return progress.made(slots, sent);
+}
+
 // --- supervisor -----------------------------------------------------------
 
 API void supervisor_new(uint32_t limit) { renew(supervisor, limit); }
@@ -347,10 +367,8 @@ API uint32_t params_get(uint16_t id) {
 API int32_t params_set(uint16_t id, uint32_t value) {
   return static_cast<int32_t>(params.set(id, value));
 }
-API int32_t params_step() {
-  params.store().step();
-  return params.store().saving();
-}
+// 1: a value was stored.
+API int32_t params_step() { return params.step(); }
 API uint16_t params_crc() { return params.crc(); }
 
 API int32_t identity_load() {

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,22 @@ def eeprom_image(board_id: int = BOARD_ID, boots: int = 4, **params: int) -> byt
         record = slot(0x5044, 1, struct.pack(f"<{len(words)}H", *words))
         image[0xA0:0xA0 + len(record)] = record
     return bytes(image)
+
+
+def patched(where: Path, *changes: tuple[str, str, str]) -> Path:
+    """ELF of a copy of the firmware with (file, old text, new text) replaced. Build `elf` first:
+    its objects of the Arduino core are used again."""
+    copy = where / "firmware"
+    shutil.copytree(FIRMWARE, copy, ignore=lambda _, names: {
+        n for n in names if n in {"emulator", "native"} or n.startswith(("dart_nano", "libdart"))})
+    for name, old, new in changes:
+        path = copy / name
+        text = path.read_text()
+        assert old in text, f"{name} no longer has {old!r}"
+        path.write_text(text.replace(old, new))
+    subprocess.run(["make", "-s", "-C", str(copy), "build/dart_nano.elf"], check=True,
+                   capture_output=True)
+    return copy / "build/dart_nano.elf"
 
 
 class Rig:

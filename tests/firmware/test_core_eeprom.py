@@ -54,7 +54,7 @@ def test_parameters_survive_a_restart(core: c.CDLL, sets: list[tuple[int, int]])
     for id, value in sets:
         assert core.params_set(id, value) == OK
         assert core.params_get(id) == value
-        settle(core.params_step)
+        settle(lambda: not core.params_step())
     wanted = {p.id: p.default for p in messages.PARAMS} | dict(sets)
     crc = core.params_crc()
     assert core.eeprom_illegal() == 0  # no access while a write was under way
@@ -87,10 +87,10 @@ def test_refusals_change_nothing(core: c.CDLL, cells: c.Array[c.c_uint8]) -> Non
 def test_an_equal_value_is_not_written_again(core: c.CDLL, cells: c.Array[c.c_uint8]) -> None:
     core.params_load()
     core.params_set(1, 30)
-    settle(core.params_step)
+    settle(lambda: not core.params_step())
     before = bytes(cells)
     assert core.params_set(1, 30) == OK
-    settle(core.params_step)
+    settle(lambda: not core.params_step())
     assert bytes(cells) == before
 
 
@@ -100,10 +100,10 @@ def test_a_torn_write_leaves_the_old_or_the_new_record(core: c.CDLL, writes: int
     cells = blank(core)
     core.params_load()
     core.params_set(1, old)
-    settle(core.params_step)
+    settle(lambda: not core.params_step())
     core.eeprom_set(writes, 1)  # the supply fails after so many bytes
     core.params_set(1, new)
-    settle(core.params_step)
+    settle(lambda: not core.params_step())
     core.eeprom_set(-1, 0)
     assert core.params_load()
     assert core.params_get(1) in (old, new)
@@ -111,6 +111,31 @@ def test_a_torn_write_leaves_the_old_or_the_new_record(core: c.CDLL, writes: int
         [p.default for p in messages.PARAMS[1:]]
     assert crc16(b"\xff" * 6) != 0xFFFF
     assert cells[0] == 0xFF
+
+
+@pytest.mark.parametrize("busy", [0, 1, 5])
+def test_stored_is_said_after_the_last_byte_and_not_before(core: c.CDLL, cells: object,
+                                                           busy: int) -> None:
+    core.params_load()
+    core.eeprom_set(-1, busy)
+    assert core.params_set(1, 30) == OK
+    while not core.params_step():
+        assert core.params_set(2, 11) == BUSY
+    assert not core.params_step()  # once
+    core.eeprom_set(-1, 0)
+    assert core.params_load()
+    assert core.params_get(1) == 30
+
+
+def test_without_that_last_byte_the_value_is_lost(core: c.CDLL, cells: object) -> None:
+    """The control: what an answer one byte earlier would have promised."""
+    core.params_load()
+    core.eeprom_set(27, 0)  # of 28 bytes
+    core.params_set(1, 30)
+    settle(lambda: not core.params_step())
+    core.eeprom_set(-1, 0)
+    core.params_load()
+    assert core.params_get(1) == 20
 
 
 @given(st.binary(min_size=64, max_size=64))

@@ -152,3 +152,42 @@ def test_an_unknown_direction_changes_nothing(core: c.CDLL) -> None:
     core.direction_update(1)
     core.direction_command(0)
     assert not core.direction_update(2) & 1
+
+
+# --- budget and rule ----------------------------------------------------------
+
+def counted(core: c.CDLL) -> tuple[int, int]:
+    out = (c.c_uint16 * 10)()
+    core.counter_get(out)
+    return out[0], out[1]
+
+
+@pytest.mark.parametrize(("min_ticks", "budget"), [(0, 255), (20, 255), (200, 77), (10_000, 64)])
+def test_a_phase_takes_its_budget_of_edges(core: c.CDLL, min_ticks: int, budget: int) -> None:
+    core.counter_new(0, min_ticks)
+    for phase in range(3):
+        served = [core.counter_edge(phase * 7000 + n & 0xFFFF, n + 1 & 1) for n in range(budget)]
+        assert served == [1] * (budget - 1) + [0]
+        core.counter_refresh((phase + 1) * 7000 & 0xFFFF)
+    assert sum(counted(core)) == 3 * budget
+
+
+@pytest.mark.parametrize("min_ticks", [0, 200])
+def test_what_the_rule_accepts_never_uses_the_budget_up(core: c.CDLL, min_ticks: int) -> None:
+    """Without the rule 40000 edges/s, with it the 10000 that it accepts; phase of 6.1 ms."""
+    core.counter_new(0, min_ticks)
+    step = min_ticks or 50
+    for n in range(12_200 // step):
+        assert core.counter_edge(n * step & 0xFFFF, n + 1 & 1)
+
+
+@pytest.mark.parametrize("before", [0, 200, 300])
+@pytest.mark.parametrize("after", [0, 200, 300])
+def test_a_new_rule_does_not_swallow_an_edge_that_waits(core: c.CDLL, before: int,
+                                                        after: int) -> None:
+    core.counter_new(0, before)
+    core.counter_edge(1000, 1)
+    core.counter_rule(after)  # the pin is low again, its interrupt waits
+    core.counter_edge(5000, 0)
+    core.counter_edge(9000, 1)
+    assert counted(core) == (3, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as c
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,3 +68,29 @@ def test_the_line_rate_is_wrong_only_with_errors_and_without_a_frame(core: c.CDL
     assert not window(core, 0, True, [255])  # one frame outweighs all
     assert not window(core, 0, False, [3])  # the counter has wrapped: 4 more
     assert window(core, 1, False, [3])  # 300 bytes and none of them a frame
+
+
+# --- what the slot interrupt and the watchdog ask -----------------------------
+
+@pytest.mark.parametrize(("limit_ms", "slots"), [(50, 5), (105, 11), (110, 11), (1000, 100)])
+def test_the_interrupts_own_limit_in_slots(core: c.CDLL, limit_ms: int, slots: int) -> None:
+    core.beats_new()
+    assert core.beats_slot()  # nobody has spoken yet
+    core.beats_beat(limit_ms)
+    assert [core.beats_slot() for _ in range(slots + 2)] == [0] * slots + [1, 1]
+
+
+def test_a_beat_winds_the_limit_up_again(core: c.CDLL) -> None:
+    core.beats_new()
+    for _ in range(30):
+        core.beats_beat(110)
+        assert not any(core.beats_slot() for _ in range(11))
+
+
+@pytest.mark.parametrize(("slots", "sent", "made"), [
+    (6, 9, True), (5, 9, False), (6, 8, False), (5, 8, False), (4, 7, True)])
+def test_progress_is_that_both_counters_moved(core: c.CDLL, slots: int, sent: int,
+                                              made: bool) -> None:
+    core.progress_new(5, 8)
+    assert bool(core.progress_made(slots, sent)) is made
+    assert not core.progress_made(slots, sent)

@@ -224,6 +224,21 @@ def test_a_late_beat_does_not_hide_the_gap(sut: Sut) -> None:
     assert sut.step() == TRIPPED
 
 
+def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(sut: Sut) -> None:
+    """Beats are stamped when they arrive, looks when the loop gets there."""
+    sut.linked()
+    for trip in range(3):
+        assert sut.beats(20, ARMED) == LIVE, trip
+        sut.now += LIMIT + 1
+        assert sut.step() in (TRIPPED, LOCKED)
+        looked, sut.now = sut.now, sut.now - 5
+        sut.beat(ARMED)
+        sut.now = looked
+        if trip < 2:
+            assert sut.beats(600) == LINKED
+    assert sut.state == LOCKED
+
+
 # --- laws --------------------------------------------------------------------
 
 @settings(max_examples=60)

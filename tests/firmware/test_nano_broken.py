@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import FIRMWARE, Rig, eeprom_image
+from firmware_rig import Rig, eeprom_image, patched
 
 pytestmark = [pytest.mark.emulator, pytest.mark.slow]
 Make = Callable[..., Rig]
@@ -17,19 +15,9 @@ DEAF_LOOP = ("src/core/supervisor.cpp",
              "{Safety::kLive, Safety::kTripped, kStop | kLost, 0}",
              "{Safety::kLive, Safety::kTripped, kStop, 0}")
 DEAF_INTERRUPT = ("src/board/outputs.cpp", "    outputs_cut();\n", "")
-NO_WATCHDOG = ("src/main.cpp", "  board::watchdog_start(settings.wdt_reset);\n", "")
-
-
-def broken(where: Path, *changes: tuple[str, str, str]) -> Path:
-    copy = where / "firmware"
-    shutil.copytree(FIRMWARE, copy, ignore=shutil.ignore_patterns("build", "emulator"))
-    for name, old, new in changes:
-        path = copy / name
-        text = path.read_text()
-        assert old in text, f"{name} no longer has {old!r}"
-        path.write_text(text.replace(old, new))
-    subprocess.run(["make", "-s", "-C", str(copy), "hex"], check=True, capture_output=True)
-    return copy / "build/dart_nano.elf"
+NO_WATCHDOG = (("src/main.cpp",
+                "  board::watchdog_start(settings.safety_out != 0, settings.wdt_reset);\n", ""),
+               ("src/board/boot.cpp", "    WDTCSR |= _BV(WDIE);\n", ""))
 
 
 def cut_after(rig: Rig, hang: bool = False) -> float | None:
@@ -52,28 +40,28 @@ def cut_after(rig: Rig, hang: bool = False) -> float | None:
 
 
 def test_the_interrupt_alone_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(broken(tmp_path, DEAF_LOOP), eeprom=eeprom_image(safety_out=1))
+    rig = nano(patched(tmp_path, DEAF_LOOP), eeprom=eeprom_image(safety_out=1))
     after = cut_after(rig)
     assert after is not None
     assert after <= 0.12
 
 
 def test_the_loop_alone_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(broken(tmp_path, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
+    rig = nano(patched(tmp_path, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
     after = cut_after(rig)
     assert after is not None
     assert after <= 0.12
 
 
 def test_without_both_nothing_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(broken(tmp_path, DEAF_LOOP, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
+    rig = nano(patched(tmp_path, DEAF_LOOP, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
     assert cut_after(rig) is None
 
 
 def test_a_hang_without_watchdog_waits_for_the_beat_counter(nano: Make, elf: Path,
                                                             tmp_path: Path) -> None:
     whole = nano(eeprom=eeprom_image(safety_out=1))
-    lame = nano(broken(tmp_path, NO_WATCHDOG), eeprom=eeprom_image(safety_out=1))
+    lame = nano(patched(tmp_path, *NO_WATCHDOG), eeprom=eeprom_image(safety_out=1))
     with_watchdog, without = cut_after(whole, hang=True), cut_after(lame, hang=True)
     assert with_watchdog is not None
     assert without is not None

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
-from firmware_rig import BOARD_ID, FLAG, Rig, eeprom_image
+from firmware_rig import BOARD_ID, FLAG, Rig, eeprom_image, patched
 
 from dart_hal.errors import DartHalError
+from dart_hal.links.boot import BOOTS
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
 DISARMED, ARMED, RAW, STOP = range(4)
 LIVE, TRIPPED, BEAT_OK = FLAG["OUTPUT_LIVE"], FLAG["TRIPPED"], FLAG["BEAT_OK"]
-SAFETY_OUT, BAUD, EDGES_A = 7, 9, 1
+SAFETY_OUT, WDT_RESET, BAUD, EDGES_A = 7, 8, 9, 1
+WDTCSR = 0x60
+MUTE = ("  uint8_t const tail = tx_tail;\n",
+        "  uint8_t const tail = tx_tail;\n  if (slots_begun() >= 150) {\n"
+        "    UCSR0B = static_cast<uint8_t>(UCSR0B & ~_BV(UDRIE0));\n    return;\n  }\n")
+LONGEST_BLOCK = 2 * 12.5e-6
+"""s: two interrupts of at most 200 cycles before one is served."""
 
 
 def linked(nano: Make, cutoff: int, **params: int) -> Rig:
@@ -75,6 +83,7 @@ def test_stop_cuts_at_once(nano: Make, mode: int) -> None:
 
 def test_the_multiplexer_switches_only_while_our_pulse_is_low(nano: Make) -> None:
     rig = linked(nano, MUX)
+    rig.nano.set_pin("D8", False)
     rig.beat(0.2, ARMED)
     last = rig.now - 0.02 + 16 * 20e-6
     rig.run(0.5)
@@ -99,8 +108,8 @@ def test_our_pulse_is_1500_us_each_20_ms(nano: Make) -> None:
     widths = [b[0] - a[0] for a, b in itertools.pairwise(pulse) if a[1]]
     assert all(w == pytest.approx(1.5e-3, abs=1e-6) for w in widths)
     assert len(widths) > 45
-    assert all(b - a == pytest.approx(0.02, abs=1e-6)
-               for a, b in itertools.pairwise(rises))
+    # an interrupt begins each pulse, 18.5 ms after the hardware has ended the last one
+    assert all(0.020 <= b - a <= 0.020 + LONGEST_BLOCK for a, b in itertools.pairwise(rises))
 
 
 def test_without_the_option_no_pin_is_driven(nano: Make) -> None:
@@ -194,15 +203,109 @@ def test_our_own_pulse_outlives_the_hang(nano: Make) -> None:
 
 
 def test_with_wdt_reset_the_nano_restarts_by_itself(nano: Make) -> None:
-    rig = live(nano, ENABLE, wdt_reset=1)
+    rig = optiboot(nano, ENABLE, wdt_reset=1)
     rig.nano.hang()
     rig.run(0.14)  # 64 ms to the interrupt, 64 ms to the reset
     rig.nano.hang(False)
     new = rig.run(0.5)
     hello = next(v for _, n, v in new if n == "HELLO")
-    assert hello["reset_cause"] & 0x18 == 0x18
+    assert hello["reset_cause"] == 0x10  # Optiboot keeps WDRF for itself, RAM has the mark
     assert hello["caps"] & 16
     assert rig.nano.pins()["D6"] == 0
+
+
+def optiboot(nano: Make, cutoff: int, **params: int) -> Rig:
+    """LIVE, on a board that has started through Optiboot."""
+    rig = nano(eeprom=eeprom_image(safety_out=cutoff, **params))
+    rig.nano.set_boot(BOOTS["optiboot"])
+    rig.nano.reset("power")
+    rig.run(1.6)
+    rig.beat(0.6, DISARMED)
+    rig.beat(0.1, ARMED)
+    assert rig.hello()["bootloader"] == 2
+    assert rig.state()["flags"] & LIVE
+    rig.nano.pin_log()
+    return rig
+
+
+# A hang with interrupts off: nothing but the watchdog's reset lets go of the pins.
+
+@pytest.mark.parametrize("cutoff", [ENABLE, MUX])
+def test_a_freeze_lets_go_of_the_pins(nano: Make, cutoff: int) -> None:
+    rig = optiboot(nano, cutoff)
+    begin = rig.now
+    rig.nano.freeze()
+    for _ in range(10):
+        rig.run(0.01)
+        rig.send("HEARTBEAT", arm_token=rig.hello()["boot_nonce"], mode=ARMED)
+    pin = "D6" if cutoff == ENABLE else "D5"
+    off = [e.t for e in rig.nano.pin_log() if e.pin == pin and not e.level]
+    assert 0.05 <= off[0] - begin <= 0.075
+    rig.frames.clear()
+    rig.run(0.5)
+    assert rig.hello()["boot_count"] == 6  # runs again, disarmed
+    assert not rig.nano.pins()[pin]
+
+
+def test_without_a_cutoff_a_freeze_stays_as_it_is(nano: Make) -> None:
+    """The control, and the decision: no pin to let go of, the next open resets the board."""
+    rig = optiboot(nano, NONE)
+    rig.nano.freeze()
+    rig.frames.clear()
+    assert not [n for _, n, _ in rig.run(0.5) if n == "HELLO"]
+
+
+def test_with_the_old_bootloader_a_freeze_ends_in_resets_with_released_pins(nano: Make) -> None:
+    try:
+        rig = nano(bootloader=True, eeprom=eeprom_image(safety_out=MUX))
+    except DartHalError as error:
+        pytest.skip(f"no ATmegaBOOT: {error}")
+    rig.run(2.0)
+    rig.beat(0.6, DISARMED)
+    rig.nano.set_pin("D8", False)
+    rig.beat(0.1, ARMED)
+    assert rig.nano.pins()["D5"] == 1
+    rig.nano.pin_log()
+    begin = rig.now
+    rig.nano.freeze()
+    rig.run(2.0)
+    log = rig.nano.pin_log()
+    assert next(e.t for e in log if e.pin == "D5") - begin <= 0.075
+    assert not [e for e in log if e.pin in ("D5", "D6", "D9") and e.level and e.t > begin + 0.08]
+    assert {rig.nano.pins()[p] for p in ("D5", "D6", "D9")} == {None}
+
+
+def test_a_loop_hang_with_the_old_bootloader_stands_still_and_does_not_reset(nano: Make) -> None:
+    rig = live(nano, ENABLE)
+    rig.nano.hang()
+    rig.run(1.0)
+    assert [e.level for e in rig.nano.pin_log() if e.pin == "D6"] == [0]
+    assert rig.nano.pins()["D6"] == 0  # driven low, not released: no reset came
+
+
+def test_the_interrupt_cuts_without_loop_and_watchdog(nano: Make) -> None:
+    rig = live(nano, ENABLE)
+    last = rig.now - 0.02 + 16 * 20e-6
+    rig.nano.hang()
+    for _ in range(200):
+        rig.nano.poke(WDTCSR, 0)  # the slot interrupt would switch it on
+        rig.run(0.001)
+    (cut,) = [e for e in rig.nano.pin_log() if e.pin == "D6"]
+    assert cut.level == 0
+    assert 0.110 <= cut.t - last <= 0.120
+
+
+def test_a_dead_transmitter_starves_the_watchdog(nano: Make, elf: Path, tmp_path: Path) -> None:
+    """Beats come, the loop runs, nothing is sent any more from 2 s on."""
+    rig = nano(patched(tmp_path, ("src/board/uart.cpp", MUTE[0], MUTE[1])),
+               eeprom=eeprom_image(safety_out=ENABLE))
+    rig.run(0.5)
+    rig.beat(0.6, DISARMED)
+    rig.beat(1.2, ARMED)
+    begin = len(rig.states())
+    (cut,) = [e for e in rig.nano.pin_log() if e.pin == "D6" and e.level == 0 and e.t > 1]
+    assert cut.t - rig.frames[-1][0] <= 0.080
+    assert 100 < begin < 180
 
 
 @pytest.mark.parametrize(("cause", "bit"), [("external", 2), ("power", 1), ("brownout", 4)])
@@ -265,6 +368,23 @@ def test_parameters_survive_a_reset(nano: Make) -> None:
     assert any(n == "EVENT" and v["code"] == 6 for _, n, v in rig.frames)
 
 
+@pytest.mark.parametrize("after_ms", [0, 1, 5, 20, 50, 80, 95, 100, 105, 110, 120])
+def test_what_was_confirmed_survives_a_reset_at_any_moment(nano: Make, after_ms: int) -> None:
+    rig = nano(eeprom=eeprom_image(safety_out=NONE))
+    rig.run(0.5)
+    rig.send("PARAM_SET", id=SAFETY_OUT, value=MUX)
+    confirmed = any(n == "PARAM_VALUE" for _, n, _ in rig.run(after_ms / 1000))
+    rig.send("REBOOT", magic=0x44415254, kind=1)
+    rig.frames.clear()
+    rig.run(0.5)
+    rig.frames.clear()
+    assert rig.hello()["boot_count"] == 6
+    multiplexer = bool(rig.hello()["caps"] & 8)
+    assert multiplexer or not confirmed
+    assert not (multiplexer and after_ms <= 50)  # the control: too early, and not confirmed
+    assert confirmed or after_ms < 120
+
+
 def test_refused_parameters(nano: Make) -> None:
     rig = nano()
     rig.run(0.5)
@@ -275,10 +395,55 @@ def test_refused_parameters(nano: Make) -> None:
         assert answer["req_seq"] == seq
         asked[id] = (answer["status"], answer["value"])
     assert asked == {EDGES_A: (2, 20), BAUD: (2, 500_000), 99: (1, 0)}
-    rig.send("PARAM_SET", id=EDGES_A, value=30)
+    first = rig.send("PARAM_SET", id=EDGES_A, value=30)
     rig.send("PARAM_SET", id=EDGES_A, value=31)
-    answers = [v for _, n, v in rig.run(0.1) if n == "PARAM_VALUE"]
-    assert [(a["status"], a["value"]) for a in answers] == [(0, 30), (3, 30)]
+    answers = [v for _, n, v in rig.run(0.2) if n == "PARAM_VALUE"]
+    assert [(a["status"], a["value"]) for a in answers] == [(3, 30), (0, 30)]
+    assert answers[1]["req_seq"] == first
+
+
+def test_wdt_reset_is_refused_unless_optiboot_is_there(nano: Make) -> None:
+    rig = nano()
+    rig.run(0.5)
+    assert rig.hello()["bootloader"] == 1  # ATmegaBOOT, or none: nobody can tell
+    assert rig.ask("PARAM_SET", "PARAM_VALUE", id=WDT_RESET, value=1)["status"] == 2
+    assert rig.ask("PARAM_SET", "PARAM_VALUE", id=WDT_RESET, value=0)["status"] == 0
+    rig = optiboot(nano, NONE)
+    assert rig.ask("PARAM_SET", "PARAM_VALUE", id=WDT_RESET, value=1)["status"] == 0
+
+
+def test_a_stored_wdt_reset_is_not_obeyed_on_the_old_bootloader(nano: Make) -> None:
+    rig = live(nano, ENABLE, wdt_reset=1)
+    assert not rig.hello()["caps"] & 16
+    rig.nano.hang()
+    rig.run(0.5)
+    assert [e.level for e in rig.nano.pin_log() if e.pin == "D6"] == [0]
+    assert rig.nano.pins()["D6"] == 0
+
+
+@pytest.mark.parametrize("nth", [1, 2, 10, 27, 28])
+def test_a_torn_byte_leaves_the_old_parameters(nano: Make, nth: int) -> None:
+    rig = nano(eeprom=eeprom_image(safety_out=ENABLE))
+    rig.run(0.5)
+    rig.nano.tear_eeprom(nth)
+    rig.send("PARAM_SET", id=SAFETY_OUT, value=MUX)
+    assert not any(n == "PARAM_VALUE" and v["status"] == 0 for _, n, v in rig.run(0.3))
+    rig.frames.clear()
+    rig.run(0.5)
+    assert rig.hello()["caps"] & 12 == 4
+    assert not rig.state()["flags"] & FLAG["PARAM_DEFAULTS"]
+
+
+def test_two_torn_records_leave_defaults_no_driven_pin_and_a_flag(nano: Make) -> None:
+    image = bytearray(eeprom_image(safety_out=MUX))
+    image[0xA8] ^= 0x10
+    image[0xC0:0xC8] = image[0xA0:0xA8]
+    rig = nano(eeprom=bytes(image))
+    rig.run(0.5)
+    assert rig.state()["flags"] & FLAG["PARAM_DEFAULTS"]
+    rig.beat(0.7, DISARMED)
+    rig.beat(0.1, ARMED)
+    assert {rig.nano.pins()[p] for p in ("D5", "D6", "D9")} == {None}
 
 
 def test_the_baud_parameter_counts_at_boot(nano: Make) -> None:

@@ -41,6 +41,35 @@ def test_the_firmware_confirms(monkeypatch, capsys):
     assert "safety_out = 2;" in capsys.readouterr().out
 
 
+@pytest.mark.emulator
+def test_what_the_firmware_refuses_is_said_at_once(monkeypatch, capsys):
+    """There is no Optiboot under this address: its watchdog would reset for ever."""
+    try:
+        open_backend("avr://default").close()
+    except EmulatorMissing as error:
+        pytest.skip(f"emulator: {error.what}")
+    assert run(monkeypatch, "wdt_reset", "1", "avr://default") == 2
+    said = capsys.readouterr().err
+    assert "the Nano refuses wdt_reset = 1" in said
+    assert "it stays 0" in said
+
+
+@pytest.mark.emulator
+def test_what_it_confirms_is_in_the_eeprom(monkeypatch):
+    """The Nano may lose its supply in the moment of the answer."""
+    try:
+        backend = open_backend("avr://default")
+    except EmulatorMissing as error:
+        pytest.skip(f"emulator: {error.what}")
+    param, value = set_parameter.wanted("safety_out", "mux")
+    assert set_parameter.write(backend, param, value) == 2
+    nano = backend.link.nano
+    nano.reset("power")
+    nano.run(nano.now + 0.3)
+    assert nano.pins()["D5"] == 0  # driven: the multiplexer is fitted
+    backend.close()
+
+
 @pytest.mark.parametrize(("args", "said"), [
     (("safety_out", "3", MOCK), "0 to 2 (none, oe, mux)"),
     (("safety_out", "multiplexer", MOCK), "safety_out cannot be 'multiplexer'"),

@@ -46,14 +46,27 @@ void on_param_get(Frame const& frame, Tick) {
                    frame.seq});
 }
 
-void on_param_set(Frame const& frame, Tick at) {
+// The answer to the PARAM_SET whose value is being stored.
+ParamAnswer unconfirmed;
+
+// Only Optiboot stops the watchdog after a reset; see board/boot.h.
+bool dangerous(ParamSet const& set) {
+  return set.id == static_cast<uint16_t>(ParamId::kWdtReset) &&
+         set.value != 0 &&
+         boot.bootloader != board::Bootloader::kOptiboot;
+}
+
+void on_param_set(Frame const& frame, Tick) {
   ParamSet const set = unpacked<ParamSet>(frame);
-  ParamStatus const status = params.set(set.id, set.value);
+  ParamStatus const status = dangerous(set) ? ParamStatus::kOutOfRange
+                                            : params.set(set.id, set.value);
+  ParamAnswer const answer = {set.id, status, frame.seq};
   if (status == ParamStatus::kOk) {
     apply_params();
-    events.push(at, EventCode::kParamWritten, set.id);
+    unconfirmed = answer;
+  } else {
+    ask_param_value(answer);
   }
-  ask_param_value({set.id, status, frame.seq});
 }
 
 void on_reboot(Frame const& frame, Tick) {
@@ -121,6 +134,11 @@ void receive_frames() {
       dispatch(frame, extended(board::now(), byte.stamp));
     }
   }
+}
+
+void param_stored(Tick now) {
+  events.push(now, EventCode::kParamWritten, unconfirmed.id);
+  ask_param_value(unconfirmed);
 }
 
 bool baud_is_wrong() {

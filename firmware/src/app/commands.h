@@ -14,6 +14,9 @@ namespace app {
 // every checked frame.
 void receive_frames();
 
+// The parameter that was set last is stored: tells the host.
+void param_stored(Tick now);
+
 // True once when the line rate should be toggled. Once per slot.
 bool baud_is_wrong();
 

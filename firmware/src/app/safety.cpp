@@ -8,15 +8,6 @@ namespace app {
 
 namespace {
 
-// The interrupt's own limit, in slots: it cuts in the slot after the n-th,
-// n x 10 ms to (n + 1) x 10 ms after the beat. With the default of 110 ms
-// that is 110 to 120 ms, never before the supervisor trips.
-uint8_t slots_of_limit() {
-  uint16_t const ms =
-      static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs));
-  return static_cast<uint8_t>((ms + 9) / 10);
-}
-
 void step_once(Tick now, bool& changed) {
   Safety const before = supervisor.state();
   changed = supervisor.step(now);
@@ -48,7 +39,8 @@ void heartbeat(wire::Heartbeat const& beat, Tick at) {
   safety_step(at);  // a beat that was missed first
   supervisor.beat(at, static_cast<wire::BeatMode>(beat.mode),
                   beat.arm_token == identity.nonce());
-  board::beats_refresh(slots_of_limit());
+  board::beats_refresh(
+      static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs)));
   safety_step(at);
 }
 

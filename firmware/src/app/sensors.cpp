@@ -12,6 +12,8 @@ namespace {
 
 // Refused edges of one slot that are worth an EVENT: 2000 per second.
 constexpr uint8_t kBurst = 20;
+// One such EVENT per this many slots: three copies each, DIAG wants its turn.
+constexpr uint8_t kBurstSlots = 20;
 // Slots of standing before the IMU may be interrupted for its offsets.
 constexpr uint8_t kQuietSlots = 200;
 
@@ -20,6 +22,7 @@ uint16_t rejected;
 bool parity_was_broken;
 bool reject_flag;
 uint8_t standing_slots;
+uint8_t burst_told;  // slots until the next may be told
 ImuState imu_was = ImuState::kProbe;
 uint16_t imu_errors;
 
@@ -75,13 +78,18 @@ void watch_encoder(Tick now) {
   uint16_t const rejects = board::edges_rejected();
   uint16_t const fresh = static_cast<uint16_t>(rejects - rejected);
   rejected = rejects;
+  uint8_t const masked = board::edges_take_masked();
   bool const broken = board::edges_parity_broken();
-  if (fresh != 0 || (broken && !parity_was_broken)) {
+  if (fresh != 0 || masked != 0 || (broken && !parity_was_broken)) {
     reject_flag = true;
   }
   parity_was_broken = broken;
-  if (fresh >= kBurst) {
-    events.push(now, wire::EventCode::kRejectBurst, fresh);
+  if (burst_told != 0) {
+    --burst_told;
+  } else if (fresh >= kBurst || masked != 0) {
+    burst_told = kBurstSlots;
+    events.push(now, wire::EventCode::kRejectBurst,
+                static_cast<uint32_t>(masked) << 16 | fresh);
   }
 }
 

@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "../core/crc16.h"
+#include "../core/progress.h"
 #include "../core/wire.h"
 #include "atomic.h"
 #include "clock.h"
@@ -39,8 +40,13 @@ void write_mark(LastRun last_run, uint8_t bootloader, uint16_t pc) {
 }
 
 bool may_reset_;
-uint8_t fed_slots;
-uint8_t fed_sent;
+Progress progress;
+uint8_t watchdog_mode;  // of WDTCSR while the loop is in time
+
+// Slots that the loop may be late before the interrupt is switched on: 40 to
+// 50 ms after the last feeding, before the fastest oscillator's 55 ms.
+constexpr uint8_t kPatience = 5;
+volatile uint8_t patience;  // 0: used up, or not started
 
 // Set while random_bits() listens to the watchdog.
 volatile bool harvesting;
@@ -85,21 +91,34 @@ BootReport boot_report() {
   return report;
 }
 
-void watchdog_start(bool may_reset) {
+void watchdog_start(bool cutoff, bool may_reset) {
   may_reset_ = may_reset;
-  fed_slots = slots_begun();
-  fed_sent = uart_sent();
-  set_watchdog(_BV(WDIE) | k64ms | (may_reset ? _BV(WDE) : 0));
+  watchdog_mode = static_cast<uint8_t>(
+      k64ms | (cutoff || may_reset ? _BV(WDE) : _BV(WDIE)));
+  progress.start(slots_begun(), uart_sent());
+  set_watchdog(watchdog_mode);
+  patience = kPatience;
 }
 
 void watchdog_feed() {
-  uint8_t const slots = slots_begun();
-  uint8_t const sent = uart_sent();
-  if (slots != fed_slots && sent != fed_sent) {
-    wdt_reset();
+  if (!progress.made(slots_begun(), uart_sent())) {
+    return;
   }
-  fed_slots = slots;
-  fed_sent = sent;
+  Atomic const lock;
+  wdt_reset();
+  WDTCSR = watchdog_mode;  // WDIE needs no key; the rest is as it was
+  patience = kPatience;
+}
+
+void watchdog_slot() {
+  uint8_t left = patience;
+  if (left == 0) {
+    return;
+  }
+  patience = --left;
+  if (left == 0) {
+    WDTCSR |= _BV(WDIE);
+  }
 }
 
 // Runs in the watchdog's interrupt and never returns: the loop hangs, so the
@@ -125,11 +144,16 @@ static void leave(LastRun why) {
   cli();
   write_mark(why, run_mark.bootloader, 0);
   set_watchdog(0);
-  TIMSK1 = TCCR1A = TCCR1B = 0;
+  TIMSK1 = TCCR1A = 0;
   EIMSK = 0;
   UCSR0B = 0;
   TWCR = 0;
   PORTB = DDRB = PORTC = DDRC = PORTD = DDRD = 0;
+  uint16_t const begin = now_low();
+  while ((EECR & _BV(EEPE)) != 0 &&
+         static_cast<uint16_t>(now_low() - begin) < ticks_of_ms(5)) {
+  }
+  TCCR1B = 0;
 }
 
 void restart() {

@@ -32,19 +32,33 @@ struct BootReport {
 // Reads what the start-up code has saved and marks this run as running.
 BootReport boot_report();
 
-// Watchdog in interrupt mode. WDTO_60MS: 8192 cycles of a 128 kHz
-// oscillator are 64 ms (55 to 75 on real parts), six slots. WDTO_120MS
-// would come after up to 149 ms: too late for the 120 ms of a lost beat.
+// Watchdog. WDTO_60MS: 8192 cycles of a 128 kHz oscillator are 64 ms (55 to
+// 75 on real parts), six slots. WDTO_120MS would come after up to 149 ms: too
+// late for the 120 ms of a lost beat.
 //
-// |may_reset| after the interrupt the hardware resets; only for Optiboot:
-// ATmegaBOOT leaves the watchdog on and would reset for ever.
-void watchdog_start(bool may_reset);
+// A loop that hangs: the interrupt makes the outputs safe and keeps the
+// address; then the program stands still (own pulse alive), or, with
+// |may_reset|, the hardware resets.
+//
+// A hang with interrupts off never runs that interrupt, so with a |cutoff|
+// the watchdog is in reset mode and the slot interrupt switches its
+// interrupt on when the loop is late: no slot interrupt, no mercy. Optiboot
+// then starts the program again. ATmegaBOOT leaves the watchdog on, so the
+// board resets every 16 ms until its supply is cut, its pins inputs all the
+// while: /OE high, or no pulse through the multiplexer. A car that stands
+// until somebody replugs it is the better end; without a cut-off there is no
+// pin to let go of, and the host sees the silence.
+void watchdog_start(bool cutoff, bool may_reset);
 
 // Feeds the watchdog if the slot interrupt and the transmitter have both
 // made progress since the last call. From the loop, once per slot.
 void watchdog_feed();
 
-// Outputs go to their reset state and the program starts again.
+// From the slot interrupt.
+void watchdog_slot();
+
+// Outputs go to their reset state and the program starts again, once the
+// EEPROM has finished its byte (3.4 ms).
 void restart() __attribute__((noreturn));
 void restart_bootloader() __attribute__((noreturn));
 

@@ -15,6 +15,10 @@ constexpr uint8_t kKeptB = 2;
 EdgeCounter<kKeptA> ring_a;
 EdgeCounter<kKeptB> ring_b;
 uint8_t first_level_a;
+uint8_t fitted;  // bits of EIMSK
+uint8_t budget = edge_budget(0);
+volatile uint8_t masked;  // bits of EIMSK, since they were taken
+static_assert(_BV(INT0) == 1 && _BV(INT1) == 2, "edges_take_masked()");
 
 template <uint8_t kKept>
 inline EdgeLatch latch(EdgeCounter<kKept> const& c) {
@@ -28,25 +32,30 @@ inline EdgeLatch latch(EdgeCounter<kKept> const& c) {
 void edges_start(Ring ring, uint16_t min_ticks) {
   Atomic const lock;
   uint8_t const level = PIND;
+  budget = edge_budget(min_ticks);
   if (ring == Ring::kA) {
+    ring_a.budget = budget;
     first_level_a = level & kRingA;
     ring_a.start(level & kRingA, min_ticks);
     EICRA = static_cast<uint8_t>(EICRA | _BV(ISC00));  // both edges
     EIFR = _BV(INTF0);
-    EIMSK = static_cast<uint8_t>(EIMSK | _BV(INT0));
+    fitted |= _BV(INT0);
   } else {
+    ring_b.budget = budget;
     ring_b.start(level & kRingB, min_ticks);
     EICRA = static_cast<uint8_t>(EICRA | _BV(ISC10));
     EIFR = _BV(INTF1);
-    EIMSK = static_cast<uint8_t>(EIMSK | _BV(INT1));
+    fitted |= _BV(INT1);
   }
+  EIMSK = fitted;
 }
 
 void edges_set_rule(uint16_t min_ticks) {
+  uint8_t const next_budget = edge_budget(min_ticks);
   Atomic const lock;
-  uint8_t const level = PIND;
-  ring_a.start(level & kRingA, min_ticks);
-  ring_b.start(level & kRingB, min_ticks);
+  ring_a.set_rule(min_ticks);
+  ring_b.set_rule(min_ticks);
+  budget = next_budget;
 }
 
 EdgeLatch edges_latch(Ring ring) {
@@ -71,20 +80,37 @@ bool edges_parity_broken() {
   return flipped != odd && !pending;
 }
 
-void edges_refresh() {
+uint8_t edges_take_masked() {
+  Atomic const lock;
+  uint8_t const was = masked;
+  masked = 0;
+  return was;
+}
+
+// The flag of a masked interrupt is left as it is: an edge that it tells of
+// is judged by the level of the pin, so that the parity of the count holds.
+void edges_refresh(bool slot) {
   uint16_t const t = now_low();
-  ring_a.refresh(t);
-  ring_b.refresh(t);
+  ring_a.refresh(t, budget);
+  ring_b.refresh(t, budget);
+  if (slot) {
+    uint8_t const all = fitted;
+    masked = static_cast<uint8_t>(masked | (all & ~EIMSK));
+    EIMSK = all;
+  }
 }
 
 }  // namespace board
 }  // namespace dart
 
 // EdgeCounter::edge() by hand: avr-gcc saves 13 registers and needs 97 cycles
-// without and 130 with the glitch rule; this takes 67 and 107 (entry, jump
+// without and 130 with the glitch rule; this takes 77 and 115 (entry, jump
 // and reti included). r25:r24 is the stamp; r22, r23, r31 are borrowed only
 // by the rule. The stamp is read first: what follows may take its time.
-#define DART_EDGE_ISR(ring, bit, stamps_kept)                                 \
+//
+// INT0 goes before every other interrupt, so nobody but itself can stop it
+// when a noisy input calls it back to back: it counts and masks itself.
+#define DART_EDGE_ISR(ring, bit, interrupt, stamps_kept)                      \
   __asm__ volatile(                                                           \
       "push r24                 \n\t"                                         \
       "in   r24, %[sreg]        \n\t"                                         \
@@ -94,11 +120,18 @@ void edges_refresh() {
       "push r31                 \n\t"                                         \
       "lds  r24, %[tcnt]        \n\t"                                         \
       "lds  r25, %[tcnt] + 1    \n\t"                                         \
+      "lds  r30, %[budget]      \n\t"                                         \
+      "dec  r30                 \n\t"                                         \
+      "sts  %[budget], r30      \n\t"                                         \
+      "brne 6f                  \n\t"                                         \
+      "cbi  %[eimsk], %[own]    \n\t" /* too many: until the next slot */     \
+      "rjmp 5f                  \n\t"                                         \
+      "6:                       \n\t"                                         \
+      "in   r31, %[pin]         \n\t"                                         \
+      "andi r31, %[mask]        \n\t"                                         \
       "lds  r30, %[gate]        \n\t"                                         \
       "tst  r30                 \n\t"                                         \
       "breq 3f                  \n\t" /* kOff */                              \
-      "in   r31, %[pin]         \n\t"                                         \
-      "andi r31, %[mask]        \n\t"                                         \
       "push r23                 \n\t"                                         \
       "lds  r23, %[level]       \n\t"                                         \
       "cp   r31, r23            \n\t"                                         \
@@ -119,21 +152,22 @@ void edges_refresh() {
       "pop  r22                 \n\t"                                         \
       "brcc 2f                  \n\t"                                         \
       "1:                       \n\t" /* refuse */                            \
+      "pop  r23                 \n\t"                                         \
+      "5:                       \n\t"                                         \
       "lds  r24, %[rejects]     \n\t"                                         \
       "lds  r25, %[rejects] + 1 \n\t"                                         \
       "adiw r24, 1              \n\t"                                         \
       "sts  %[rejects] + 1, r25 \n\t"                                         \
       "sts  %[rejects], r24     \n\t"                                         \
-      "pop  r23                 \n\t"                                         \
       "rjmp 4f                  \n\t"                                         \
       "2:                       \n\t" /* accept under the rule */             \
-      "sts  %[level], r31       \n\t"                                         \
       "ldi  r30, %[closed]      \n\t"                                         \
       "sts  %[gate], r30        \n\t"                                         \
       "sts  %[last], r24        \n\t"                                         \
       "sts  %[last] + 1, r25    \n\t"                                         \
       "pop  r23                 \n\t"                                         \
       "3:                       \n\t" /* stamps[count % n] = now; ++count */  \
+      "sts  %[level], r31       \n\t"                                         \
       "lds  r30, %[count]       \n\t"                                         \
       "andi r30, %[kept] - 1    \n\t"                                         \
       "lsl  r30                 \n\t"                                         \
@@ -158,7 +192,9 @@ void edges_refresh() {
       :                                                                       \
       : [sreg] "I"(_SFR_IO_ADDR(SREG)), [tcnt] "i"(_SFR_MEM_ADDR(TCNT1)),     \
         [pin] "I"(_SFR_IO_ADDR(PIND)), [mask] "i"(bit),                       \
-        [gate] "i"(&ring.gate), [level] "i"(&ring.level),                     \
+        [eimsk] "I"(_SFR_IO_ADDR(EIMSK)), [own] "I"(interrupt),               \
+        [budget] "i"(&ring.budget), [gate] "i"(&ring.gate),                   \
+        [level] "i"(&ring.level),                     \
         [last] "i"(&ring.last), [min] "i"(&ring.min_ticks),                   \
         [rejects] "i"(&ring.rejects), [count] "i"(&ring.count),               \
         [stamps] "i"(&ring.stamps), [kept] "i"(stamps_kept),                  \
@@ -170,11 +206,11 @@ static_assert((dart::board::kKeptA & (dart::board::kKeptA - 1)) == 0 &&
 static_assert(static_cast<uint8_t>(dart::Gate::kOff) == 0, "tst finds it");
 
 ISR(INT0_vect, ISR_NAKED) {
-  DART_EDGE_ISR(dart::board::ring_a, dart::board::kRingA,
+  DART_EDGE_ISR(dart::board::ring_a, dart::board::kRingA, INT0,
                 dart::board::kKeptA);
 }
 
 ISR(INT1_vect, ISR_NAKED) {
-  DART_EDGE_ISR(dart::board::ring_b, dart::board::kRingB,
+  DART_EDGE_ISR(dart::board::ring_b, dart::board::kRingB, INT1,
                 dart::board::kKeptB);
 }

@@ -1,5 +1,6 @@
 #include "outputs.h"
 
+#include "../core/beat_counter.h"
 #include "atomic.h"
 #include "clock.h"
 #include "pins.h"
@@ -14,17 +15,31 @@ constexpr uint16_t kHigh = 1500 * kTicksPerUs;
 constexpr uint16_t kLow = 18500 * kTicksPerUs;
 static_assert(kHigh + kLow == 20 * kTicksPerMs, "50 Hz");
 
-// What compare A does to D9 at its next match.
+// A look at the other source that is put off is made up for here: the pulse
+// it saw is over (at most 2.2 ms), the next one not yet there.
+constexpr uint16_t kRetry = 3000 * kTicksPerUs;
+
+// What a match, or a forced one, does to D9.
 constexpr uint8_t kSetAtMatch = _BV(COM1A1) | _BV(COM1A0);
 constexpr uint8_t kClearAtMatch = _BV(COM1A1);
 
 Cutoff fitted = Cutoff::kNone;
 volatile bool pass_wanted;
-volatile uint8_t beats_left;
+bool passing;
+BeatCounter beats;
 
-inline void pulse_start() {
+// What the next match is for.
+enum class Step : uint8_t { kRise, kFall, kRetry };
+Step step;
+
+inline void force(uint8_t action) {
+  TCCR1A = action;
+  TCCR1C = _BV(FOC1A);
+}
+
+inline void pulses_start() {
+  force(kClearAtMatch);
   OCR1A = static_cast<uint16_t>(now_low() + kHigh);
-  TCCR1A = kSetAtMatch;
   TIFR1 = _BV(OCF1A);
   TIMSK1 = static_cast<uint8_t>(TIMSK1 | _BV(OCIE1A));
 }
@@ -37,16 +52,55 @@ inline void select(bool pass) {
   }
 }
 
-// The pin has just changed by hardware.
-inline void on_pulse_edge() {
-  if (TCCR1A == kSetAtMatch) {
-    TCCR1A = kClearAtMatch;
-    OCR1A = static_cast<uint16_t>(OCR1A + kHigh);
-    return;
+inline bool board_is_high() { return (PINB & kCapture) != 0; }
+
+// Our own pulse is low. Switches if the PCA9685's is low as well, as far as
+// D8 tells: it shows the spare channel, which rises with the ESC's, and only
+// while the multiplexer passes. So the way there is a look of 1.5 us.
+inline bool switch_between_pulses(bool pass) {
+  if (!pass) {
+    if (board_is_high()) {
+      return false;
+    }
+    select(false);
+    return true;
   }
-  TCCR1A = kSetAtMatch;
-  OCR1A = static_cast<uint16_t>(OCR1A + kLow);
-  select(pass_wanted);
+  select(true);
+  __builtin_avr_delay_cycles(16);  // 1 kohm and 100 pF, and the synchroniser
+  if (board_is_high()) {
+    select(false);
+    return false;
+  }
+  return true;
+}
+
+// Our own pulse has just ended, or kRetry ago. The second time it switches
+// whatever D8 says: it may not be wired, and the wait has a bound.
+inline void after_pulse() {
+  bool const want = pass_wanted;
+  bool const second = step == Step::kRetry;
+  if (want != passing) {
+    if (second) {
+      select(want);
+    } else if (!switch_between_pulses(want)) {
+      OCR1A = static_cast<uint16_t>(OCR1A + kRetry);
+      step = Step::kRetry;
+      return;
+    }
+    passing = want;
+  }
+  OCR1A = static_cast<uint16_t>(OCR1A + (second ? kLow - kRetry : kLow));
+  step = Step::kRise;
+}
+
+// The pulse begins here and ends by hardware: however late the next
+// interrupt is, no pulse is longer than it should be.
+inline void begin_pulse() {
+  uint16_t const now = now_low();
+  force(kSetAtMatch);
+  TCCR1A = kClearAtMatch;
+  OCR1A = static_cast<uint16_t>(now + kHigh);
+  step = Step::kFall;
 }
 
 }  // namespace
@@ -75,12 +129,12 @@ void outputs_set(SafetyOutput const& output) {
   } else if (fitted == Cutoff::kMultiplexer) {
     pass_wanted = output.pass;
     if (output.own_pulse && (TIMSK1 & _BV(OCIE1A)) == 0) {
-      pulse_start();
+      pulses_start();
     }
   }
 }
 
-void beats_refresh(uint8_t slots) { beats_left = slots; }
+void beats_refresh(uint16_t limit_ms) { beats.beat(limit_ms); }
 
 void outputs_cut() {
   pass_wanted = false;  // the multiplexer follows within one period
@@ -90,10 +144,7 @@ void outputs_cut() {
 }
 
 void beats_slot() {
-  uint8_t const left = beats_left;
-  if (left != 0) {
-    beats_left = static_cast<uint8_t>(left - 1);
-  } else {
+  if (beats.slot()) {
     outputs_cut();
   }
 }
@@ -109,4 +160,11 @@ void led(bool on) {
 }  // namespace board
 }  // namespace dart
 
-ISR(TIMER1_COMPA_vect) { dart::board::on_pulse_edge(); }
+ISR(TIMER1_COMPA_vect) {
+  using namespace dart::board;
+  if (step == Step::kRise) {
+    begin_pulse();
+  } else {
+    after_pulse();
+  }
+}

@@ -2,6 +2,12 @@
 //
 // The interrupt side does not need the loop: beats_refresh() winds up a
 // counter that the slot interrupt runs down; at zero the outputs are safe.
+//
+// The multiplexer is switched when our own pulse has just ended, so it can
+// neither join two pulses nor lengthen one. Where channel 15 carries a pulse
+// at least as long as the ESC's, D8 tells when the PCA9685's is high and the
+// switch comes 3 ms later: no pulse is cut either. Without that, one pulse
+// of the PCA9685 may be shortened at a switch. All within 23 ms.
 #ifndef DART_BOARD_OUTPUTS_H
 #define DART_BOARD_OUTPUTS_H
 
@@ -17,12 +23,11 @@ enum class Cutoff : uint8_t { kNone = 0, kEnable = 1, kMultiplexer = 2 };
 
 void outputs_start(Cutoff cutoff);
 
-// What the supervisor wants; the multiplexer follows at the end of our own
-// pulse, so that two pulses never join.
+// What the supervisor wants; the multiplexer follows within 23 ms.
 void outputs_set(SafetyOutput const& output);
 
-// A valid beat came: safe after `slots` slots without another.
-void beats_refresh(uint8_t slots);
+// A valid beat came: safe `limit_ms` to one slot more without another.
+void beats_refresh(uint16_t limit_ms);
 
 // With interrupts off: /OE high, own neutral to the ESC.
 void outputs_cut();

@@ -57,7 +57,7 @@ RxEvent FrameParser::end_of_block() {
   bool const broken = left_ != 0;
   bool const too_long = dropped_;
   left_ = 0;
-  started_ = zero_ = dropped_ = false;
+  started_ = dropped_ = false;
   if (too_long) {
     return RxEvent::kTooLong;
   }
@@ -66,6 +66,9 @@ RxEvent FrameParser::end_of_block() {
   }
   return broken ? RxEvent::kBroken : RxEvent::kBlock;
 }
+
+// A code of 0xFF owes no zero, but its 254 bytes never fit.
+static_assert(FrameParser::kMaxRx < 254, "every block but the first owes one");
 
 RxEvent FrameParser::feed(uint8_t byte) {
   if (byte == 0) {
@@ -81,11 +84,10 @@ RxEvent FrameParser::feed(uint8_t byte) {
     --left_;
     store(byte);
     return RxEvent::kNothing;
-  } else if (zero_ && !store(0)) {
+  } else if (!store(0)) {
     return RxEvent::kNothing;
   }
   left_ = static_cast<uint8_t>(byte - 1);
-  zero_ = byte != 0xFF;
   return RxEvent::kNothing;
 }
 

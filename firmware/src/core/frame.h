@@ -51,7 +51,6 @@ class FrameParser {
   uint8_t size_ = 0;
   uint8_t left_ = 0;      // bytes until the next code byte
   bool started_ = false;  // a code byte was seen
-  bool zero_ = false;     // a zero is owed before the next code's bytes
   bool dropped_ = false;  // too long: ignore up to the delimiter
 };
 

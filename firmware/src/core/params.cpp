@@ -76,15 +76,22 @@ wire::ParamStatus Params::set(uint16_t id, uint32_t value) {
   if (!allowed(spec_of(id), value)) {
     return wire::ParamStatus::kOutOfRange;
   }
-  if (store_.loaded() && get(static_cast<wire::ParamId>(id)) == value) {
-    return wire::ParamStatus::kOk;
-  }
-  if (store_.saving()) {
+  if (unconfirmed_) {
     return wire::ParamStatus::kEepromBusy;
   }
-  wire::detail::put(values_ + 2 * (id - 1), packed(id, value));
-  store_.save();
+  if (!store_.loaded() || get(static_cast<wire::ParamId>(id)) != value) {
+    wire::detail::put(values_ + 2 * (id - 1), packed(id, value));
+    store_.save();
+  }
+  unconfirmed_ = true;
   return wire::ParamStatus::kOk;
+}
+
+bool Params::step() {
+  store_.step();
+  bool const stored = unconfirmed_ && store_.at_rest();
+  unconfirmed_ = unconfirmed_ && !stored;
+  return stored;
 }
 
 uint16_t Params::crc() const { return crc16(0xFFFF, values_, kParamsSize); }

@@ -22,13 +22,16 @@ class Params {
   static bool known(uint16_t id);
 
   // Checks, puts in force and begins to write. Nothing changes unless the
-  // result is kOk; an equal value costs no write.
+  // result is kOk; an equal value costs no write. kEepromBusy until the
+  // value before is stored.
   wire::ParamStatus set(uint16_t id, uint32_t value);
+
+  // Writes on. True once after each kOk: the last byte is stored, a value
+  // that a host is told survives what comes now.
+  bool step();
 
   // CRC of the values in force (HELLO.param_crc).
   uint16_t crc() const;
-
-  SlotStore& store() { return store_; }
 
  private:
   static bool allowed(wire::ParamSpec const& spec, uint32_t value);
@@ -36,6 +39,7 @@ class Params {
 
   SlotStore store_;
   uint8_t values_[kParamsSize] = {};  // u16 each, little-endian
+  bool unconfirmed_ = false;
 };
 static_assert(kParamsSize == 2 * wire::kParamCount, "two bytes each");
 

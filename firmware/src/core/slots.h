@@ -66,6 +66,8 @@ class SlotStore {
   // way.
   bool save();
   bool saving() const { return left_ != 0; }
+  // Nothing is left to write and no byte is under way.
+  bool at_rest() { return !saving() && !eeprom_.busy(); }
 
   // Writes the next byte that differs if the EEPROM is free.
   void step();

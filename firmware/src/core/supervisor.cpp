@@ -107,7 +107,9 @@ void Supervisor::forget(Tick now) {
   if (heard_ && now - beat_ > ticks_of_ms(1000000)) {
     heard_ = false;
   }
-  if (trip_count_ != 0 && now - trips_[0] > kTripWindow) {
+  // A beat is stamped when it arrived, which may be before the look that
+  // tripped: such a trip lies ahead, not 2147 s back.
+  if (trip_count_ != 0 && reached(now, trips_[0] + kTripWindow + 1)) {
     for (uint8_t i = 1; i < trip_count_; ++i) {
       trips_[i - 1] = trips_[i];
     }

@@ -203,10 +203,8 @@ ROWS = (
         case("elf", "mux", fault("&cutoff=mux", "mcu:hang"), 80 + PULSE, MS, "watchdog",
              "link_stale", "beat_interrupt"),
         case("elf", "none", fault("", "mcu:hang"), 100 + PULSE, MS, "link_stale"),
-        case("elf", "interrupts off, oe", fault("&cutoff=oe", "mcu:freeze"), 100 + PULSE, MS,
-             "link_stale"),
-        case("elf", "interrupts off, mux", fault("&cutoff=mux", "mcu:freeze"), 100 + PULSE, MS,
-             "link_stale"),
+        case("elf", "interrupts off, oe", fault("&cutoff=oe", "mcu:freeze"), 80, MS, "watchdog"),
+        case("elf", "interrupts off, mux", fault("&cutoff=mux", "mcu:freeze"), 80, MS, "watchdog"),
     )),
     Row(25, "driver and guard killed, kernel dead, computer without power", "the Nano cuts", (
         *(case(world, cut, host_dead(f"&cutoff={cut}", nano), 120 + PULSE, MS, *control,

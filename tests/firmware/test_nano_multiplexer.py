@@ -1,0 +1,150 @@
+"""What the ESC gets through the multiplexer while the Nano switches it, pulse by pulse.
+
+Guarantee (firmware/src/board/outputs.h): no two pulses are joined and none is longer than the
+source meant it. With a pulse on channel 15 that is as long as the ESC's none is cut either. A
+look at D8 on the way to the PCA9685 lasts below 3 us. Switched within 23 ms.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from firmware_rig import Rig, eeprom_image, patched
+
+pytestmark = pytest.mark.emulator
+Make = Callable[..., Rig]
+MUX, DISARMED, ARMED, STOP = 2, 0, 1, 3
+PERIOD, OWN, LOOK = 0.02, 1.5e-3, 3e-6
+PHASES = 20
+BLIND = ("src/board/outputs.cpp", "return (PINB & kCapture) != 0;", "return false;")
+ANY_TIME = ("src/board/outputs.cpp", "    pass_wanted = output.pass;\n",
+            "    pass_wanted = passing = output.pass;\n    select(pass_wanted);\n")
+
+
+class Board:
+    """Pulses of the PCA9685 and the multiplexer: what stands at the ESC and at D8."""
+
+    def __init__(self, rig: Rig, phase: float, width: float, wired: bool = True) -> None:
+        self.rig, self.phase, self.width, self.wired = rig, phase, width, wired
+        self.select: list[tuple[float, int]] = [(0.0, 0)]
+        self.own: list[tuple[float, int]] = [(0.0, 0)]
+
+    def high(self, t: float) -> bool:
+        return (t - self.phase) % PERIOD < self.width
+
+    def run(self, seconds: float) -> None:
+        """D8 follows D5 and the board's pulse within 0.5 us."""
+        end = self.rig.now + seconds
+        while self.rig.now < end - 1e-9:
+            self.rig.run(min(self.step(), end - self.rig.now))
+            for e in self.rig.nano.pin_log():
+                if e.pin in ("D5", "D9"):
+                    (self.select if e.pin == "D5" else self.own).append((e.t, e.level or 0))
+            if self.wired:
+                self.rig.nano.set_pin("D8", bool(self.select[-1][1]) and self.high(self.rig.now))
+
+    def step(self) -> float:
+        """Small around the end of our own pulse, where the firmware looks."""
+        last = self.own[-1]
+        if last[1] and self.rig.now > last[0] + 1.49e-3:
+            return 0.5e-6
+        fell = self.rig.now - last[0]
+        if not last[1] and (fell < 20e-6 or 2.98e-3 < fell < 3.02e-3):
+            return 0.5e-6
+        return 10e-6
+
+    def beat(self, seconds: float, mode: int) -> None:
+        token = self.rig.hello()["boot_nonce"]
+        for _ in range(round(seconds / 0.02)):
+            self.rig.send("HEARTBEAT", arm_token=token, mode=mode)
+            self.run(0.02)
+
+    def at_the_esc(self, begin: float) -> list[tuple[float, float]]:
+        """Pulses (rise, width) since ``begin``."""
+        rises = [self.phase + n * PERIOD for n in range(int(self.rig.now / PERIOD))]
+        edges = sorted({t for t, _ in self.select + self.own if t > begin}
+                       | {t + d for t in rises if t > begin for d in (0.0, self.width)})
+        pulses: list[tuple[float, float]] = []
+        rise = None
+        for t in edges:
+            level = self.level(t + 1e-9)
+            if level and rise is None:
+                rise = t
+            elif not level and rise is not None:
+                pulses.append((rise, t - rise))
+                rise = None
+        return pulses
+
+    def level(self, t: float) -> bool:
+        def last(log: list[tuple[float, int]]) -> int:
+            return log[bisect.bisect_right(log, (t, 2)) - 1][1]
+        return self.high(t) if last(self.select) else bool(last(self.own))
+
+
+def drive(rig: Rig, phase: float, width: float, wired: bool = True) -> tuple[Board, float, float]:
+    """To LIVE and, by STOP, back: the board, and when it was told either."""
+    board = Board(rig, phase, width, wired)
+    board.rig.run(0.5)
+    rig.beat(0.56, DISARMED)
+    for e in rig.nano.pin_log():
+        if e.pin in ("D5", "D9"):
+            (board.select if e.pin == "D5" else board.own).append((e.t, e.level or 0))
+    armed = rig.now
+    board.beat(0.12, ARMED)
+    stopped = rig.now
+    board.beat(0.08, STOP)
+    return board, armed, stopped
+
+
+def longer_or_joined(board: Board, begin: float) -> list[float]:
+    limit = max(board.width, OWN) + 2e-6
+    return [w for _, w in board.at_the_esc(begin) if w > limit]
+
+
+def cut(board: Board, begin: float) -> list[float]:
+    """Widths that no source meant, without the looks."""
+    return [w for _, w in board.at_the_esc(begin)[1:]
+            if w > LOOK and min(abs(w - OWN), abs(w - board.width)) > 2e-6]
+
+
+@pytest.mark.parametrize("n", range(PHASES))
+def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
+    rig = nano(eeprom=eeprom_image(safety_out=MUX))
+    board, armed, stopped = drive(rig, n * PERIOD / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
+    assert not longer_or_joined(board, armed)
+    assert not cut(board, armed)
+    looks = [w for _, w in board.at_the_esc(armed) if w <= LOOK]
+    assert len(looks) <= 1
+    passes = [t for t, level in board.select if level and t > armed]
+    own = [t for t, level in board.select if not level and t > stopped]
+    assert passes[-1] - armed <= 0.026  # 23 ms, and 3 until the beat has arrived and is read
+    assert own[-1] - stopped <= 0.026
+
+
+@pytest.mark.parametrize("n", range(0, PHASES, 4))
+def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano: Make,
+                                                                          n: int) -> None:
+    rig = nano(eeprom=eeprom_image(safety_out=MUX))
+    board, armed, stopped = drive(rig, n * PERIOD / PHASES, 1.72e-3, wired=False)
+    assert not longer_or_joined(board, armed)
+    assert len(cut(board, armed)) <= 2
+    assert [t for t, level in board.select if not level and t > stopped][-1] - stopped <= 0.026
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("change", "joins"), [(BLIND, False), (ANY_TIME, True)])
+def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
+                                          change: tuple[str, str, str], joins: bool) -> None:
+    """The control: the same phases, the same measure."""
+    image = patched(tmp_path, change)
+    cuts, joined = [], []
+    for n in range(PHASES):
+        rig = nano(image, eeprom=eeprom_image(safety_out=MUX))
+        board, armed, _ = drive(rig, n * PERIOD / PHASES, 1.72e-3)
+        cuts += cut(board, armed)
+        joined += longer_or_joined(board, armed)
+    assert cuts
+    assert bool(joined) is joins
