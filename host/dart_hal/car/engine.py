@@ -27,7 +27,7 @@ from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError
-from dart_hal.links.base import Backend
+from dart_hal.links.base import Backend, Link
 from dart_hal.types import Applied, State
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
@@ -110,16 +110,27 @@ class Engine:
         with self.lock:
             self._write_if_due()
         chunk = self.backend.link.read(self._patience(timeout))
+        return self._take(chunk.data, chunk.t) if chunk is not None else []
+
+    def resume(self, link: Link, said: bytes) -> list[State]:
+        """Go on over ``link`` to the same board; ``said``: what came there, its HELLO in it."""
         with self.lock:
-            if chunk is None:
-                return []
-            data = self.hooks.rx(chunk.data, chunk.t)
-            states = self.receiver.feed(data, chunk.t, self.applied)
+            self.backend.link = link
+            self.transmitter.over(link)
+            if self.recorder is not None:
+                self.recorder.note("replugged", {"port": str(getattr(link, "device", "")),
+                                                 "t": repr(self.now)})
+        return self._take(said, self.now)
+
+    def _take(self, data: bytes, t: float) -> list[State]:
+        """Bytes that came: States for whoever listens, and every second one is a PWM frame."""
+        with self.lock:
+            states = self.receiver.feed(self.hooks.rx(data, t), t, self.applied)
             for state in states:
                 self._frames += 1
-                self.driver.seen(state, chunk.t)
+                self.driver.seen(state, t)
                 if self._frames % 2 == 0:
-                    self._due, self._due_since = True, chunk.t
+                    self._due, self._due_since = True, t
             if self.driver.overdue:
                 self._write(self.now)
         for state in states:        # without the lock: one that blocks holds up nobody's stop

@@ -79,20 +79,22 @@ def _at_one_rate(backend: Backend, caller: Caller, listen: float, asking: float)
     return None
 
 
-class _Port:
-    """A serial port with nothing else opened."""
+class Port:
+    """A serial port with nothing else opened; ``heard`` is all that came."""
 
     def __init__(self, link: SerialLink) -> None:
         self._link = link
         self._decoder = Decoder(UP)
         self._seq = 0
         self.came = 0
+        self.heard = bytearray()
 
     def poll(self, timeout: float) -> Hello | None:
         chunk = self._link.read(timeout)
         if chunk is None:
             return None
         self.came += len(chunk.data)
+        self.heard += chunk.data
         for frame in self._decoder.feed(chunk.data):
             if frame.message is HELLO:
                 return Hello.from_frame(frame.as_dict())
@@ -116,6 +118,6 @@ def identify_port(device: str) -> Hello:
     link = SerialLink(device)
     try:
         backend = Backend(Url.parse(f"serial://{device}"), link, RealClock(), None, False)
-        return await_hello(backend, _Port(link))
+        return await_hello(backend, Port(link))
     finally:
         link.close()

@@ -6,12 +6,16 @@ import contextlib
 import threading
 from typing import Protocol
 
-from dart_hal.car.engine import REFRESH, Engine
+from dart_hal.car.engine import Engine
+from dart_hal.car.reconnect import Found, Search
 from dart_hal.errors import LinkLost
+from dart_hal.links.serial_port import SerialLink
 from dart_hal.types import State
 
 SLICE = 0.02
 """s: longest wait in the thread's read, so that expiry is noticed in time."""
+AWAY = 0.04
+"""s between two frames without a Nano: neutral again, and a beat for the guard (100 ms)."""
 
 
 class Pump(Protocol):
@@ -56,7 +60,8 @@ class ThreadPump:
 
     Whatever ends the stepping, a lost link or a listener that raises, the
     thread first brings the pins to neutral and goes on refreshing them; the
-    error is raised by ``next``.
+    error is raised by ``next``. A link that vanished is raised once: the board
+    is looked for, and stepping goes on, disarmed, when it is found.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -70,11 +75,27 @@ class ThreadPump:
         self._thread.start()
 
     def _run(self) -> None:
-        try:
-            while not self._ended.is_set():
+        found: Found | None = None
+        while not self._ended.is_set():
+            try:
+                if found is not None:
+                    again, found = found, None
+                    self._publish(self._engine.resume(*again))
                 self._publish(self._engine.step(SLICE))
-        except Exception as error:  # noqa: BLE001 - raised by next(), at neutral
-            self._hold(error)
+            except LinkLost as error:
+                found = self._hold(error, self._search())
+            except Exception as error:  # noqa: BLE001 - raised by next(), at neutral
+                self._hold(error, None)
+        if found is not None:
+            found.link.close()
+
+    def _search(self) -> Search | None:
+        """Let go of the port, so that its name is free, and look for the board."""
+        engine = self._engine
+        hello, link = engine.receiver.hello, engine.backend.link
+        link.close()
+        return Search(engine.backend, hello.board_id, link.baud) \
+            if hello is not None and isinstance(link, SerialLink) else None
 
     def _publish(self, states: list[State]) -> None:
         if states:
@@ -83,24 +104,33 @@ class ThreadPump:
                 self._count += len(states)
                 self._news.notify_all()
 
-    def _hold(self, error: Exception) -> None:
-        """Neutral, then tell, then neutral again each PWM frame until ``stop``."""
+    def _hold(self, error: Exception, search: Search | None) -> Found | None:
+        """Neutral, then tell, then neutral again until the board is found, or ``stop``."""
         engine = self._engine
         with contextlib.suppress(Exception), engine.lock:
             engine.driver.lost(engine.now)
         with self._news:
             self._error = error
+            self._delivered = self._count  # what came before is old when it is told
             self._news.notify_all()
-        while not self._ended.wait(REFRESH):
+        found = None
+        while found is None and not self._ended.wait(AWAY):
             with contextlib.suppress(Exception), engine.lock:
                 engine.driver.frame(engine.now)
+            found = search.look(engine.now) if search is not None else None
+        if search is not None:
+            search.close()
+        return found
 
     def next(self, timeout: float) -> tuple[State, int]:
         with self._news:
             self._news.wait_for(
                 lambda: self._error is not None or self._count > self._delivered, timeout)
-            if self._error is not None:
-                raise self._error
+            error = self._error
+            if isinstance(error, LinkLost):
+                self._error = None
+            if error is not None:
+                raise error
             if self._latest is None or self._count == self._delivered:
                 raise _silence(self._engine, timeout)
             # What came before the loop was there to see it is not a slow loop's loss.

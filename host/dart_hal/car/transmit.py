@@ -33,6 +33,11 @@ class Transmitter:
         self._next_ping = float("-inf")
         self._slow_from: float | None = None
 
+    def over(self, link: Link) -> None:
+        """Go on over another link; pings that are under way get no answer."""
+        self._link = link
+        self._pings.clear()
+
     def send(self, message: Message, values: Mapping[str, Any], t: float) -> int:
         """Send one message at host time ``t``; returns its sequence number."""
         seq = self._seq

@@ -34,26 +34,30 @@ LOOK_EVERY = 0.5
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
+@click.option("--link", type=click.Path(path_type=Path), default=None,
+              help="a name that points to the serial port, as udev's does (with --pty)")
 @cars_option
 @json_option
 def command(url: str | None, model: str | None, fail: tuple[str, ...], show: bool, pty: bool,
-            bus: Path | None, cars: Path | None, as_json: bool) -> None:
+            bus: Path | None, link: Path | None, cars: Path | None, as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving leaves the car's file in the folder of the cars, so that other
-    programs open the port with `--car sim-N`.
+    programs open the port with `--car sim-N`. SIGUSR1 pulls the Nano's cable,
+    SIGUSR2 puts it in again, as another port.
     """
     for text in fail:
         parse_failure(text)  # at once, not when the car is opened
     parsed = Url.parse(_with(_with(url or "sim://", "vehicle", model), "fail", ",".join(fail)))
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
-    if show == pty or (bus and not pty):
-        raise UsageError("say what to do with the car", expected="--reveal, or --pty [--bus PATH]")
+    if show == pty or ((bus or link) and not pty):
+        raise UsageError("say what to do with the car",
+                         expected="--reveal, or --pty [--bus PATH] [--link PATH]")
     if show:
         _reveal(parsed, as_json)
     else:
-        _serve(parsed, bus, cars, as_json)
+        _serve(parsed, bus, link, cars, as_json)
 
 
 def _with(url: str, option: str, value: str | None) -> str:
@@ -95,7 +99,27 @@ def _leave_car_file(backend: Backend, cars: Path | None) -> str:
     return backend.car
 
 
-def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None:
+def _cable(port: Pty, link: Path | None) -> str:
+    """Let signals move the Nano's cable; returns the name of its port."""
+    def pull(*_: object) -> None:
+        port.unplug()
+        if link is not None:
+            link.unlink(missing_ok=True)
+
+    def put(*_: object) -> None:
+        port.plug()
+        if link is not None:
+            link.unlink(missing_ok=True)
+            link.symlink_to(port.path)
+
+    signal.signal(signal.SIGUSR1, pull)
+    signal.signal(signal.SIGUSR2, put)
+    put()
+    return str(link) if link is not None else port.path
+
+
+def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
+           as_json: bool) -> None:
     backend = open_backend(url.text)
     notices(backend.notices)
     name = _leave_car_file(backend, cars)
@@ -106,10 +130,11 @@ def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None
     served = BusServer(backend, paced, bus) if bus else None
     try:
         with Pty(paced, always=True) as port:
-            address = f"serial://{port.path}" + (f"?i2c=unix:{bus}" if bus else "")
+            device = _cable(port, link)
+            address = f"serial://{device}" + (f"?i2c=unix:{bus}" if bus else "")
             if as_json:
-                print_json({"url": address, "pty": port.path, "bus": bus, "car": name})
-            console.print(f"the car answers on {port.path}; from another terminal:\n"
+                print_json({"url": address, "pty": device, "bus": bus, "car": name})
+            console.print(f"the car answers on {device}; from another terminal:\n"
                           f"  export DART_HAL_URL='{address}' DART_HAL_CAR={name}\n"
                           "  dart-hal top\nCtrl-C ends it",
                           soft_wrap=True)
@@ -118,4 +143,6 @@ def _serve(url: Url, bus: Path | None, cars: Path | None, as_json: bool) -> None
     finally:
         if served is not None:
             served.close()
+        if link is not None:
+            link.unlink(missing_ok=True)
         backend.close()

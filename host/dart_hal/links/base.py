@@ -130,6 +130,7 @@ class Backend:
     ``bus`` None: commands are accepted and reported as not sent (replay).
     ``notices``: sentences the user must see once (for example: mock in use).
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
+    ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
     """
 
@@ -143,6 +144,7 @@ class Backend:
     notices: tuple[str, ...] = ()
     resets: bool = True
     closers: tuple[Callable[[], None], ...] = ()
+    candidates: Callable[[], list[str]] = list
     workshop: Workshop | None = None
 
     def close(self) -> None:

@@ -58,7 +58,8 @@ class Pty:
     through opens. Time stands still while nobody has the port open, unless
     ``always`` says that it goes on, as it does for a car that rolls. The rate
     that the program set on its port becomes the host's rate of a Nano that has
-    ``set_baud``.
+    ``set_baud``. ``unplug`` and ``plug`` are the USB cable; each plugging gives
+    another ``path``.
     Use as a context manager, or `start` and `close`; the thread's failure is
     raised by `close`.
     """
@@ -69,11 +70,9 @@ class Pty:
         self._tick = tick
         self._reset_on_open = reset_on_open
         self._always = always or not reset_on_open
-        self._master, slave = os.openpty()
-        self.path = os.ttyname(slave)
-        tty.setraw(slave)
-        os.close(slave)  # only now does poll() report the missing slave
-        os.set_blocking(self._master, False)
+        self._master, self.path = _pair()
+        self._plugged = self._master
+        self._spare: tuple[int, str] | None = None
         self._wake_read, self._wake_write = os.pipe()
         self._thread: threading.Thread | None = None
         self._failure: BaseException | None = None
@@ -105,13 +104,33 @@ class Pty:
         if self._thread is not None:
             self._thread.join()
             self._thread = None
-        for fd in (self._master, self._wake_read, self._wake_write):
+        spare = self._spare[0] if self._spare is not None else -1
+        for fd in {self._master, self._plugged, spare, self._wake_read, self._wake_write}:
             with contextlib.suppress(OSError):
                 os.close(fd)
-        self._master = self._wake_read = self._wake_write = -1
+        self._master = self._plugged = self._wake_read = self._wake_write = -1
         failure, self._failure = self._failure, None
         if failure is not None:
             raise failure
+
+    def unplug(self) -> None:
+        """Pull the cable: the port vanishes under whoever has it open."""
+        if self._spare is None:
+            self._spare = _pair()  # made now, while the old name is still taken
+            self._plugged = -1
+
+    def plug(self) -> None:
+        """Put the cable in again; ``path`` is another one from now on."""
+        if self._spare is not None:
+            self._plugged, self.path = self._spare
+            self._spare = None
+
+    def _move_cable(self) -> None:
+        """Serve the master that is plugged in, if another one was served."""
+        if self._plugged != self._master:
+            if self._master >= 0:
+                os.close(self._master)
+            self._master, self._speed = self._plugged, 0
 
     @property
     def alive(self) -> bool:
@@ -128,6 +147,7 @@ class Pty:
         """Pace the Nano in the calling thread until `close` is called elsewhere."""
         start = time.monotonic() - self.nano.now
         while not self._stop:
+            self._move_cable()
             was_open, self.is_open = self.is_open, self._slave_open()
             is_open = self.is_open
             if is_open and not was_open:
@@ -146,6 +166,8 @@ class Pty:
                 is_open = False  # closed, even if it is open again by now
 
     def _slave_open(self) -> bool:
+        if self._master < 0:
+            return False
         poll = select.poll()
         poll.register(self._master, 0)
         return not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -209,3 +231,13 @@ class Pty:
         except BlockingIOError:
             sent = 0
         self.dropped += len(data) - sent
+
+
+def _pair() -> tuple[int, str]:
+    """The master of a new pty and the name of its slave."""
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    tty.setraw(slave)
+    os.close(slave)  # only now does poll() report the missing slave
+    os.set_blocking(master, False)
+    return master, name

@@ -17,7 +17,7 @@ import os
 import select
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import serial
@@ -82,7 +82,7 @@ class SerialLink:
         private(self._port)
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
-        _settle(self._port.fd, simulated=device.startswith("/dev/pts/"))
+        _settle(self._port.fd, simulated=os.path.realpath(device).startswith("/dev/pts/"))
 
     @property
     def baud(self) -> int:
@@ -172,6 +172,27 @@ def find_port(pattern: str) -> str:
                       expected="a CH340 is 1A86:7523, an FT232 is 0403:6001")
 
 
+def candidates(device: str, pattern: str | None) -> Callable[[], list[str]]:
+    """What to look through for the board of ``device`` after unplugging: ``list()`` of ports.
+
+    Its own name first, which udev may keep; then ports of the same USB bridge,
+    or of the URL's ``pattern``. No others: opening a port resets its board.
+    """
+    here = {port.device: port for port in list_ports.comports()}
+    was = here.get(os.path.realpath(device))
+
+    def present() -> list[str]:
+        names = [device] if os.path.exists(device) else []
+        if pattern is not None:
+            names += [port.device for port in list_ports.grep(pattern)]
+        elif was is not None and was.vid is not None:
+            names += [port.device for port in list_ports.comports()
+                      if (port.vid, port.pid) == (was.vid, was.pid)]
+        return list({os.path.realpath(name): name for name in reversed(names)}.values())[::-1]
+
+    return present
+
+
 def open_serial(url: Url) -> Backend:
     """Entry point of ``serial://`` and ``hwgrep://``."""
     url.known("i2c", "baud")
@@ -195,4 +216,5 @@ def open_serial(url: Url) -> Backend:
         f"no I2C bus in the URL: commands are not sent (try {url.text}{joined}i2c=1)",)
     closers = (bus.close,) if isinstance(bus, SocketBus | SmbusBus) else ()
     return Backend(url=url, link=link, clock=RealClock(), bus=bus, virtual=False, notices=notices,
-                   closers=closers)
+                   closers=closers, candidates=candidates(
+                       device, url.target if url.scheme == "hwgrep" else None))
