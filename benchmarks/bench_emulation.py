@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from bare_nano import BOOTED, BareNano
 from figures import Figure, best_cpu
 
 from dart_hal.car import Car
 from dart_hal.links.base import Chunk, Link, open_backend
+from dart_hal.recording.seals import SealedFile
 from dart_hal.sim.truth import world_of
 
 URL = "sim://?seed=7&nano=avr"
@@ -38,7 +40,27 @@ def figures(scale: float = 1.0) -> list[Figure]:
         Figure("times real time: firmware alone", bare, "x", note=f"{bare / loop:.1f} x the loop"),
         Figure("times real time: mock, physics and HAL", mock, "x",
                note=f"{mock / loop:.1f} x the loop")]
-    return [*rows, slices(10.0 * scale), *split(seconds)]
+    return [*rows, flushes(10.0 * scale), slices(10.0 * scale), *split(seconds)]
+
+
+def flushes(seconds: float) -> Figure:
+    """What it costs that a killed recording misses 50 ms at most: checksum, seal, system call."""
+    spent: list[float] = []
+    plain = SealedFile.seal
+
+    def timed(file: SealedFile) -> None:
+        begin = time.process_time()
+        plain(file)
+        spent.append(time.process_time() - begin)
+
+    with tempfile.TemporaryDirectory() as folder, \
+            Car.open(MOCK, record=Path(folder) / "run.mcap") as car, \
+            patch.object(SealedFile, "seal", timed):
+        spent.clear()
+        drive(car, seconds)
+        share = sum(spent) / seconds
+        return Figure("flushes of a recording, CPU", 1e3 * share, "ms/s",
+                      note=f"{len(spent) / seconds:.0f} a second: a kill costs 50 ms of the run")
 
 
 def drive(car: Car, seconds: float) -> None:

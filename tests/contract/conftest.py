@@ -47,13 +47,15 @@ def counts(bus) -> tuple[int, int]:
 class Served:
     """``dart-hal sim --pty --bus`` in a process of its own, in real time."""
 
-    def __init__(self, folder: Path, *, url: str = URLS["mock"], arm_neutral: float = 2.0) -> None:
+    def __init__(self, folder: Path, *, url: str = URLS["mock"], arm_neutral: float = 2.0,
+                 link: bool = False) -> None:
         self.cars = folder / "cars"
         self._bus = None
         socket = folder / "i2c"
         self.process = subprocess.Popen(
             [sys.executable, "-m", "dart_hal.cli.main", "sim", "--pty", "--bus", str(socket),
-             "--cars", str(self.cars), "--url", url, "--json"],
+             "--cars", str(self.cars), "--url", url, "--json",
+             *(("--link", str(folder / "nano")) if link else ())],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
         text = ""
         while not text.endswith("}\n"):
@@ -149,6 +151,14 @@ def bench(request, tmp_path_factory):
 def served(tmp_path):
     """A served car whose ESC is taken as ready after 0.2 s: for tests of processes."""
     made = Served(tmp_path, arm_neutral=0.2)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def served_by_name(tmp_path):
+    """The same behind a name that follows its port, and with a board's own boot loader."""
+    made = Served(tmp_path, url="sim://?nano=mock&boot=old", arm_neutral=0.2, link=True)
     yield made
     made.close()
 

@@ -15,6 +15,7 @@ import time
 
 import pytest
 
+from dart_hal.actuation import guarded
 from dart_hal.errors import LinkLost, PortBusy, PortMissing
 
 PATIENCE = 30.0
@@ -121,6 +122,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             car.drive(throttle=0.3, valid_for=0.5)
         link = car._engine.backend.link
+        car._engine.backend.candidates = list           # nothing is plugged in again
         os.dup2(os.open("/dev/null", os.O_RDWR), link._port.fd)
         with pytest.raises(LinkLost, match=r"vanished|no frame|take bytes"):
             drive_on(car, 1.0)
@@ -135,6 +137,7 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
     threads = threading.active_count()
     with served.open() as car:
         arm(car)
+        guard = car._engine.driver._guard._guard
         served.process.kill()
         served.process.wait()
         with pytest.raises(LinkLost) as lost:
@@ -143,6 +146,9 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
         assert lost.value.remedy
         assert car.mode != "ARMED"
     assert car.mode == "CLOSED"
+    assert guard.pid in [left.pid for left in guarded._left], "it tries on: the bus may come back"
+    os.kill(guard.pid, signal.SIGKILL)                  # half a minute is long for a test
+    os.waitpid(guard.pid, 0)
     assert wait_for(lambda: threading.active_count() <= threads)
     with pytest.raises((PortMissing, OSError)):
         served.open()

@@ -1,0 +1,63 @@
+"""kill -9 of a program that records a car over a real port: what is missing from its file."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dart_hal.recording.run import FLUSH, RunReader
+
+RECORDER = """
+import mmap, struct, sys
+from dart_hal.car import Car
+from dart_hal.recording import run
+url, name, cars, folder, flush = sys.argv[1:6]
+run.FLUSH = float(flush)
+with open(folder + "/seen", "r+b") as file, \\
+        Car.open(url, car=name, cars=cars, record=folder + "/run.mcap") as car:
+    seen = mmap.mmap(file.fileno(), 16)
+
+    def note(direction, data, t):
+        if direction == "rx":
+            count, _ = struct.unpack("<qd", seen[:])
+            seen[:] = struct.pack("<qd", count + len(data), t)
+        return data
+
+    car.on_bytes(note)
+    car.note("from here", {})
+    for _ in car.states(timeout=60.0):
+        car.drive(steering=0.1)
+"""
+LIMIT = 0.1
+"""s of a recording that a kill may cost."""
+
+
+@pytest.mark.parametrize("flush", [FLUSH, 1e9])
+def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served, tmp_path, flush):
+    """What the program had seen stands in shared memory, which outlives it. The control flushes
+    never: what was recorded since the opening is lost then."""
+    (tmp_path / "seen").write_bytes(bytes(16))
+    program = subprocess.Popen([sys.executable, "-c", RECORDER, served.url, served.name,
+                                str(served.cars), str(tmp_path), str(flush)])
+    with (tmp_path / "seen").open("r+b") as file, mmap.mmap(file.fileno(), 16) as seen:
+        deadline = time.monotonic() + 30.0
+        while struct.unpack("<qd", seen[:])[0] < 8000 and time.monotonic() < deadline:
+            time.sleep(0.005)
+        program.kill()
+        program.wait()
+        count, last = struct.unpack("<qd", seen[:])
+    assert count >= 8000, "it has recorded for more than a second"
+    run = RunReader(tmp_path / "run.mcap")
+    assert not run.complete
+    assert not run.damaged
+    kept = max((chunk.t for chunk in run.chunks()), default=float("-inf"))
+    if flush == FLUSH:
+        assert last - kept <= LIMIT
+        assert run.notices, "and it is said"
+    else:
+        assert last - kept > LIMIT

@@ -1,0 +1,88 @@
+"""The Nano's cable comes out and goes in again, as another port: found by its number, disarmed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from dart_hal.car import pump
+from dart_hal.errors import LinkLost
+
+PATIENCE = 30.0
+NEUTRAL = range(305, 309)
+
+
+def drive_until_lost(car, served):
+    """Pull the cable of a car that drives."""
+    for state in car.states(timeout=PATIENCE):
+        car.drive(throttle=0.3, valid_for=0.5)
+        if state.applied.throttle > 0.1:
+            served.process.send_signal(signal.SIGUSR1)
+
+
+def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(served_by_name, arm):
+    with served_by_name.open() as car:
+        arm(car)
+        with pytest.raises(LinkLost, match=r"vanished|take bytes"):
+            drive_until_lost(car, served_by_name)
+        assert car.mode != "ARMED"
+        assert served_by_name.counts()[1] in NEUTRAL, "neutral before it is told"
+        served_by_name.process.send_signal(signal.SIGUSR2)
+        for state in car.states(duration=1.0, timeout=PATIENCE):
+            car.drive(throttle=0.3)
+            assert state.applied.throttle == 0.0
+        assert car.mode == "DISARMED"
+        arm(car)
+        for state in car.states(duration=0.4, timeout=PATIENCE):
+            car.drive(throttle=0.3, valid_for=0.5)
+
+
+def test_it_goes_on_disarmed_under_another_name(served_by_name):
+    before = os.readlink(served_by_name.port)
+    with served_by_name.open() as car:
+        board = car.hello.board_id
+        served_by_name.process.send_signal(signal.SIGUSR1)
+        with pytest.raises(LinkLost, match=r"vanished|take bytes"):
+            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+        with pytest.raises(LinkLost, match="no frame"):
+            next(car.states(timeout=0.2))
+        assert car.drive(throttle=0.3).throttle == 0.0
+        served_by_name.process.send_signal(signal.SIGUSR2)
+        next(car.states(timeout=PATIENCE))
+        assert os.readlink(served_by_name.port) != before
+        assert car.hello.board_id == board
+        for state in car.states(duration=1.0, timeout=PATIENCE):
+            car.drive(throttle=0.3)
+            assert state.applied.throttle == 0.0
+        assert car.mode == "DISARMED"
+        assert served_by_name.counts()[1] in NEUTRAL
+
+
+def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
+    """The control: what makes it the same car is the number in HELLO, not the name."""
+    real = pump.Search
+    monkeypatch.setattr(pump, "Search", lambda backend, board, baud: real(backend, board ^ 1, baud))
+    with served_by_name.open() as car:
+        served_by_name.process.send_signal(signal.SIGUSR1)
+        with pytest.raises(LinkLost, match=r"vanished|take bytes"):
+            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+        served_by_name.process.send_signal(signal.SIGUSR2)
+        with pytest.raises(LinkLost, match="no frame"):
+            next(car.states(timeout=4.0))
+
+
+def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
+    """Steps of the search and frames of the pins in a second, not processor time."""
+    with served_by_name.open() as car:
+        served_by_name.process.send_signal(signal.SIGUSR1)
+        with pytest.raises(LinkLost, match=r"vanished|take bytes"):
+            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+        counters = car._engine.driver.actuator.counters
+        begin, frames = time.monotonic(), counters.frames
+        time.sleep(1.0)
+        rate = (counters.frames - frames) / (time.monotonic() - begin)
+        assert rate <= 1.1 / pump.AWAY
+        assert car._engine.driver._guard.age is not None, "and the guard is beaten meanwhile"
