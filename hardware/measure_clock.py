@@ -19,6 +19,7 @@ import numpy as np
 
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.quantiser import STEPS
+from dart_hal.car.guarding import own_actuator
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import DartHalError, LinkLost, UsageError
 from dart_hal.links.base import Backend, open_backend
@@ -40,9 +41,13 @@ PATIENCE = 10.0
 
 
 def board(backend: Backend, files: CarFiles) -> Pca9685:
-    """The board at neutral with a pulse on the spare channel. Raises BusError, UsageError."""
+    """The board at neutral with a pulse on the spare channel, while nobody else drives it.
+
+    Raises BusError (PcaBusy), UsageError.
+    """
     if backend.bus is None:
         raise UsageError(f"{backend.url.text} names no I2C bus", expected="...?i2c=1")
+    own_actuator(backend, files)
     car = files.config
     pca = Pca9685(backend.bus, address=car.pwm.address, frequency=car.pwm.frequency,
                   channels=(car.steering.channel, car.throttle.channel),
@@ -92,7 +97,7 @@ def periods(backend: Backend) -> tuple[float, float, float]:
             elif frame.message.name == "CAPTURE":
                 seen = frame.as_dict()
                 span = (seen["last_rise"] - seen["first_rise"]) % TICKS
-                period = span / seen["frames"]
+                period = span / seen["frames"] if seen["frames"] else None  # no pulse came
         if not asked and len(pairs) > BOOTED:
             backend.link.write(encode(CAPTURE_REQ, 0, {"frames": PERIODS}))
             asked = True

@@ -127,10 +127,7 @@ def test_no_throttle_follows_the_look_that_found_a_stranger() -> None:
 
     world = World()
     actuator = drive(world)
-    if hasattr(actuator, "set_output"):
-        actuator.set_output(LIVE)
-    else:
-        actuator.demand = lambda: LIVE
+    actuator.demand = lambda: LIVE
     while True:
         world.bus.writeto(0x40, bytes([0x06, 0, 0, 0x2C, 0x01]))
         actuator.command(0.0, 0.4, 0.2, "user", world.t)
