@@ -49,7 +49,8 @@ class Runner:
     def hold(self, seconds: float, steering_us: float, speed: float) -> list[State]:
         """Keep the steering pulse and a speed [m/s] for car time ``seconds``; 0 = standstill.
 
-        Errors: LinkLost and what else the Car raises.
+        Errors: CalibrationFailed at the first doubt about the speed, LinkLost and
+        what else the Car raises.
         """
         seen: list[State] = []
         start: float | None = None
@@ -58,6 +59,8 @@ class Runner:
             self._last = state.t
             start = state.t if start is None else start
             seen.append(state)
+            if state.health.speed_doubted:
+                raise _doubted(state)
             throttle = self._law.throttle(speed, state.speed, dt)
             self._car.pulses(steering_us=steering_us,
                              throttle_us=self._neutral + self._span * throttle)
@@ -95,6 +98,16 @@ class Runner:
 def yaw_rates(states: list[State]) -> list[float]:
     """Those yaw rates [rad/s] that the IMU vouches for."""
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
+
+
+def _doubted(state: State) -> CalibrationFailed:
+    return CalibrationFailed(
+        "the encoder does not count what the car drives",
+        found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
+        expected="edges that fit throttle and accelerometer",
+        likely="its cable is loose, its sensor too far from the ring, the ESC is off, or "
+               "something holds the car",
+        remedy="turn a wheel by hand and watch dart-hal doctor")
 
 
 def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:

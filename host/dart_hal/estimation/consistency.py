@@ -37,19 +37,28 @@ SIDEWAYS = 0.2
 with 0.1 rad of slip, and 3 deg of mounting with 0.05 rad of roll."""
 CLIPPED = 35.0
 """m/s2: the part ends at 39; what a crash was worth is unknown then."""
-FOR_LOW, FOR_HIGH = 0.03, 0.05
-"""s that a disagreement must last: a pair of edges of another age ends after a frame."""
+LATE = 0.025
+"""s between the moments that encoder and accelerometer speak of: half a pair of edges and
+its age (7 to 12 ms), filter and skew of the IMU. Times the acceleration."""
+SOON = 0.1
+"""s for which an acceleration counts in that."""
 AGREES = 0.5
 """s of agreement that end ENCODER_HIGH and ENCODER_SLIPS."""
 SILENCE = 0.3
 """s without an edge in which the model has to predict EDGES of them."""
 EDGES = 5
+"""Missing or invented, as travel: less is the coarseness of the marks, also at a start."""
 BEHIND = 0.1, 0.3
 """m/s below ``low`` and s that it lasts: edges are missing."""
 PUSHED = 3.0
 """m/s that a hand gives the car; faster edges at neutral are noise."""
 TELLS = 0.3
 """s for which rejected edges are told."""
+FREE = 1.3, 0.3
+"""Share and m/s by which wheels may pass ``free``: the recorded car reaches 5.16 m/s at a
+throttle of 0.9, where the paper's model of it ends at 4.1."""
+DRIVEN = 1.0
+"""s after the last throttle in which the accelerometer is asked: later a hand may carry it."""
 RESTS = 1.0
 """s of standing, disarmed, after which the next drive judges anew."""
 LEARN = 0.5
@@ -69,7 +78,7 @@ class EncoderCheck:
 
     def __init__(self, vehicle: Vehicle, identified: bool, metres: float, x_imu: float) -> None:
         self.bounds = SpeedBounds(vehicle, identified)
-        self._metres, self._x = metres, x_imu
+        self._owing, self._x = EDGES * metres, x_imu
         self._offset = 0.0
         self.restart()
 
@@ -77,11 +86,12 @@ class EncoderCheck:
         """Another boot: nothing is held against it."""
         self.bounds.restart()
         self.doubts: frozenset[str] = frozenset()
-        self.std = self._reference = self._slack = 0.0
+        self.std = self._reference = self._slack = self._jerk = 0.0
         self._missing = self._excess = self._behind = self._agreed = 0.0
         self._low = self._dead = False
         self._high: Doubt | None = None
         self._noisy = self._still = self._silent = 0.0
+        self._idle = DRIVEN
         self._drift, self._most = DRIFT, DRIFT
         self._owed, self._owed_for = 0.0, 0.0
 
@@ -100,12 +110,14 @@ class EncoderCheck:
         self.bounds.advance(throttle, steering, dt)
         self._silent = 0.0 if new else self._silent + dt
         self._noisy = TELLS if rejected else max(self._noisy - dt, 0.0)
+        self._idle = 0.0 if throttle != 0.0 else self._idle + dt
         standing = throttle == 0.0 and self._silent > SILENCE
         self._still = self._still + dt if standing else 0.0
         if standing and not armed:
             self._rest(accel, dt)
-        gap = self._gap(speed, accel, turn, dt, armed)
-        self._most = self._drift * LEAK + self._slack + SIGMAS * std
+        driven = armed and self._idle < DRIVEN and self._still < RESTS
+        gap = self._gap(speed, accel, turn, dt, driven)
+        self._most = self._drift * LEAK + self._slack + LATE * self._jerk + SIGMAS * std
         self._feel(gap, abs(speed), dt, armed)
         self._expect(abs(speed), new, dt, armed)
         self._publish(gap, abs(speed))
@@ -121,13 +133,12 @@ class EncoderCheck:
             self._drift = FRESH if self._still > RESTS else self._drift
         if self._still > RESTS:
             self._low = False
-            self._reference = self._slack = 0.0
 
     def _gap(self, speed: float, accel: float | None, turn: float | None, dt: float,
-             armed: bool) -> float:
+             driven: bool) -> float:
         """How much faster than the encoder the accelerometer says the car is [m/s]."""
-        if accel is None or turn is None or not armed:
-            self._reference, self._slack = speed, 0.0
+        if accel is None or turn is None or not driven:
+            self._reference, self._slack, self._jerk = speed, 0.0, 0.0
             return 0.0
         self._drift = min(self._drift + AGES * dt, DRIFT)
         felt = accel - self._offset + turn * turn * self._x
@@ -139,18 +150,20 @@ class EncoderCheck:
         share = dt / (FORGET if doubted else LEAK)
         self._reference += felt * dt + (target - self._reference) * share
         self._slack += unsure * dt - self._slack * dt / LEAK
+        self._jerk = max(abs(felt), self._jerk * (1.0 - min(dt / SOON, 1.0)))
         return abs(self._reference) - abs(speed)
 
     def _feel(self, gap: float, speed: float, dt: float, armed: bool) -> None:
         """Missing and invented edges by what the accelerometer feels."""
         most = self._most
-        self._missing = self._missing + dt if gap > most else 0.0
-        self._excess = self._excess + dt if -gap > most else 0.0
-        if self._missing >= FOR_LOW:
+        self._missing = self._missing + gap * dt if gap > most and self._high is None else 0.0
+        self._excess = self._excess - gap * dt if -gap > most else 0.0
+        if self._missing >= self._owing:
             self._low = True
         hand = 0.0 if armed else PUSHED
-        invented = speed > max(1.1 * self.bounds.free + 0.2, hand)
-        if invented or self._excess >= FOR_HIGH:
+        share, more = FREE
+        invented = speed > max(share * self.bounds.free + more, hand)
+        if invented or self._excess >= self._owing:
             self._high = Doubt.ENCODER_HIGH if invented else Doubt.ENCODER_SLIPS
             self._agreed = 0.0
         elif self._high is not None:
@@ -171,8 +184,8 @@ class EncoderCheck:
         elif armed and low > 0.0:
             self._owed += low * dt
             self._owed_for += dt
-        owed = self._owed_for >= SILENCE and self._owed >= EDGES * self._metres
-        felt = self._low and self._missing >= FOR_LOW and self._silent >= 0.5 * SILENCE
+        owed = self._owed_for >= SILENCE and self._owed >= self._owing
+        felt = self._low and self._missing >= self._owing and self._silent >= 0.5 * SILENCE
         if owed or felt:
             self._dead = True
         elif self._behind >= lasting and self._silent < SILENCE:

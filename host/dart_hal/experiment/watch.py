@@ -53,6 +53,7 @@ class Watch:
         """
         self._armed(mode, causes)
         self._motion(state, throttle)
+        self._doubted(state)
         self._imu(state)
         too_fast(state, self._speed)
         if lane is None:
@@ -86,9 +87,21 @@ class Watch:
         elif state.t - self._pulling > NO_MOTION:
             raise self._stands(state)
 
+    def _doubted(self, state: State) -> None:
+        """A speed that is not the car's ends the drive at once."""
+        if state.health.encoder_lost:
+            raise self._stands(state)
+        if state.health.speed_doubted:
+            raise ExperimentFailed(
+                "the encoder does not count what the car drives",
+                found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
+                expected="edges that fit throttle and accelerometer",
+                likely="its sensor is too far from the ring, or the wheels lost their grip",
+                remedy="turn a wheel by hand and watch dart-hal doctor")
+
     def _stands(self, state: State) -> ExperimentFailed:
         capped = Limit.RANGE.value in state.applied.limited
-        seen = f"no edge of the encoder in {NO_MOTION:.0f} s of throttle"
+        seen = "no edge of the encoder under a throttle that moves the car"
         if self._moved:
             return ExperimentFailed(
                 "the encoder has fallen silent, or the car is held", found=seen,

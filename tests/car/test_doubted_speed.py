@@ -1,0 +1,135 @@
+"""Encoders that lie: what ``drive_speed`` makes of them, how soon it is said, what covers it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+from dart_hal.types import SPEED_DOUBTS
+
+
+@dataclass
+class Run:
+    """What one drive showed: all times in s after the fault."""
+
+    flagged: dict[str, float] = field(default_factory=dict)
+    fastest: float = 0.0
+    uncovered: float = 0.0
+    limited: set[str] = field(default_factory=set)
+    capped: bool = False
+
+    @property
+    def said(self) -> float:
+        """When the speed was first doubted; inf = never."""
+        return min((t for name, t in self.flagged.items() if name in SPEED_DOUBTS),
+                   default=float("inf"))
+
+
+def half(world) -> None:
+    world.nano.set_ring(0, world.car.ring_a.edges[::2])
+
+
+def two_marks(world) -> None:
+    world.nano.set_ring(0, world.car.ring_a.edges[:2])
+
+
+def off(world) -> None:
+    world.nano.set_ring(0, ())
+
+
+def phantom(world) -> None:
+    """2610 edges/s from nowhere, on top of nothing."""
+    nano, inner = world.nano, type(world.nano).set_wheel
+    nano.set_wheel = lambda rate: inner(nano, rate + 2610 / 20)
+    nano.set_wheel(0.0)
+
+
+def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
+          seconds: float = 3.0, seed: int = 3) -> Run:
+    """``drive_speed(asked)`` with a fault at ``at`` s; believed: nobody doubts the encoder."""
+    backend, run = open_backend(f"sim://?nano=mock&seed={seed}"), Run()
+    with Car.over(backend, cars=tmp_path) as car:
+        world = world_of(backend)
+        car.arm(waive=["CALIBRATION_MISSING"])
+        if believed:
+            car._engine.telemetry.encoder.judge = lambda *_: None
+        start, struck = None, None
+        for state in car.states(duration=at + seconds):
+            start = state.t if start is None else start
+            if struck is None and state.t - start >= at:
+                fault(world)
+                struck = state.t
+            if struck is not None:
+                truth = abs(world.truth().v_x)
+                run.fastest = max(run.fastest, truth)
+                for name in state.health.doubts:
+                    run.flagged.setdefault(name, state.t - struck)
+                if state.health.speed_doubted:
+                    run.uncovered = max(run.uncovered,
+                                        abs(truth - abs(state.speed)) / state.speed_std)
+            applied = car.drive_speed(steering=0.0, speed=asked)
+            if state.health.speed_doubted:
+                run.limited.update(applied.limited)
+                run.capped = run.capped or applied.throttle == 0.0
+    return run
+
+
+@pytest.mark.parametrize("at", [0.0, 2.5], ids=["from rest", "while driving"])
+@pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
+def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at):
+    run = drive(tmp_path, fault, asked=1.0, at=at)
+    assert run.said <= 0.5
+    assert run.fastest <= 1.3
+    assert run.uncovered <= 3.0
+    assert "ENCODER_DOUBTED" in run.limited
+    assert run.capped
+
+
+@pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
+def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
+    run = drive(tmp_path, fault, asked=1.0, at=0.0, believed=True)
+    assert run.fastest > 1.3
+    assert run.said > 0.5
+
+
+@pytest.mark.parametrize(("fault", "fastest"), [(half, 0.9), (two_marks, 0.6), (off, 0.5)],
+                         ids=["half", "two marks", "off"])
+def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
+    run = drive(tmp_path, fault, asked=-0.5, at=0.0)
+    assert run.said < 1.2
+    assert run.fastest <= fastest
+    assert run.uncovered <= 3.0
+    blind = drive(tmp_path, fault, asked=-0.5, at=0.0, believed=True)
+    assert blind.fastest > run.fastest + 0.2
+
+
+def test_edges_from_nowhere_are_said_and_covered(tmp_path):
+    run = drive(tmp_path, phantom, asked=1.0, at=2.0)
+    assert run.said <= 0.5
+    assert run.fastest <= 1.35
+    assert run.uncovered <= 3.0
+
+
+def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
+    backend = open_backend("sim://?nano=mock&seed=3")
+    with Car.over(backend, cars=tmp_path) as car:
+        world = world_of(backend)
+        car.arm(waive=["CALIBRATION_MISSING"])
+        half(world)
+        for state in car.states(duration=1.0):
+            car.drive_speed(steering=0.0, speed=1.0)
+        assert state.health.doubts == {"ENCODER_LOW"}
+        world.nano.set_ring(0, world.car.ring_a.edges)
+        car.stop()
+        assert "ENCODER_LOST" in car.refusals()
+        for _ in car.states(duration=2.5):
+            pass
+        car.arm(waive=["CALIBRATION_MISSING"])
+        for state in car.states(duration=2.0):
+            car.drive_speed(steering=0.0, speed=1.0)
+        assert not state.health.doubts
+        assert state.speed > 0.8
