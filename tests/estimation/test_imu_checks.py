@@ -78,11 +78,13 @@ def test_random_words_are_never_believed():
                                tuple(w * 0.01 for w in words[:3]))
 
 
-def turns(stream: Stream, rate, speed: float, steering: float, seconds: float) -> list[str]:
+def turns(stream: Stream, rate, speed: float, steering: float, seconds: float,
+          aside: float | None = None) -> list[str]:
     """Doubts at the end of a bend that the gyro says to be ``rate``; reached in half a second."""
     for k in range(int((seconds + 0.5) / FRAME)):
         w = rate * min(k * FRAME / 0.5, 1.0)
-        stream.feed((0.0, 0.0, w), STILL[1], speed, steering)
+        felt = speed * (w if aside is None else aside)
+        stream.feed((0.0, 0.0, w), (0.01, felt + 0.001, 0.0), speed, steering)
     return sorted(stream.check.doubts)
 
 
@@ -102,6 +104,13 @@ def test_a_slow_bend_must_agree_with_the_wheels(stream, share, doubts):
 def test_a_fast_bend_may_understeer_and_a_spin_is_believed(stream, share, doubts):
     assert turns(stream, share * bend(1.5, 0.3), 1.5, 0.3, 1.0) == doubts
     assert stream.check.trusted
+
+
+def test_in_a_fast_bend_the_lateral_acceleration_decides(stream):
+    """A gyro that turns the other way, while the car is felt to go round as it steers."""
+    rate = bend(1.0, 0.25)
+    assert turns(stream, -rate, 1.0, 0.25, 1.0, aside=rate) == ["IMU_DISAGREES"]
+    assert not stream.check.trusted
 
 
 def test_a_short_disagreement_is_none(stream):

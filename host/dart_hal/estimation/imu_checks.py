@@ -8,7 +8,8 @@ samples in a row are needed, since nobody can say which side of a step was true.
 The turn rate that the wheels explain is v tan(delta) / L. Below a lateral
 acceleration that any floor holds, the gyro must agree with it, both ways.
 Above, less is understeer and right; more, or a turn to the other side, is a
-car that slides, and then the gyro is the better witness: the slide is said.
+car that slides, and then the gyro is the better witness: the slide is said,
+unless the lateral acceleration, about v omega, speaks for the wheels.
 """
 
 from __future__ import annotations
@@ -47,6 +48,11 @@ HOLDS = 1.5
 gives (2.6 N on 8.9 N of load: 2.9 m/s2)."""
 FORWARD = 0.25
 """m/s: below it the encoder's sign and the wheels' angle say little."""
+SMOOTH = 0.2
+"""s over which lateral accelerations are compared: beginning slides are no steady turn."""
+ASIDE = 1.0
+"""m/s2 by which gyro times speed must miss the lateral acceleration: 3 deg of roll (0.5), mount
+(0.3), and what is left of the change of v_y."""
 PERSISTS = 0.25
 """s that a disagreement must last: a kerb or a push ends sooner."""
 
@@ -68,6 +74,8 @@ class ImuCheck:
         self._t = -inf
         self._turns: deque[tuple[float, float, float]] = deque()
         self._since: float | None = None
+        self._aside = self._turned = 0.0
+        self._now = -inf
 
     def restart(self) -> None:
         """The device clock began anew."""
@@ -89,6 +97,10 @@ class ImuCheck:
             return self._done(False, frozenset())
         if t_imu != self._t:
             self._sample(t_imu, gyro, acc)
+        share = min((now - self._now) / SMOOTH, 1.0)
+        self._aside += (acc[1] - self._aside) * share
+        self._turned += (speed * turn - self._turned) * share
+        self._now = now
         doubt = self._compare(now, turn, low, high, speed) if self._good >= REGAIN else None
         if self._good < REGAIN or doubt == Doubt.IMU_DISAGREES:
             return self._done(False, frozenset({(doubt or self._why).value}))
@@ -140,4 +152,8 @@ class ImuCheck:
             self._since = now
         if now - self._since < PERSISTS:
             return None
+        if not holds:
+            wheels = min(max(self._aside, min(speed * low, speed * high)),
+                         max(speed * low, speed * high))
+            holds = abs(self._aside - self._turned) > ASIDE + abs(self._aside - wheels)
         return Doubt.IMU_DISAGREES if holds else Doubt.CAR_SLIDES

@@ -1,0 +1,50 @@
+"""Sound cars are not doubted: simulated driving in every style, the recordings of the real one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from bench_doubts import STYLES, drive, recorded
+
+SLIDES = {"81_drifting_tapes_and_tiles/"
+          "car_1_Datarecording_09_09_2024_18_13_59drifting_clockwise.csv"}
+"""The car is at full throttle across its way: what the wheels say is not what it does."""
+DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
+"""Motion capture shows up to 0.43 m/s, the encoder stays at zero."""
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_no_style_of_driving_is_doubted(style):
+    assert drive(17, style, 9.0).doubts == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", STYLES)
+def test_no_style_of_driving_is_doubted_on_ten_cars(style):
+    assert [d for seed in range(30, 40) for d in drive(seed, style, 36.0).doubts] == []
+
+
+def told(path: Path) -> dict[str, set[str]]:
+    names: dict[str, set[str]] = {}
+    for who, name, _, _ in recorded(path).doubts:
+        names.setdefault(who, set()).add(name)
+    return names
+
+
+def test_a_recorded_dead_encoder_is_found(recordings):
+    (path,) = recordings.glob("circles_27_sept_2024/*.csv")
+    assert told(path) == {next(iter(DEAD)): {"ENCODER_DEAD"}}
+
+
+@pytest.mark.slow
+def test_only_recordings_of_a_dead_encoder_and_of_drifting_are_doubted(recordings):
+    found: dict[str, set[str]] = {}
+    for path in sorted(recordings.rglob("*.csv")):
+        found |= told(path)
+    assert set(found) == SLIDES | DEAD
+    assert "ENCODER_LOW" in found[next(iter(SLIDES))], "the wheels stand across the way"
