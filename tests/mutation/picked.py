@@ -33,7 +33,7 @@ class Pick:
 
 PICKS = (
     Pick("interrupt cuts after 2.5 s", "supervisor of the Nano", SRC + "core/beat_counter.h",
-         "(limit_ms + kSlotMs - 1) / kSlotMs", "250"),
+         "(limit_ms + kSlotMs - 1) / kSlotMs", "250 + 0 * limit_ms"),
     Pick("interrupt winds up 1 s whatever the limit", "supervisor of the Nano",
          SRC + "app/safety.cpp",
          "static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs))", "1000"),
