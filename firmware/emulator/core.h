@@ -134,6 +134,10 @@ struct emu {
 	double wheel_pos, wheel_rate; /* revolutions, per cycle */
 	uint64_t wheel_c;
 	uint8_t state[3][8];
+	struct {
+		bool behind_mux; /* D8 gets its level while D5 is high */
+		bool level;
+	} capture;
 	struct event_log pins, marks;
 	struct isr_stat isr[VECTORS];
 };

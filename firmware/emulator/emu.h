@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#define EMU_ABI 3
+#define EMU_ABI 4
 
 typedef struct emu emu_t;
 
@@ -92,6 +92,9 @@ void emu_i2c(emu_t *e, int fault, double p, double stretch_us, int clocks);
 /* Pins by port letter 'B'..'D'. State: 0 low, 1 high, 2 not driven. */
 void emu_pin(emu_t *e, int port, int bit, int level);
 int emu_pin_state(const emu_t *e, int port, int bit);
+/* D8 gets what emu_pin says through the multiplexer's second section: low
+ * unless the MCU drives D5 high. */
+void emu_capture(emu_t *e, int behind_mux);
 int emu_pin_log(emu_t *e, uint64_t *cycle, uint8_t *pin, uint8_t *state,
 		int max); /* pin = port letter - 'B' << 4 | bit; drains */
 

@@ -11,6 +11,13 @@
 enum { LOW, HIGH, RELEASED };
 
 
+static void capture_show(emu_t *e)
+{
+	bool through = !e->capture.behind_mux || e->state[2][5] == HIGH;
+
+	pins_input(e, 0, 0, e->capture.level && through);
+}
+
 static void changed(emu_t *e, int port, int bit, int state)
 {
 	if (e->state[port][bit] == state)
@@ -22,6 +29,8 @@ static void changed(emu_t *e, int port, int bit, int state)
 			  emu_world(e, e->avr->cycle));
 	if (port == 2 && bit == 7)
 		wheel_sensor(e);
+	if (port == 2 && bit == 5 && e->capture.behind_mux)
+		capture_show(e);
 	if (port == 1 && (bit == 4 || bit == 5))
 		twi_gpio(e);
 	if (port == 2 && bit == 4)
@@ -123,8 +132,18 @@ void pins_after_reset(emu_t *e)
 
 void emu_pin(emu_t *e, int port, int bit, int level)
 {
-	if (port >= 'B' && port <= 'D' && bit >= 0 && bit < 8)
+	if (port == 'B' && bit == 0) {
+		e->capture.level = level != 0;
+		capture_show(e);
+	} else if (port >= 'B' && port <= 'D' && bit >= 0 && bit < 8) {
 		pins_input(e, port - 'B', bit, level != 0);
+	}
+}
+
+void emu_capture(emu_t *e, int behind_mux)
+{
+	e->capture.behind_mux = behind_mux != 0;
+	capture_show(e);
 }
 
 int emu_pin_state(const emu_t *e, int port, int bit)

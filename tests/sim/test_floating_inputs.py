@@ -6,6 +6,7 @@ import pytest
 
 from dart_hal.sim.cutoff import INPUT_FILTER, EscInput, make_wiring
 from dart_hal.sim.levels import CLAMP_MAX, clamp_current, divided, level
+from dart_hal.sim.mock_capture import MockCapture
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
@@ -153,11 +154,13 @@ def test_the_switch_of_the_select_inside_a_board_pulse_joins():
 
 
 @pytest.mark.parametrize(("cutoff", "linked"), [("none", True), ("oe", True), ("mux", False)])
-def test_the_spare_channel_reaches_d8_as_the_esc_gets_its_pulse(raw_car, cutoff, linked):
+def test_the_spare_channel_reaches_d8_as_the_esc_gets_its_pulse(raw_car, cutoff, linked,
+                                                                monkeypatch):
     car = raw_car(f"sim://?nano=mock&cutoff={cutoff}")
     edges = []
-    set_pin = car.world.nano.set_pin
-    car.world.nano.set_pin = lambda pin, on: (edges.append((car.world.t, on)), set_pin(pin, on))
+    edge = MockCapture.edge
+    monkeypatch.setattr(MockCapture, "edge", lambda self, on, ck: (
+        edges.append((car.world.t, on)), edge(self, on, ck)))
     for data in (b"\x42\x00\x00\x33\x01",):
         car.backend.bus.writeto(0x40, data)
     driver = Driver(car)

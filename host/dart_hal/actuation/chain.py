@@ -28,6 +28,8 @@ READ_BACK_EVERY = 1.0
 """s between two looks at MODE1, PRE_SCALE and the pulses of the frame before."""
 REOPEN_EVERY = 0.1
 """s between attempts to bring a lost PCA9685 back."""
+WATCH_PULSE_US = 2300.0
+"""Longer than every pulse that leaves the house (2250 us)."""
 BACKWARD = 1e-6
 """s by which time may seem to go back through rounding."""
 
@@ -74,6 +76,7 @@ class Actuator:
                            channels=(car.steering.channel, car.throttle.channel), sleep=sleep,
                            oscillator_hz=clock.value if clock else NOMINAL_HZ)
         self.fault: BusError | None = None
+        self.watched = self._watching = False
         self._sending, self._sleep, self._opened = bus is not None, sleep, False
         self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame)
         self._quantisers = tuple(Quantiser(self.pca.count_us) for _ in range(2))
@@ -204,6 +207,16 @@ class Actuator:
         self._planner.forget()
         return self._put(self._planner.neutral(0.0, _NOT_ARMED))
 
+    def _watch_pulse(self) -> None:
+        """The spare channel shows the Nano when the ESC's pulse is high.
+
+        It rises with it, is longer than any of them, and is on while there is a
+        cut-off: the Nano switches between pulses alone. Raises BusError.
+        """
+        if self.watched != self._watching:
+            self.clock_pulse(WATCH_PULSE_US if self.watched else None)
+            self._watching = self.watched
+
     def clock_pulse(self, pulse_us: float | None) -> None:
         """Pulse on the spare clock channel, None = off. Raises BusError."""
         counts = None if pulse_us is None else Quantiser(self.pca.count_us).rest(pulse_us)
@@ -256,6 +269,7 @@ class Actuator:
         counts = self._step(plan)
         try:
             self._send(counts)
+            self._watch_pulse()
         except BusError as error:
             self._lost(error, "PCA_WRITE_FAILED")
             return self.applied
@@ -303,7 +317,7 @@ class Actuator:
     def _bring_up(self) -> None:
         counts = self._at_rest(0.0)
         self.pca.open(counts)
-        self.fault, self._opened = None, True
+        self.fault, self._opened, self._watching = None, True, False
         self._planner.angle, self._planner.throttle = self.map.angle(
             counts[0] * self.pca.count_us), 0.0
         self.applied = self._applied(counts, _NOT_ARMED)

@@ -1,7 +1,7 @@
 """Does the hardware cut-off cut? Asked at every arm(), while the throttle is neutral.
 
-The spare channel of the PCA9685 carries a neutral pulse and is led through the
-cut-off to the Nano's input capture (D8). First the Nano is told to cut: no
+The spare channel of the PCA9685 carries a pulse and is led through the cut-off
+to the Nano's input capture (D8). First the Nano is told to cut: no
 pulse may come. Then to pass: pulses must come, or nobody watches. The ESC sees
 neutral all the while, and with /OE for a moment nothing, which is why its
 neutral time is counted from the end of the test.
@@ -9,18 +9,13 @@ neutral time is counted from the end of the test.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
-from dart_hal.actuation import Actuator
 from dart_hal.car.facts import OUTPUT_ON_AFTER, Observer
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
-from dart_hal.errors import BusError
 from dart_hal.wire.messages import CAPTURE_REQ
 
 PERIODS = 2
 """PWM periods to be seen; three rises."""
-PULSE_US = 1500.0
 SETTLE = 0.06
 """s that a new mode takes to act: a heartbeat of 20 ms, a PWM frame, and a slot of the Nano."""
 ANSWER = 0.4
@@ -33,16 +28,15 @@ class CutoffTest:
     ``beat``: the mode of the heartbeat while it runs.
     """
 
-    def __init__(self, observer: Observer, actuator: Actuator, transmitter: Transmitter,
-                 receiver: Receiver, now: float) -> None:
-        self._observer, self._actuator = observer, actuator
+    def __init__(self, observer: Observer, transmitter: Transmitter, receiver: Receiver,
+                 now: float) -> None:
+        self._observer = observer
         self._transmitter, self._receiver = transmitter, receiver
         self._oe = observer.cutoff == "oe"
         self.outcome, self.done = "pending", False
         self._cutting = True
         self._asked: float | None = None
         self._ask_at = now + SETTLE
-        self._pulse(PULSE_US)
 
     @property
     def beat(self) -> str:
@@ -64,10 +58,6 @@ class CutoffTest:
         elif self._asked is not None and now - self._asked > ANSWER:
             self._asked, self._ask_at = None, now    # the request or its answer was lost
 
-    def end(self) -> None:
-        """Give the spare channel back."""
-        self._pulse(None)
-
     def _judge(self, came: bool, now: float) -> None:
         self._asked = None
         if not self._cutting:
@@ -77,7 +67,3 @@ class CutoffTest:
         else:
             self._cutting = False
             self._ask_at = now + (OUTPUT_ON_AFTER if self._oe else 0.0) + SETTLE
-
-    def _pulse(self, width_us: float | None) -> None:
-        with suppress(BusError):                      # the next frame finds the bus as well
-            self._actuator.clock_pulse(width_us)

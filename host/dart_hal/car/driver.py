@@ -151,6 +151,7 @@ class Driver:
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)
         self._step_test(now)
+        self.actuator.watched = self.observer.cutoff != "none"
         self.actuator.frame(now)
         if late := self.actuator.trips():
             self._step(now, list(late), ())
@@ -170,7 +171,6 @@ class Driver:
             return
         if self.mode is not Mode.ARMING or test.done:
             self._test = None
-            test.end()
             return
         test.step(now)
         self.observer.tested = test.outcome
@@ -221,7 +221,7 @@ class Driver:
         self.waived = waive
         self.supervisor.arm(now, refusals(self.facts(now), waive))
         if observer.cutoff != "none" and self.mode is Mode.ARMING:
-            self._test = CutoffTest(observer, self.actuator, self._transmitter, self._receiver, now)
+            self._test = CutoffTest(observer, self._transmitter, self._receiver, now)
 
     def refused(self) -> NotArmed:
         """Why arming ended in DISARMED."""

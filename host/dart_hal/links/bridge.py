@@ -14,7 +14,7 @@ from pathlib import Path
 from dart_hal.errors import EmulatorMissing
 from dart_hal.links.image import FIRMWARE_DIR
 
-ABI = 3
+ABI = 4
 """EMU_ABI of the emu.h that the signatures below follow."""
 
 REMEDY = "apt-get install libsimavr-dev libelf-dev ; make -C firmware emulator"
@@ -50,6 +50,7 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_imu_peek": (_I, _P, _I),
     "emu_i2c": (None, _P, _I, _D, _D, _I),
     "emu_pin": (None, _P, _I, _I, _I),
+    "emu_capture": (None, _P, _I),
     "emu_pin_state": (_I, _P, _I, _I),
     "emu_pin_log": (_I, _P, _P, _P, _P, _I),
     "emu_eeprom_get": (_I, _P, _P, _I),

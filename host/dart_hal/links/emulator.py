@@ -334,6 +334,10 @@ class EmulatedNano:
         port, bit = PINS[name]
         self._lib.emu_pin(self._emu, ord(port), bit, level)
 
+    def capture_behind_mux(self, on: bool) -> None:
+        """D8 gets what ``set_pin`` says only while the MCU drives D5 high."""
+        self._lib.emu_capture(self._emu, on)
+
     def edges(self, ring: int = 0) -> int:
         """Level changes that ring 0 or 1 has put on its pin."""
         return int(self._lib.emu_edges(self._emu, ring))

@@ -168,10 +168,6 @@ class Multiplexer(Direct):
         self._input = EscInput()
         self._order = 0
 
-    @property
-    def captured(self) -> bool:
-        return self._levels["D5"] is True
-
     def pins(self, edges: PinEdges) -> None:
         for t, pin, on in edges:
             if pin in ("D5", "D9"):

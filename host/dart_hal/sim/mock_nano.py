@@ -65,6 +65,7 @@ class MockNano:
         self.params = {p.id: p.default for p in m.PARAMS} | params
         self._stored = bool(params)
         self.imu = MockImu()
+        self._behind_mux = False
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
         self._byte = 10.0 / host_baud
@@ -154,7 +155,11 @@ class MockNano:
     def set_pin(self, name: str, level: bool) -> None:
         """An input of the world; D8 is the input capture."""
         if name == "D8":
-            self._capture.edge(level, self._ck(self.now))
+            self._capture.edge(self._pins.board(level, self.now), self._ck(self.now))
+
+    def capture_behind_mux(self, on: bool) -> None:
+        """D8 gets its level through a multiplexer: low unless D5 is high."""
+        self._behind_mux = self._pins.behind_mux = on
 
     def pins(self) -> dict[str, int | None]:
         """Levels of the option pins D5, D6, D9; None = released."""
@@ -199,6 +204,7 @@ class MockNano:
         self._edges: list[int] = []
         self._decoder = Decoder(DOWN)
         self._pins = MockPins(self.params[7], self.now, self._starts)
+        self._pins.behind_mux = self._behind_mux
         self._slot_at = self._time(self._phase)
         self._hello_slots = {1, 11, 21}
         self._event(1, self._cause)

@@ -32,6 +32,9 @@ class Nano(Protocol):
     def set_pin(self, name: str, level: bool) -> None:
         """Level of an input; "D8" is the input capture."""
 
+    def capture_behind_mux(self, on: bool) -> None:
+        """D8 gets its level through a multiplexer: low unless the Nano drives D5 high."""
+
     def pin_log(self) -> Sequence[tuple[float, str, Any]]:
         """Edges (t, pin, level) of the outputs since the last call; None = not driven."""
 

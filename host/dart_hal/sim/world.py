@@ -18,7 +18,7 @@ import numpy as np
 
 from dart_hal.errors import UsageError
 from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.cutoff import make_wiring
+from dart_hal.sim.cutoff import Multiplexer, make_wiring
 from dart_hal.sim.esc import Esc, LateEsc
 from dart_hal.sim.faults import Line
 from dart_hal.sim.hidden import HiddenCar
@@ -83,6 +83,7 @@ class World:
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
         self._through = True
+        nano.capture_behind_mux(isinstance(self._wiring, Multiplexer))
         self.distance = 0.0
         self.lines: tuple[Line, ...] = ()
         self.watchers: list[Callable[[int, Pulse], None]] = []
@@ -167,7 +168,8 @@ class World:
     def _capture_edges(self, now: float) -> list[tuple[float, bool]]:
         """What D8 gets until the next tick: the spare channel, behind the cut-off.
 
-        A cut-off that switches acts here at the tick that follows.
+        A gate on /OE acts here at the tick that follows, a multiplexer at once:
+        the Nano itself knows its select.
         """
         output, through = self.pca.output, self._wiring.captured
         edges = output.upcoming(CLOCK, self._next) if through else []
