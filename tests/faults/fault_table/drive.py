@@ -10,9 +10,11 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.errors import BadCommand, LinkLost
 from dart_hal.links.base import open_backend
+from dart_hal.sim.cutoff import Direct
 from dart_hal.sim.failures import parse, schedule
 from dart_hal.sim.faults import LineFaults
 from dart_hal.sim.truth import world_of
+from dart_hal.sim.world import World
 from dart_hal.types import State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
@@ -27,6 +29,11 @@ SLACK = 5e-6
 PERIOD = 0.0205
 """s between two pulses of 50 Hz, a slow oscillator included."""
 FULL = 1.0
+DRIVES = 1.55e-3
+"""s of a pulse that surely drives."""
+
+CUTOFF_HOLDS = True
+"""False: the hardware cut-off welds at the first driving pulse, after it was tested."""
 
 Command = Callable[[Car, State], object]
 
@@ -34,6 +41,20 @@ Command = Callable[[Car, State], object]
 def forward(throttle: float, valid_for: float = 0.2) -> Command:
     """A loop that asks for this throttle at every State, whatever the mode."""
     return lambda car, state: car.drive(throttle=throttle, valid_for=valid_for)
+
+
+def weld_if_removed(world: World) -> None:
+    """The layer "cutoff" is gone: from the first driving pulse on the lead is a plain wire."""
+    if CUTOFF_HOLDS:
+        return
+
+    def weld(channel: int, pulse: tuple[float, float]) -> None:
+        if channel == ESC and pulse[1] - pulse[0] > DRIVES:
+            world._wiring = Direct(world.pca)
+            world.pca.set_oe(False, world.t)
+            world.watchers.remove(weld)
+
+    world.watchers.append(weld)
 
 
 class Drive:
@@ -53,6 +74,7 @@ class Drive:
         """Words of the IMU in the newest STATE."""
         self._decoder = Decoder(UP)
         self.world.watchers.append(self._saw)
+        weld_if_removed(self.world)
         self.car = Car.over(backend, cars=folder)
         self.neutral = self.car.files.neutral_us * 1e-6
         self.car.on_bytes(self._heard)

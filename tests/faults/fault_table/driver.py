@@ -53,6 +53,7 @@ def block(car: Car) -> None:
 
 
 HOW = {
+    "patient": lambda car: None,
     "wait": lambda car: None,
     "segfault": lambda car: ctypes.string_at(0),
     "exit": lambda car: os._exit(3),
@@ -83,6 +84,8 @@ def main(url: str, name: str, cars: str, how: str) -> None:
             with suppress(NotArmed, LinkLost):
                 if not driven and car.mode != "ARMED":      # later trips are not healed
                     car.arm(waive=WAIVE)
+            if how == "patient" and told:
+                time.sleep(0.5)
             with suppress(LinkLost):
                 for state in car.states(timeout=20.0):
                     if wanted.is_set() and not done:

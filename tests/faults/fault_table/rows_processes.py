@@ -158,6 +158,6 @@ ROWS = (
     )),
     Row(37, "a listener blocks, then SIGTERM", "neutral, and the program ends", (
         hil("neutral", listener_and_term, 150, "guard", how="listener"),
-        case("pty", "the program ends", ends, 3.0, "s", "close_waits"),
+        case("pty", "the program ends", ends, 3.0, "s", "stop_patience"),
     )),
 )

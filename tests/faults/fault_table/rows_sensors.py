@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 
 from dart_hal.car import Car
-from dart_hal.errors import DartHalError
+from dart_hal.errors import CalibrationFailed
 from dart_hal.types import State
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
@@ -189,14 +188,19 @@ def calibrating(bench: Bench) -> Measured:
     from dart_hal.calibration.runner import Runner
 
     drive = bench.drive()
+    drive.run(1.0)
     with drive.car.raw():
         runner = Runner(drive.car)
         runner.hold(3.0, 1700.0, 0.5)
         assert drive.wrong(drive.pulses[-1]), "it does not drive"
         at = drive.fail("enc:off")
-        with suppress(DartHalError):
+        told = "no error"
+        try:
             runner.hold(4.0, 1700.0, 0.5)
-        return Measured(drive.last_wrong(at), drive.car.mode)
+        except CalibrationFailed as error:
+            told = error.found
+    drive.run(0.5)
+    return Measured(drive.last_wrong(at), told)
 
 
 def missing_mark(bench: Bench) -> Measured:

@@ -24,7 +24,7 @@ from dart_hal.links.pty import Pty
 from dart_hal.sim.serve import BusServer, PacedWorld
 from dart_hal.sim.truth import world_of
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
-from fault_table.drive import ESC
+from fault_table.drive import ESC, weld_if_removed
 from fault_table.layers import inherit
 
 STALL = 0.010
@@ -58,6 +58,7 @@ def main(url: str, folder: Path) -> None:
     toml = folder / "cars" / backend.car / "car.toml"
     toml.parent.mkdir(parents=True)
     toml.write_text(re.sub("arm_neutral = .*", "arm_neutral = 0.2", backend.car_toml))
+    weld_if_removed(world_of(backend))
     pulses = Log(folder / "pulses")
     world_of(backend).watchers.append(
         lambda channel, pulse: pulses.line(time.monotonic(), (pulse[1] - pulse[0]) * 1e6)

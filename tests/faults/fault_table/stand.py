@@ -177,6 +177,7 @@ class PtyStand(Stand):
         return at
 
     def pulses(self) -> list[tuple[float, float]]:
+        assert self.process.poll() is None, "the car's server has ended"
         text = (self.folder / "pulses").read_text()
         rows = [line.split() for line in text.splitlines() if line.count(" ") == 1]
         return [(float(t), float(width)) for t, width in rows]

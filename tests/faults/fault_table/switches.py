@@ -9,11 +9,17 @@ from types import SimpleNamespace
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import serial
+
 from dart_hal.actuation import limits
+from dart_hal.actuation.pca9685 import Pca9685
+from dart_hal.actuation.servokit import Shield, load_servokit
+from dart_hal.car.cutoff_test import CutoffTest
+from dart_hal.car.driver import Driver
+from dart_hal.car.pump import ThreadPump
 from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
-from dart_hal.sim.cutoff import Direct
 from dart_hal.wire.blocks import BlockReader
 from dart_hal.wire.frame import Frame
 from fault_table.layers import FOREVER, host
@@ -23,7 +29,7 @@ def nothing(*_: Any, **__: Any) -> None:
     """Stands where a layer did something."""
 
 
-_ADVANCE, _READ = FrameReader._advance, BlockReader.read
+_ADVANCE, _READ, _CAUSES = FrameReader._advance, BlockReader.read, Driver._causes
 _LEFT: WeakKeyDictionary[BlockReader, int] = WeakKeyDictionary()
 
 
@@ -80,6 +86,45 @@ def trusting(check: ImuCheck, now: float, t_imu: float, gyro: Any, acc: Any, *_:
     return check.trusted
 
 
+def as_adafruit(pca: Pca9685, neutral: tuple[int, int]) -> None:
+    """The constructor of ServoKit, which wakes whatever stands in the registers."""
+    shield = Shield(pca._bus, pca.address, False, pca._sleep)
+    load_servokit()(channels=16, i2c=shield, address=pca.address)
+
+
+class SharedPort(serial.Serial):
+    """A port that anybody may open beside us."""
+
+    @property
+    def exclusive(self) -> bool:
+        return False
+
+    @exclusive.setter
+    def exclusive(self, wanted: bool) -> None: ...
+
+
+def endless(steering_us: float, throttle_us: float, throttle: float,
+            until: float) -> limits.Pulses:
+    """Pulses that never run out."""
+    return limits.Pulses(steering_us, throttle_us, throttle, math.inf)
+
+
+def pleased(test: CutoffTest, came: bool, now: float) -> None:
+    """Whatever came, the cut-off cuts."""
+    test._asked, test.outcome, test.done = None, "passed", True
+
+
+def deaf(driver: Driver, now: float) -> list[str]:
+    """A link that is silent is no cause."""
+    return [name for name in _CAUSES(driver, now) if name != "LINK_STALE"]
+
+
+def for_ever(pump: ThreadPump) -> None:
+    """End the thread, however long it takes."""
+    pump._ended.set()
+    pump._thread.join()
+
+
 def always(value: Any) -> Callable[..., Any]:
     """A function that answers the same to everything."""
     return lambda *_, **__: value
@@ -92,17 +137,22 @@ host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gate
      always(True))
 host("ledger", "sequence numbers tell what was lost", "dart_hal.wire.decoder.Ledger.note", nothing)
 host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
+host("raw_hold", "pulses of a calibration run out", "dart_hal.actuation.chain.Pulses", endless)
+host("cutoff_test", "a cut-off that does not cut is found at arm()",
+     "dart_hal.car.cutoff_test.CutoffTest._judge", pleased)
+host("cut_off", "a Nano that cuts while the host drives is noticed",
+     "dart_hal.car.driver.Driver._cut_off", always(False))
 host("expiry", "a command runs out", "dart_hal.actuation.chain.checked", eternal)
-host("link_stale", "100 ms without a frame trip", "dart_hal.car.driver.STALE", FOREVER)
+host("link_stale", "80 ms without a frame trip", "dart_hal.car.driver.Driver._causes", deaf)
 host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
      nothing)
 host("guard", "a process that outlives the driver", "dart_hal.car.driver.GuardPost", NoGuard)
-host("cutoff", "the Nano's hardware cut-off", "dart_hal.sim.world.make_wiring",
-     lambda _, pca: Direct(pca))
+host("cutoff", "the Nano's hardware cut-off (without: it welds once tested)",
+     "fault_table.drive.CUTOFF_HOLDS", False)
 host("read_back", "MODE1 and PRE_SCALE are read back",
      "dart_hal.actuation.chain.Actuator._read_back", always(True))
 host("bad_command", "a command that is no number trips",
-     "dart_hal.actuation.chain.Actuator._refuse", nothing)
+     "dart_hal.actuation.chain.Actuator.refuse", nothing)
 
 host("rebase", "counts are re-based when the Nano's clock begins anew",
      "dart_hal.estimation.frames.FrameReader._advance", unaware)
@@ -120,7 +170,22 @@ host("imu_check", "a sample of the IMU must be possible",
 host("encoder_check", "the encoder is held against model and accelerometer",
      "dart_hal.car.telemetry.EncoderCheck.judge", nothing)
 host("margins", "a weak or loaded car is no dead encoder", "dart_hal.estimation.bounds.UNKNOWN",
-     Margin(-0.3, -0.3))
+     Margin(-0.3, 0.3, -0.3))
 host("edge_gate", "edges that no wheel makes are dropped",
      "dart_hal.estimation.speed.MAX_ACCELERATION", FOREVER)
 host("ring_table", "uneven marks are learnt", "fault_table.rows_sensors.learnt", nothing)
+host("refusals", "a car that is not fit does not arm", "dart_hal.car.driver.refusals", always(()))
+host("signature", "who answers at 0x40 is read before any write",
+     "dart_hal.actuation.pca9685.Pca9685._recognise", nothing)
+host("open_neutral", "neutral stands in the registers before the chip wakes",
+     "dart_hal.actuation.pca9685.Pca9685.open", as_adafruit)
+host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.own", always(nothing))
+host("port_lock", "one program on a port", "dart_hal.links.serial_port.serial.Serial", SharedPort)
+host("search", "a board that comes back is searched by its number",
+     "dart_hal.car.reconnect.Search.look", always(None))
+host("lost", "a link that is gone means neutral at once", "dart_hal.car.driver.Driver.lost",
+     nothing)
+host("hold_pace", "without a link neutral is repeated at 50 Hz, not in a busy loop",
+     "dart_hal.car.pump.AWAY", 0.0)
+host("stop_patience", "closing does not wait for a listener that blocks",
+     "dart_hal.car.pump.ThreadPump.stop", for_ever)

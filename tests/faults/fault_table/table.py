@@ -6,9 +6,11 @@ from dataclasses import replace
 
 from fault_table import (
     rows_nano,
+    rows_owner,
     rows_pins,
     rows_processes,
     rows_sensors,
+    rows_soak,
     rows_wire,
     switches,
     switches_nano,
@@ -18,7 +20,8 @@ from fault_table.row import Row
 
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
-ROOMS = (rows_wire, rows_sensors, rows_nano, rows_pins, rows_processes)
+ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_processes,
+         rows_soak)
 
 
 def joined() -> tuple[Row, ...]:
