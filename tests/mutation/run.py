@@ -31,6 +31,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--subject", action="append", choices=names, help="one part alone")
     parser.add_argument("--only", default="", help="only mutants whose FILE:LINE contains this")
     parser.add_argument("--list", action="store_true", help="show the mutants, run nothing")
+    parser.add_argument("--rooms", action="store_true", help="no wide selection for survivors")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time (2)")
     wish = parser.parse_args(arguments)
     tasks = [(s, m) for s in SUBJECTS if s.name in (wish.subject or names)
@@ -40,11 +41,11 @@ def main(arguments: list[str]) -> int:
             print(f"{subject.name}: {_row(mutant)}")
         return 0
     begin = time.monotonic()
-    verdicts = judge(tasks, wish.jobs)
+    verdicts = judge(tasks, wish.jobs, not wish.rooms)
     return report(verdicts, time.monotonic() - begin)
 
 
-def judge(tasks: list[tuple[Subject, Mutant]], jobs: int) -> list[Verdict]:
+def judge(tasks: list[tuple[Subject, Mutant]], jobs: int, widely: bool) -> list[Verdict]:
     """Verdicts in the order of the tasks; each is printed when it falls."""
     with tempfile.TemporaryDirectory(prefix="dart-mutants-") as home:
         copies: SimpleQueue[Copy] = SimpleQueue()
@@ -54,7 +55,7 @@ def judge(tasks: list[tuple[Subject, Mutant]], jobs: int) -> list[Verdict]:
         def one(task: tuple[Subject, Mutant]) -> Verdict:
             copy = copies.get()
             try:
-                verdict = copy.judge(*task)
+                verdict = copy.judge(*task, widely)
             finally:
                 copies.put(copy)
             print(f"{verdict.seconds:6.1f} s  {_row(verdict.mutant)}\n"
