@@ -167,6 +167,16 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
         sut.beats(30_000, gap=20)
 
 
+def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
+    sut.linked()
+    for calm in (50_000, 15_000, 5_000):
+        assert sut.beats(20, ARMED) == LIVE
+        assert sut.wait(200) == TRIPPED
+        assert sut.beats(calm) == LINKED
+    assert sut.beats(20, ARMED) == LIVE
+    assert sut.wait(200) == LOCKED  # the third since 50 s, the first of all being 71 s old
+
+
 # --- each blocked transition -------------------------------------------------
 
 def test_boot_is_not_left_before_ready(sut: Sut) -> None:
