@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults fuzz mutants lint bench campaign docs firmware native hardware clean
+.PHONY: help setup demo test test-slow faults fuzz soak mutants lint bench campaign docs firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -25,6 +25,9 @@ faults: $(VENV)/.dev toolchain ## every fault stopped at the ESC pin, with its n
 
 fuzz: $(VENV)/.dev ## libFuzzer on the Nano's decoder, commands and parameters: 1e7 inputs each
 	@$(MAKE) -s -C firmware fuzz PYTHON=$(CURDIR)/$(BIN)/python ARGS="$(ARGS)"
+
+soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothing drives, leaks or gets lost
+	@$(BIN)/python tests/soak/soak.py $(ARGS)
 
 mutants: $(VENV)/.mutants toolchain ## break the safety parts in 120 small ways: do the tests notice? (an hour)
 	@$(BIN)/python tests/mutation/run.py $(ARGS)
