@@ -46,7 +46,7 @@ TITLES = {
     "port": "port", "bus": "I2C and PCA9685", "files": "files of the car", "hello": "firmware",
     "schema": "message definitions", "rate": "frame rate", "losses": "losses",
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
-    "pwm": "PWM clock", "calibration": "calibration", "arming": "arming",
+    "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "to be known",
 }
 
 
@@ -77,7 +77,7 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
     try:
         checks += _stream(car, seconds)
         checks += _car(car)
-        checks.append(_arming(car))
+        checks += [_arming(car), *_cautions(car)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
     finally:
@@ -230,10 +230,19 @@ def _arming(car: Car) -> Check:
                   expected="no reason to refuse", remedy=remedy)
 
 
+def _cautions(car: Car) -> list[Check]:
+    """What arm() warns of and no line above has told; nothing when there is nothing."""
+    told = [c for c in car.cautions if c.name != "NO_HARDWARE_CUTOFF"]
+    if not told:
+        return []
+    return [_check("cautions", False, "; ".join(f"{c.name}: {c.text}" for c in told), bad="warn",
+                   remedy="; ".join(c.remedy for c in told))]
+
+
 def _skipped(checks: list[Check]) -> list[Check]:
     done = {c.id for c in checks}
     return [Check(name, title, "skip", "not reached") for name, title in TITLES.items()
-            if name not in done]
+            if name not in done and name != "cautions"]
 
 
 def _ordered(checks: list[Check]) -> list[Check]:

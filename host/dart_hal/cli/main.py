@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import traceback
@@ -11,7 +12,7 @@ from importlib import import_module
 import click
 
 from dart_hal import __version__
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.output import console, notices, print_json
 from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
@@ -72,6 +73,7 @@ def main(args: list[str] | None = None) -> None:
     """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
     argv = sys.argv[1:] if args is None else args
     as_json = "--json" in argv
+    logging.getLogger("dart_hal").addHandler(_Notices())
     try:
         sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
     except DartHalError as error:
@@ -90,6 +92,13 @@ def main(args: list[str] | None = None) -> None:
         if os.environ.get("DART_HAL_DEBUG"):
             traceback.print_exc()
         _fail(_internal(error), as_json)
+
+
+class _Notices(logging.Handler):
+    """What the library warns of, such as at arm(), as every other notice."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        notices((record.getMessage(),))
 
 
 def _refuse(error: click.ClickException, argv: list[str], as_json: bool) -> None:

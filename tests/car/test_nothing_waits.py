@@ -1,0 +1,108 @@
+"""A listener that blocks, a lock that is held: the stop does not wait for either."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.cli.checks import examine
+from dart_hal.errors import BadCommand
+
+URL = "sim://?nano=mock"
+
+
+@pytest.fixture
+def car():
+    with Car.open(URL) as opened:
+        yield opened
+
+
+def armed(car: Car) -> Car:
+    car.arm()
+    for _ in car.states(duration=0.1):
+        car.drive(throttle=0.3)
+    assert car._engine.driver.actuator.applied.throttle > 0.2
+    return car
+
+
+def test_listeners_are_called_without_the_lock(car):
+    """Another thread can stop the car while one of them hangs."""
+    seen = []
+
+    def listener(state):
+        taken = []
+        thread = threading.Thread(
+            target=lambda: taken.append(car._engine._own_lock.acquire(timeout=5)))
+        thread.start()
+        thread.join()
+        seen.append(taken[0])
+
+    car.on_state(listener)
+    for _ in car.states(duration=0.05):
+        pass
+    assert seen
+    assert all(seen)
+
+
+def test_close_does_not_wait_for_whoever_holds_the_lock(car):
+    armed(car)
+    held, let_go = threading.Event(), threading.Event()
+
+    def hold():
+        with car._engine.lock:
+            held.set()
+            let_go.wait(30)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    held.wait(5)
+    car.close()                                      # would wait for ever
+    assert car.mode == "CLOSED"
+    assert car._engine.driver.actuator.applied.throttle == 0.0
+    let_go.set()
+    thread.join()
+
+
+def test_any_exception_in_a_command_path_trips(car, monkeypatch):
+    """Also one of our own: the old command must not run out its time."""
+    armed(car)
+
+    def broken(*_):
+        raise RuntimeError("a disk that is full")
+
+    monkeypatch.setattr(car._engine.driver.actuator._planner.arbiter, "put", broken)
+    with pytest.raises(RuntimeError):
+        car.drive(throttle=0.4)
+    assert car._engine.driver.actuator.applied.throttle == 0.0
+    for _ in car.states(duration=0.05):
+        pass
+    assert car.mode == "TRIPPED"
+    assert car.causes == ("COMMAND_INVALID",)
+
+
+@pytest.mark.parametrize("speed", [None, "1", True, float("nan"), 10**400])
+def test_a_speed_that_is_no_number_trips(car, speed):
+    armed(car)
+    with pytest.raises(BadCommand, match="speed"):
+        car.drive_speed(steering=0.0, speed=speed)
+    assert car._engine.driver.actuator.applied.throttle == 0.0
+
+
+def test_warnings_are_returned_and_logged_once(car, monkeypatch, caplog):
+    monkeypatch.setattr(type(car._engine.receiver.hello), "dirty", True)
+    with caplog.at_level(logging.WARNING, "dart_hal"):
+        names = [c.name for c in car.arm()]
+        car.stop()
+        assert [c.name for c in car.arm()] == names == ["FIRMWARE_DIRTY"]
+    assert [r.getMessage().split(":")[0] for r in caplog.records] == ["FIRMWARE_DIRTY"]
+
+
+def test_the_doctor_says_what_arm_warns_of(monkeypatch):
+    monkeypatch.setattr("dart_hal.car.identity.Hello.dirty", True)
+    found = {c.id: c for c in examine(URL, "dart-01", None, 1.0)}
+    assert found["cautions"].verdict == "warn"
+    assert "FIRMWARE_DIRTY" in found["cautions"].found
+    assert found["cautions"].remedy
