@@ -39,7 +39,8 @@ class Limit(str, Enum):
 class Doubt(str, Enum):
     """What is known against a number of the State; the prefix names the sensor.
 
-    ENCODER_DEAD no edges though the wheels must turn; ENCODER_LOW too few,
+    ENCODER_DEAD no edges though the wheels must turn; ENCODER_LOW too few (with
+    both of them motion is felt that no edge tells),
     ENCODER_HIGH more than throttle or hand explain; ENCODER_NOISY edges that no
     wheel makes were dropped; ENCODER_SLIPS the wheels turn faster than the car
     (they spin, or are lifted). IMU_ZERO, IMU_RANGE, IMU_STEP: samples that

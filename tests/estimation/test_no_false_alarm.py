@@ -38,7 +38,7 @@ def told(path: Path) -> dict[str, set[str]]:
 
 def test_a_recorded_dead_encoder_is_found(recordings):
     (path,) = recordings.glob("circles_27_sept_2024/*.csv")
-    assert told(path) == {next(iter(DEAD)): {"ENCODER_DEAD"}}
+    assert told(path) == {next(iter(DEAD)): {"ENCODER_DEAD", "ENCODER_LOW"}}
 
 
 @pytest.mark.slow

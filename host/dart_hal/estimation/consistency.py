@@ -16,20 +16,25 @@ for a dead one, until edges come again; the others end by themselves.
 
 from __future__ import annotations
 
-from math import copysign, hypot
+from math import copysign, hypot, inf
 
 from dart_hal.estimation.bounds import SpeedBounds
 from dart_hal.types import Doubt
 from dart_hal.vehicle.parameters import Vehicle
 
-LEAK = 1.0
-"""s that the reference remembers."""
+LEAK, QUICK = 1.0, 0.2
+"""s that a reference remembers. The long one sees edges that are missing from the start;
+for the quick one an offset means little, so it sees a slow wheel fall silent."""
 FRESH, AGES, DRIFT = 0.06, 0.04, 0.2
 """m/s2 of accelerometer that means nothing: right after its offset was learnt at rest
 (0.3 deg of tilt), more for each second since (the fusion's vertical tilts under
 acceleration), at most (1.2 deg). Times LEAK it is a difference of speeds."""
-SIGMAS = 2.0
-"""Of the encoder's own stated deviation: uneven marks, age of its pair."""
+SIGMAS, STD_MOST = 2.0, 0.04
+"""Of the encoder's own stated deviation, and m/s of it that count: uneven marks, age of a
+pair. More only says that edges are missing, which is the question."""
+LOST = 0.33
+"""Share of the speed that must be gone for the quick reference: marks that fall out, not a
+moment that two sensors place differently."""
 GAIN = 0.12
 """Share of the change of speed: mounting within 3 deg, scale, filter, age of the pair."""
 SIDEWAYS = 0.2
@@ -69,6 +74,33 @@ FORGET = 5.0
 """s in which a reference that is contradicted fades."""
 
 
+class Reference:
+    """Speed [m/s] by the accelerometer, drawn to the encoder within ``leak`` s."""
+
+    def __init__(self, leak: float) -> None:
+        self._leak = leak
+        self.set(0.0)
+
+    def set(self, speed: float) -> None:
+        """Begin anew from the encoder's speed."""
+        self.value, self.gap, self.most = speed, 0.0, inf
+        self._slack = 0.0
+
+    def follow(self, speed: float, felt: float, unsure: float, drift: float, extra: float,
+               doubted: bool, dt: float) -> None:
+        """One frame: ``gap`` how much faster it is than the encoder, ``most`` what means nothing.
+
+        felt, unsure, drift [m/s2]: acceleration, what of it may be wrong, and its
+        offset; extra [m/s]: what the encoder's own speed may be wrong.
+        """
+        target = 0.0 if doubted else copysign(abs(speed), self.value)
+        share = dt / (FORGET if doubted else self._leak)
+        self.value += felt * dt + (target - self.value) * share
+        self._slack += unsure * dt - self._slack * dt / self._leak
+        self.gap = abs(self.value) - abs(speed)
+        self.most = drift * self._leak + self._slack + extra
+
+
 class EncoderCheck:
     """Judges the wheel speed frame by frame: ``doubts``, and ``std`` of what it may miss.
 
@@ -80,19 +112,21 @@ class EncoderCheck:
         self.bounds = SpeedBounds(vehicle, identified)
         self._owing, self._x = EDGES * metres, x_imu
         self._offset = 0.0
+        self._slow, self._quick = Reference(LEAK), Reference(QUICK)
         self.restart()
 
     def restart(self) -> None:
         """Another boot: nothing is held against it."""
         self.bounds.restart()
         self.doubts: frozenset[str] = frozenset()
-        self.std = self._reference = self._slack = self._jerk = 0.0
-        self._missing = self._excess = self._behind = self._agreed = 0.0
+        self._slow.set(0.0)
+        self._quick.set(0.0)
+        self.std = self._jerk = self._missing = self._excess = self._behind = self._agreed = 0.0
         self._low = self._dead = False
         self._high: Doubt | None = None
         self._noisy = self._still = self._silent = 0.0
         self._idle = DRIVEN
-        self._drift, self._most = DRIFT, DRIFT
+        self._drift = DRIFT
         self._owed, self._owed_for = 0.0, 0.0
 
     def judge(self, dt: float, speed: float, std: float, new: int, rejected: bool,
@@ -116,11 +150,10 @@ class EncoderCheck:
         if standing and not armed:
             self._rest(accel, dt)
         driven = armed and self._idle < DRIVEN and self._still < RESTS
-        gap = self._gap(speed, accel, turn, dt, driven)
-        self._most = self._drift * LEAK + self._slack + LATE * self._jerk + SIGMAS * std
-        self._feel(gap, abs(speed), dt, armed)
+        self._follow(speed, std, accel if driven else None, turn, dt)
+        self._feel(abs(speed), dt, armed)
         self._expect(abs(speed), new, dt, armed)
-        self._publish(gap, abs(speed))
+        self._publish(abs(speed))
 
     # -- the reference -------------------------------------------------------
 
@@ -134,30 +167,32 @@ class EncoderCheck:
         if self._still > RESTS:
             self._low = False
 
-    def _gap(self, speed: float, accel: float | None, turn: float | None, dt: float,
-             driven: bool) -> float:
-        """How much faster than the encoder the accelerometer says the car is [m/s]."""
-        if accel is None or turn is None or not driven:
-            self._reference, self._slack, self._jerk = speed, 0.0, 0.0
-            return 0.0
+    def _follow(self, speed: float, std: float, accel: float | None, turn: float | None,
+                dt: float) -> None:
+        """Both references one frame on; without an acceleration they begin anew."""
+        if accel is None or turn is None:
+            self._jerk = 0.0
+            self._slow.set(speed)
+            self._quick.set(speed)
+            return
         self._drift = min(self._drift + AGES * dt, DRIFT)
         felt = accel - self._offset + turn * turn * self._x
-        unsure = GAIN * abs(felt) + SIDEWAYS * abs(turn * speed)
-        if abs(accel) > CLIPPED:
-            unsure = abs(felt)
-        doubted = self._low or self._high is not None or self._missing or self._excess
-        target = 0.0 if doubted else copysign(abs(speed), self._reference)
-        share = dt / (FORGET if doubted else LEAK)
-        self._reference += felt * dt + (target - self._reference) * share
-        self._slack += unsure * dt - self._slack * dt / LEAK
+        unsure = (abs(felt) if abs(accel) > CLIPPED
+                  else GAIN * abs(felt) + SIDEWAYS * abs(turn * speed))
         self._jerk = max(abs(felt), self._jerk * (1.0 - min(dt / SOON, 1.0)))
-        return abs(self._reference) - abs(speed)
+        doubted = bool(self._low or self._high is not None or self._missing or self._excess)
+        extra = LATE * self._jerk + SIGMAS * min(std, STD_MOST)
+        for reference in (self._slow, self._quick):
+            reference.follow(speed, felt, unsure, self._drift, extra, doubted, dt)
 
-    def _feel(self, gap: float, speed: float, dt: float, armed: bool) -> None:
+    def _feel(self, speed: float, dt: float, armed: bool) -> None:
         """Missing and invented edges by what the accelerometer feels."""
-        most = self._most
-        self._missing = self._missing + gap * dt if gap > most and self._high is None else 0.0
-        self._excess = self._excess - gap * dt if -gap > most else 0.0
+        slow, quick = self._slow, self._quick
+        sudden = quick.gap > max(quick.most, LOST * abs(quick.value))
+        gap = slow.gap if slow.gap > slow.most else quick.gap if sudden else 0.0
+        over = -slow.gap if -slow.gap > slow.most else 0.0
+        self._missing = self._missing + gap * dt if gap and self._high is None else 0.0
+        self._excess = self._excess + over * dt if over else 0.0
         if self._missing >= self._owing:
             self._low = True
         hand = 0.0 if armed else PUSHED
@@ -167,7 +202,7 @@ class EncoderCheck:
             self._high = Doubt.ENCODER_HIGH if invented else Doubt.ENCODER_SLIPS
             self._agreed = 0.0
         elif self._high is not None:
-            self._agreed = self._agreed + dt if -gap < 0.5 * most else 0.0
+            self._agreed = self._agreed + dt if -self._slow.gap < 0.5 * self._slow.most else 0.0
             if self._agreed >= AGREES:
                 self._high = None
 
@@ -193,15 +228,16 @@ class EncoderCheck:
 
     # -- what is said ----------------------------------------------------------
 
-    def _publish(self, gap: float, speed: float) -> None:
+    def _publish(self, speed: float) -> None:
         """Names, and one sigma [m/s] that covers what the encoder may miss."""
         names = {name for name, holds in ((Doubt.ENCODER_DEAD, self._dead),
-                                          (Doubt.ENCODER_LOW, self._low and not self._dead),
+                                          (Doubt.ENCODER_LOW, self._low),
                                           (Doubt.ENCODER_NOISY, self._noisy > 0.0)) if holds}
         if self._high is not None:
             names.add(self._high)
         self.doubts = frozenset(name.value for name in names)
-        std = abs(gap) if abs(gap) > 0.5 * self._most else 0.0
+        gap = abs(self._slow.gap)
+        std = gap if gap > 0.5 * self._slow.most else 0.0
         if self._low or self._dead:
             std = max(std, speed, 0.5 * (self.bounds.high - speed))
         if self._high is not None:

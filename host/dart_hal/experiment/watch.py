@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dart_hal.errors import ExperimentFailed
-from dart_hal.types import Limit, Pose, State
+from dart_hal.types import Doubt, Limit, Pose, State
 
 from .floor import Fence
 from .limits import Rolling, stays_inside
@@ -107,7 +107,7 @@ class Watch:
                 "the encoder has fallen silent, or the car is held", found=seen,
                 expected="edges of the ring", likely="it stands against something, its cable "
                 "is loose, or the battery is empty", remedy="dart-hal doctor")
-        if self._feels_motion():
+        if self._feels_motion() or Doubt.ENCODER_LOW.value in state.health.doubts:
             return ExperimentFailed(
                 "the car moves but its encoder does not count",
                 found=f"{seen}, though the accelerometer feels motion", expected="edges",
