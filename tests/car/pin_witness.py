@@ -55,14 +55,15 @@ class Witness:
         """Every new pulse is neutral, or a live mode and a live command allow it.
 
         Without a ``cutoff`` FAULT may say that nobody knows what the pin
-        carries. /OE acts in the middle of a pulse: it may leave a stub, shorter
-        than neutral, before or behind the gap that it makes. With the bus gone
+        carries. /OE acts in the middle of a pulse, and so does a Nano that is
+        reset: they may leave a stub, shorter than neutral, before or behind the
+        gap that they make. With the bus gone
         and the heartbeats too the Nano acts when it misses them.
         """
         allowed = (*LIVE, "FAULT") if cutoff == "none" else LIVE
         settled = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
         for k, (rise, fall, length) in enumerate(settled, self._checked):
-            stub = cutoff == "oe" and length < NEUTRAL_US and self._at_a_gap(k)
+            stub = cutoff != "none" and length < NEUTRAL_US and self._at_a_gap(k)
             if abs(length - NEUTRAL_US) <= NEAR_US or stub:
                 continue
             said = self.modes_in(fall - WITHIN, fall)
