@@ -35,6 +35,8 @@ DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
 PERIOD = 0.01
 """s between two STATE frames."""
+FIRST_PULSES = 0.1
+"""s until the ESC has seen the first neutral of a car that has just been opened."""
 RAW_PATIENCE = 1.0
 """s that raw() waits for what comes by waiting: a clean half second of frames."""
 ARM_PATIENCE = 4.5
@@ -319,7 +321,7 @@ class Car:
         not good; clock and calibration need not exist yet.
         """
         engine, driver = self._engine, self._engine.driver
-        for _ in self.states(duration=self.files.config.throttle.arm_neutral):
+        for _ in self.states(duration=self.files.config.throttle.arm_neutral + FIRST_PULSES):
             pass
         for _ in self.states(duration=RAW_PATIENCE):
             with engine.lock:

@@ -1,0 +1,118 @@
+"""RAW on the floor and on a stand: as safe as ARMED, asserted at the ESC pin."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.car.facts import Observer
+from dart_hal.errors import BadCommand, NotArmed
+from dart_hal.links.base import open_backend
+from dart_hal.recording.run import RunReader
+from dart_hal.sim.truth import world_of
+
+URL = "sim://?nano=mock"
+FAST_US = 1900.0
+NEUTRAL_US = 1500.0
+LIMITED = "\n[limits]\nmax_throttle = 0.3\n"
+
+
+class Bench:
+    """A car and the pulses of its ESC pin; ``on_stand``: the IMU sees nothing of the wheels."""
+
+    def __init__(self, tmp_path, **options) -> None:
+        self.backend = open_backend(URL)
+        self.backend.car_toml += LIMITED
+        self.world = world_of(self.backend)
+        self.pulses: list[tuple[float, float]] = []
+        self.world.watchers.append(lambda channel, pulse: channel == 1 and self.pulses.append(
+            (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
+        self.car = Car.over(self.backend, cars=tmp_path, **options)
+
+    def on_stand(self) -> None:
+        sense, shake = self.world.nano.set_imu, random.Random(1)
+        self.world.nano.set_imu = lambda gyro, acc: sense(
+            *([shake.gauss(0.0, size) for _ in range(3)] for size in (0.02, 0.3)))
+
+    def spin(self, seconds: float, throttle_us: float = FAST_US) -> None:
+        for _ in self.car.states(duration=seconds):
+            self.car.pulses(steering_us=1500.0, throttle_us=throttle_us)
+
+    def last_above(self, limit_us: float = NEUTRAL_US + 5.0) -> float:
+        return max((end for end, length in self.pulses if length > limit_us), default=0.0)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    made = Bench(tmp_path)
+    yield made
+    made.car.close()
+
+
+def test_a_loop_that_stalls_in_raw_is_stopped(bench):
+    car = bench.car
+    with car.raw():
+        bench.spin(0.3)
+        stalled = car._engine.now
+        for _ in car.states(duration=1.0):
+            pass
+        assert bench.last_above() - stalled <= 0.25
+        assert car.mode == "DISARMED"
+        with pytest.raises(BadCommand, match="COMMAND_EXPIRED"):
+            bench.spin(0.1)
+
+
+def test_on_the_floor_the_limits_of_the_car_hold(bench):
+    span = bench.car.files.config.throttle.span_us
+    with bench.car.raw():
+        bench.spin(0.3, throttle_us=2000.0)
+    assert max(length for _, length in bench.pulses) == pytest.approx(
+        NEUTRAL_US + 0.3 * span, abs=5.0)
+
+
+def test_wheels_off_the_ground_have_the_full_range_and_it_is_recorded(tmp_path):
+    run = tmp_path / "run.mcap"
+    bench = Bench(tmp_path, record=run)
+    bench.on_stand()
+    with bench.car.raw(lifted=True):
+        bench.spin(1.0, throttle_us=2000.0)
+        assert bench.car.mode == "RAW"
+    bench.car.close()
+    assert max(length for _, length in bench.pulses) == pytest.approx(2000.0, abs=10.0)
+    assert "wheels" in RunReader(run).metadata["raw_lifted"]
+
+
+def moving(bench: Bench) -> float:
+    """s after the car began to move until the last pulse above neutral."""
+    with bench.car.raw(lifted=True):
+        began = bench.car._engine.now
+        with pytest.raises(BadCommand, match="CAR_MOVES"):
+            bench.spin(3.0)
+    return bench.last_above() - began
+
+
+def test_a_car_that_is_not_lifted_after_all_is_stopped(bench):
+    assert moving(bench) < 0.6
+    assert bench.world.truth().v_x < 2.0
+
+
+def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
+    """Negative control."""
+    monkeypatch.setattr(Observer, "on_the_move", False)
+    with pytest.raises(pytest.fail.Exception):
+        moving(bench)
+
+
+@pytest.mark.parametrize("fault", ["moving", "no imu"])
+def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, fault):
+    if fault == "moving":
+        sense = bench.world.nano.set_imu
+        bench.world.nano.set_imu = lambda gyro, acc: sense((0.0, 0.0, 0.6), (0.0, 0.0, 0.0))
+    else:
+        bench.world.nano.set_imu_fault("off")
+    with pytest.raises(NotArmed) as refused, bench.car.raw(lifted=True):
+        pass
+    assert "CAR_MOVES" in refused.value.reasons
+    assert bench.car.mode == "DISARMED"
