@@ -21,7 +21,7 @@ LIVE = ("ARMED", "RAW")
 class Witness:
     """``world`` of a simulated car; call ``says`` at every State and after every call.
 
-    ``muted``: times from which no heartbeat reached the Nano.
+    ``muted``: times from which no heartbeat reached the Nano; ``resets`` of it.
     """
 
     world: object
@@ -29,6 +29,7 @@ class Witness:
     modes: list[tuple[float, str]] = field(default_factory=list)
     commands: list[tuple[float, float]] = field(default_factory=list)
     muted: list[float] = field(default_factory=list)
+    resets: list[float] = field(default_factory=list)
     _checked: int = 0
 
     def __post_init__(self) -> None:
@@ -56,14 +57,15 @@ class Witness:
 
         Without a ``cutoff`` FAULT may say that nobody knows what the pin
         carries. /OE acts in the middle of a pulse, and so does a Nano that is
-        reset: they may leave a stub, shorter than neutral, before or behind the
-        gap that they make. With the bus gone
+        reset: they may leave a stub, shorter than neutral, at that moment or
+        before or behind the gap that they make. With the bus gone
         and the heartbeats too the Nano acts when it misses them.
         """
         allowed = (*LIVE, "FAULT") if cutoff == "none" else LIVE
         settled = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
         for k, (rise, fall, length) in enumerate(settled, self._checked):
-            stub = cutoff != "none" and length < NEUTRAL_US and self._at_a_gap(k)
+            cut = self._at_a_gap(k) or any(abs(t - fall) < 1e-5 for t in self.resets)
+            stub = cutoff != "none" and length < NEUTRAL_US and cut
             if abs(length - NEUTRAL_US) <= NEAR_US or stub:
                 continue
             said = self.modes_in(fall - WITHIN, fall)

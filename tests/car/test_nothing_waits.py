@@ -33,12 +33,13 @@ def test_listeners_are_called_without_the_lock(car):
     seen = []
 
     def listener(state):
-        taken = []
-        thread = threading.Thread(
-            target=lambda: taken.append(car._engine._own_lock.acquire(timeout=5)))
+        def take():
+            seen.append(car._engine._own_lock.acquire(timeout=5))
+            car._engine._own_lock.release()
+
+        thread = threading.Thread(target=take)
         thread.start()
         thread.join()
-        seen.append(taken[0])
 
     car.on_state(listener)
     for _ in car.states(duration=0.05):

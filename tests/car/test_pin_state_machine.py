@@ -151,6 +151,7 @@ class PinMachine(RuleBasedStateMachine):
     def reboot(self, cause, told, wait):
         if not told:
             self.no_hello_until = self.now + 4.0
+        self.witness.resets.append(self.world.t)
         self.world.nano.reset(cause)
         self._pass(wait)
 
@@ -180,7 +181,7 @@ class PinMachine(RuleBasedStateMachine):
         self._pass(wait)
 
     @rule(age=st.sampled_from([None, 0.0]), tripped=st.booleans(), wait=WAIT)
-    def guard(self, age, tripped, wait):
+    def guard_fails(self, age, tripped, wait):
         self.guard.age, self.guard.tripped = age, tripped
         self._pass(wait)
 

@@ -77,7 +77,7 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
     try:
         checks += _stream(car, seconds)
         checks += _car(car)
-        checks += [_arming(car), *_cautions(car)]
+        checks += [_arming(car), _cautions(car)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
     finally:
@@ -230,19 +230,17 @@ def _arming(car: Car) -> Check:
                   expected="no reason to refuse", remedy=remedy)
 
 
-def _cautions(car: Car) -> list[Check]:
-    """What arm() warns of and no line above has told; nothing when there is nothing."""
+def _cautions(car: Car) -> Check:
+    """What arm() would warn of and no line above has told."""
     told = [c for c in car.cautions if c.name != "NO_HARDWARE_CUTOFF"]
-    if not told:
-        return []
-    return [_check("cautions", False, "; ".join(f"{c.name}: {c.text}" for c in told), bad="warn",
-                   remedy="; ".join(c.remedy for c in told))]
+    return _check("cautions", not told, "; ".join(f"{c.name}: {c.text}" for c in told)
+                  or "nothing", bad="warn", remedy="; ".join(c.remedy for c in told))
 
 
 def _skipped(checks: list[Check]) -> list[Check]:
     done = {c.id for c in checks}
     return [Check(name, title, "skip", "not reached") for name, title in TITLES.items()
-            if name not in done and name != "cautions"]
+            if name not in done]
 
 
 def _ordered(checks: list[Check]) -> list[Check]:
