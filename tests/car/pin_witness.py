@@ -21,7 +21,8 @@ LIVE = ("ARMED", "RAW")
 class Witness:
     """``world`` of a simulated car; call ``says`` at every State and after every call.
 
-    ``muted``: times from which no heartbeat reached the Nano; ``resets`` of it.
+    ``muted``: times from which no heartbeat reached the Nano; ``resets`` of it
+    and of the PCA9685.
     """
 
     world: object
@@ -56,7 +57,7 @@ class Witness:
         """Every new pulse is neutral, or a live mode and a live command allow it.
 
         Without a ``cutoff`` FAULT may say that nobody knows what the pin
-        carries. /OE acts in the middle of a pulse, and so does a Nano that is
+        carries. /OE acts in the middle of a pulse, and so does a chip that is
         reset: they may leave a stub, shorter than neutral, at that moment or
         before or behind the gap that they make. With the bus gone
         and the heartbeats too the Nano acts when it misses them.
@@ -64,8 +65,9 @@ class Witness:
         allowed = (*LIVE, "FAULT") if cutoff == "none" else LIVE
         settled = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
         for k, (rise, fall, length) in enumerate(settled, self._checked):
-            cut = self._at_a_gap(k) or any(abs(t - fall) < 1e-5 for t in self.resets)
-            stub = cutoff != "none" and length < NEUTRAL_US and cut
+            gap = cutoff != "none" and self._at_a_gap(k)
+            cut = gap or any(abs(t - fall) < 1e-5 for t in self.resets)
+            stub = length < NEUTRAL_US and cut
             if abs(length - NEUTRAL_US) <= NEAR_US or stub:
                 continue
             said = self.modes_in(fall - WITHIN, fall)

@@ -177,6 +177,7 @@ class PinMachine(RuleBasedStateMachine):
 
     @rule(wait=WAIT)
     def brown_out_of_the_board(self, wait):
+        self.witness.resets.append(self.world.t)        # cuts the pulse under way
         self.world.pca.brown_out(self.world.t)
         self._pass(wait)
 

@@ -52,7 +52,7 @@ class Board:
         if last[1] and self.rig.now > last[0] + 1.49e-3:
             return 0.5e-6
         fell = self.rig.now - last[0]
-        if not last[1] and (fell < 20e-6 or 2.98e-3 < fell < 3.02e-3):
+        if not last[1] and (fell < 20e-6 or 80e-6 < fell < 120e-6 or 3.08e-3 < fell < 3.12e-3):
             return 0.5e-6
         return 10e-6
 

@@ -15,6 +15,9 @@ constexpr uint16_t kHigh = 1500 * kTicksPerUs;
 constexpr uint16_t kLow = 18500 * kTicksPerUs;
 static_assert(kHigh + kLow == 20 * kTicksPerMs, "50 Hz");
 
+// From the end of our own pulse to the switch: an ESC's input filter would
+// join two pulses that are only microseconds apart.
+constexpr uint16_t kApart = 100 * kTicksPerUs;
 // A look at the other source that is put off is made up for here: the pulse
 // it saw is over (at most 2.2 ms), the next one not yet there.
 constexpr uint16_t kRetry = 3000 * kTicksPerUs;
@@ -29,7 +32,7 @@ bool passing;
 BeatCounter beats;
 
 // What the next match is for.
-enum class Step : uint8_t { kRise, kFall, kRetry };
+enum class Step : uint8_t { kRise, kFall, kLook, kRetry };
 Step step;
 
 inline void force(uint8_t action) {
@@ -74,23 +77,35 @@ inline bool switch_between_pulses(bool pass) {
   return true;
 }
 
-// Our own pulse has just ended, or kRetry ago. The second time it switches
-// whatever D8 says: it may not be wired, and the wait has a bound.
+inline void wait(uint16_t ticks, Step next) {
+  OCR1A = static_cast<uint16_t>(OCR1A + ticks);
+  step = next;
+}
+
+// Our own pulse has just ended, or kApart ago, or kApart + kRetry. The last
+// time it switches whatever D8 says: it may not be wired, and the wait has a
+// bound.
 inline void after_pulse() {
   bool const want = pass_wanted;
-  bool const second = step == Step::kRetry;
+  if (step == Step::kFall) {
+    if (want != passing) {
+      wait(kApart, Step::kLook);
+    } else {
+      wait(kLow, Step::kRise);
+    }
+    return;
+  }
+  bool const last = step == Step::kRetry;
   if (want != passing) {
-    if (second) {
+    if (last) {
       select(want);
     } else if (!switch_between_pulses(want)) {
-      OCR1A = static_cast<uint16_t>(OCR1A + kRetry);
-      step = Step::kRetry;
+      wait(kRetry, Step::kRetry);
       return;
     }
     passing = want;
   }
-  OCR1A = static_cast<uint16_t>(OCR1A + (second ? kLow - kRetry : kLow));
-  step = Step::kRise;
+  wait(last ? kLow - kApart - kRetry : kLow - kApart, Step::kRise);
 }
 
 // The pulse begins here and ends by hardware: however late the next

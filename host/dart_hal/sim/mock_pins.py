@@ -8,6 +8,8 @@ from dart_hal.sim.mock_supervisor import Output
 
 PERIOD, WIDTH, FIRST = 0.020, 0.0015, 0.005
 """s; the own pulses."""
+APART = 0.0001
+"""s from the end of the own pulse to the switch: an ESC would join what is closer."""
 RETRY = 0.003
 """s until the firmware switches all the same, where D8 was high at the end of its own pulse."""
 
@@ -62,9 +64,11 @@ class MockPins:
             return
         if t == rise + WIDTH:
             self._log.append((t, "D9", 0))
-            if self._wants(t) and self._board_high(t):
-                self._next = t + RETRY
-                return
+            self._next = t + APART
+            return
+        if t < rise + WIDTH + RETRY and self._wants(t) and self._board_high(t):
+            self._next = t + RETRY
+            return
         self._drive("D5", self._pass, t)
         self._rise = self._next = rise + PERIOD
 
