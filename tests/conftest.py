@@ -6,12 +6,16 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
 
 if IN_CI:
     os.environ.setdefault("DART_HAL_REQUIRE_EMULATOR", "1")
 
+
+settings.register_profile("dart", deadline=None)  # how long an example takes is the machine's
+settings.load_profile("dart")
 
 HOME = Path(__file__).resolve().parents[1]
 
