@@ -222,7 +222,7 @@ _KINDS: dict[str, dict[str, Kind]] = {
         "intermittent": Kind(_i2c_intermittent, "SHARE", 0.3, 0.0, 1.0),
         "slow": Kind(_i2c_slow, "US/BYTE", 1000.0, 0.0, 1e5)},
     "pca": {
-        "off": Kind(_pca_nack), "nack": Kind(_pca_nack, "TIMES"),
+        "off": Kind(_pca_nack), "nack": Kind(_pca_nack, "TIMES", high=1e9),
         "intermittent": Kind(_pca_intermittent, "SHARE", 0.3, 0.0, 1.0),
         "brownout": Kind(_pca_brown_out), "sda": _bus("sda"), "scl": _bus("scl")},
     "mcu": {

@@ -19,9 +19,10 @@ from dart_hal.sim.failure_kinds import KINDS
 from dart_hal.sim.world import World
 
 _NUMBER = r"\d+(\.\d*)?([eE][+-]?\d+)?"
+_TIME = r"\d{1,9}(\.\d+)?"  # s, finite
 _FORM = re.compile(
     rf"(?P<target>\w+):(?P<kind>\w+)(=(?P<value>{_NUMBER}))?"
-    r"@(?P<start>\d+(\.\d+)?)s?([+ ](?P<duration>\d+(\.\d+)?)s?)?$")
+    rf"@(?P<start>{_TIME})s?([+ ](?P<duration>{_TIME})s?)?$", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
