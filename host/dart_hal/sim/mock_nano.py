@@ -66,6 +66,7 @@ class MockNano:
         self._stored = bool(params)
         self.imu = MockImu()
         self._behind_mux = False
+        self._pins = MockPins(0, 0.0, 0.0, [])
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
         self._byte = 10.0 / host_baud
@@ -203,7 +204,8 @@ class MockNano:
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
         self._decoder = Decoder(DOWN)
-        self._pins = MockPins(self.params[7], self.now, self._starts)
+        before = self._pins.take(self.now)
+        self._pins = MockPins(self.params[7], self.now, self._starts, before)
         self._pins.behind_mux = self._behind_mux
         self._slot_at = self._time(self._phase)
         self._hello_slots = {1, 11, 21}

@@ -19,15 +19,17 @@ PinEdge = tuple[float, str, int | None]
 class MockPins:
     """Levels and their log; ``cutoff`` is the parameter safety_out.
 
-    Nothing is driven from ``reset_at`` until the program starts at ``starts``.
+    Nothing is driven from ``reset_at`` until the program starts at ``starts``;
+    ``before``: edges of the run before that nobody has taken yet.
     The multiplexer's select changes as the firmware does it: when the own pulse
     has ended, and the board's is low as far as D8 shows it.
     """
 
-    def __init__(self, cutoff: int, reset_at: float, starts: float) -> None:
+    def __init__(self, cutoff: int, reset_at: float, starts: float,
+                 before: list[PinEdge]) -> None:
         self.levels: dict[str, int | None] = {"D5": 0, "D6": 0, "D9": 0}
         self._cutoff = cutoff
-        self._log: list[PinEdge] = [(starts, name, 0) for name in self.levels]
+        self._log: list[PinEdge] = [*before, *((starts, name, 0) for name in self.levels)]
         if starts > reset_at:
             self._log += [(reset_at, name, None) for name in self.levels]
         self._rise = self._next = starts + FIRST
