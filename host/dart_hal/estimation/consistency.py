@@ -220,7 +220,8 @@ class EncoderCheck:
             self._owed += low * dt
             self._owed_for += dt
         owed = self._owed_for >= SILENCE and self._owed >= self._owing
-        felt = self._low and self._missing >= self._owing and self._silent >= 0.5 * SILENCE
+        felt = (self._low and self._missing >= self._owing and self._idle < SILENCE
+                and self._silent >= 0.5 * SILENCE)
         if owed or felt:
             self._dead = True
         elif self._behind >= lasting and self._silent < SILENCE:
@@ -237,7 +238,7 @@ class EncoderCheck:
             names.add(self._high)
         self.doubts = frozenset(name.value for name in names)
         gap = abs(self._slow.gap)
-        std = gap if gap > 0.5 * self._slow.most else 0.0
+        std = gap if gap > 0.5 * self._slow.most or self._silent > 0.0 else 0.0
         if self._low or self._dead:
             std = max(std, speed, 0.5 * (self.bounds.high - speed))
         if self._high is not None:
