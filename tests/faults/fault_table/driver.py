@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
 import threading
 import time
@@ -68,6 +69,7 @@ HOW = {
 
 def main(url: str, name: str, cars: str, how: str) -> None:
     wanted = threading.Event()
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)    # a suite under nohup hands down "ignore"
 
     def listen() -> None:
         for order in sys.stdin:
