@@ -30,7 +30,7 @@ soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothin
 	@$(BIN)/python tests/soak/soak.py $(ARGS)
 
 mutants: $(VENV)/.mutants toolchain ## break the safety parts in 120 small ways: do the tests notice? (an hour)
-	@$(BIN)/python tests/mutation/run.py $(ARGS)
+	@$(BIN)/python tests/mutation/mutation_run.py $(ARGS)
 
 lint: $(VENV)/.dev ## style, types and import floors
 	@$(BIN)/ruff check .

@@ -12,7 +12,7 @@ from copy_of_tree import Verdict
 from cpp_mutants import cpp_mutants
 from mutant import Mutant, changed, chosen
 from picked import PICKS
-from run import GOAL, report
+from mutation_run import GOAL, report
 from subjects import SUBJECTS
 
 SUPERVISOR = "firmware/src/core/supervisor.cpp"

@@ -1,6 +1,6 @@
 """Mutants: every safety part broken in small ways, and whether a test notices.
 
-    python tests/mutation/run.py [--subject guard] [--list] [--jobs 2]
+    python tests/mutation/mutation_run.py [--subject guard] [--list] [--jobs 2]
 
 Each mutant lives in a private copy of the checkout and runs the tests of its
 room until the first that fails; what survives there meets the wide selection.
