@@ -11,8 +11,8 @@ sys.path.append(str(Path(__file__).parent))
 from copy_of_tree import Verdict
 from cpp_mutants import cpp_mutants
 from mutant import Mutant, changed, chosen
-from picked import PICKS
 from mutation_run import GOAL, report
+from picked import PICKS
 from subjects import SUBJECTS
 
 SUPERVISOR = "firmware/src/core/supervisor.cpp"
