@@ -75,6 +75,7 @@ def main(url: str, name: str, cars: str, how: str) -> None:
         for order in sys.stdin:
             if order.strip() == "now":
                 wanted.set()
+        os._exit(0)     # the suite is gone: an orphan would find the next car by its number
 
     with Car.open(url, car=name, cars=cars or None) as car:
         threading.Thread(target=listen, daemon=True).start()
