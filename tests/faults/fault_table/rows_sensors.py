@@ -269,7 +269,7 @@ ROWS = (
         case("mock", "told", doubted("enc:wrong=0.5", "ENCODER_LOW"), 500, MS, "encoder_check"),
     )),
     Row(39, "encoder dies in a calibration", "stopped", (
-        case("mock", "calibrate steering", calibrating, 300 + PULSE, MS, "encoder_check",
+        case("mock", "calibrate steering", calibrating, 300, MS, "encoder_check",
              fast=True),
     )),
 )
