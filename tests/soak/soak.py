@@ -31,6 +31,8 @@ from dart_hal.sim.world import THROTTLE
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
+from dart_hal.wire.ledger import MASK32, T_CK, boot_of
+from dart_hal.wire.messages import HELLO, STATE
 
 CYCLE, QUIET = 8.0, 3.6
 """s: eight faults fall into the last 4.4 s of every 8, so that the ESC's 2 s of neutral, half
@@ -45,15 +47,13 @@ TOLERANCE_US = 5.0
 """From neutral: a pulse of the other clock, and one count of the PCA9685."""
 HOLD = {"oe": 0.140, "mux": 0.140}
 """s from the last live moment to the last pulse above neutral, whatever failed at once."""
-RECOVERS = frozenset(
-    {("enc", "off"), ("enc2", "off"), ("line", "off"), ("mcu", "hang")}
-    | {("imu", kind) for kind in ("off", "stuck", "garbage")}
-    | {("i2c", kind) for kind in ("nack", "sda", "scl", "dead")}
-    | {("mcu", kind) for kind in ("reset", "brownout", "watchdog")}
-    | {("pca", kind) for kind in ("nack", "brownout", "sda", "scl")}) & frozenset(KINDS)
-"""What is drawn from. Not a torn EEPROM: it takes the cut-off's setting away for good."""
-NEEDS_RESET = frozenset({("mcu", "hang")})
-"""After these the Nano comes back by its reset button alone."""
+FINAL = frozenset({("eeprom", "torn")})
+"""Not drawn: a torn byte takes the cut-off's setting away for good."""
+NOT_BY_MOCK = frozenset(
+    {("mcu", "hang"), ("mcu", "freeze"), ("power", "droop"), ("imu", "config"), ("imu", "reset"),
+     ("enc", "chatter"), ("enc2", "chatter")})
+NEEDS_RESET = frozenset({("mcu", "hang"), ("mcu", "freeze")})
+"""After these the Nano comes back by its reset button alone, unless its watchdog may reset."""
 GROWTH_KB = 4096
 """kB of resident memory between a quarter of the time and its end: page noise of malloc."""
 KEPT = 4000
@@ -122,21 +122,22 @@ def plan(seed: int, seconds: float, nano: str) -> list[str]:
 
 def _can(kind: tuple[str, str], nano: str) -> bool:
     """Kinds that a run comes back from, and that this Nano has."""
-    by_mock = kind[0] not in ("mcu", "i2c") or kind[1] in ("reset", "brownout", "watchdog")
-    return kind in RECOVERS and (nano == "avr" or by_mock)
+    lame = nano == "mock" and (kind[0] == "i2c" or kind in NOT_BY_MOCK)
+    return kind not in FINAL and not lame
 
 
 class Account:
     """Every frame on both ends of the line: what the Nano numbered, what the host took.
 
-    ``lost``: numbered between two taken frames of one boot; ``untold``: where the host
-    says that its count began anew.
+    ``lost``: numbered between two taken frames of one boot; ``untold``: around a new
+    boot of the Nano, whose HELLO may be lost, and where the host's count began anew.
     """
 
     def __init__(self, read: Reader, report: Report) -> None:
         self._read, self._report, self._before = read, report, Decoder(UP)
-        self._way: deque[tuple[tuple[int, int, bytes], int]] = deque()
-        self._seq, self._synced = -1, False
+        self._way: deque[tuple[tuple[int, int, bytes], int, bool]] = deque()
+        self._seq, self._t, self._synced = -1, 0, False
+        self._boot: tuple[int, int] | None = None
         self.untold = 0
 
     def read(self) -> list[tuple[bytes, float]]:
@@ -144,11 +145,22 @@ class Account:
         chunks = self._read()
         for data, _ in chunks:
             for frame in self._before.feed(data):
-                step = (frame.seq - self._seq - 1 & 0xFF) + 1 if self._seq >= 0 else 1
+                anew = self._seq < 0 or self._boots(frame)
+                step = 1 if anew else (frame.seq - self._seq - 1 & 0xFF) + 1
                 self._seq = frame.seq
                 self._report.sent += step
-                self._way.append((_name(frame), step))
+                self._way.append((_name(frame), step, anew))
         return chunks
+
+    def _boots(self, frame: Frame) -> bool:
+        """The first HELLO of another boot, or STATE: its clock went back."""
+        if frame.message is HELLO:
+            known, self._boot = self._boot, boot_of(frame.payload)
+            return known != self._boot
+        if frame.message is not STATE:
+            return False
+        before, (self._t,) = self._t, T_CK.unpack_from(frame.payload)
+        return self._t - before & MASK32 > MASK32 // 2
 
     def attach(self, decoder: Decoder) -> None:
         """Look at what this decoder takes from now on."""
@@ -159,8 +171,8 @@ class Account:
         """The host's decoder, behind the line; its account must be this one."""
         told, anew = self._counters.gaps, self._counters.rebased
         frames = self._feed(data)
-        missed = sum(self._take(frame) for frame in frames)
-        if not self._synced or self._counters.rebased != anew:
+        missed, boots = map(sum, zip((0, 0), *map(self._take, frames), strict=True))
+        if not self._synced or boots or self._counters.rebased != anew:
             self.untold += missed - (self._counters.gaps - told)
         elif missed != self._counters.gaps - told:
             self._report.breaks(f"{missed} frames lost, {self._counters.gaps - told} counted")
@@ -171,21 +183,21 @@ class Account:
         """What is read from now on is not counted."""
         return self._read
 
-    def _take(self, frame: Frame) -> int:
-        """Numbers passed over until this frame, which must have been sent."""
-        passed = 0
+    def _take(self, frame: Frame) -> tuple[int, int]:
+        """Numbers passed over until this frame, which must have been sent, and new boots."""
+        passed = boots = 0
         while self._way:
-            name, step = self._way.popleft()
-            passed += step
+            name, step, anew = self._way.popleft()
+            passed, boots = passed + step, boots + anew
             if name == _name(frame):
-                return passed - 1
+                return passed - 1, boots
         self._report.breaks(f"accepted and never sent: {frame}")
-        return passed
+        return passed, boots
 
     @property
     def on_its_way(self) -> int:
         """Numbers behind the last frame that was taken."""
-        return sum(step for _, step in self._way)
+        return sum(step for _, step, _ in self._way)
 
 
 def _name(frame: Frame) -> tuple[int, int, bytes]:

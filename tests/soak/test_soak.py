@@ -39,7 +39,7 @@ def check(report):
 
 
 def test_five_minutes_without_the_firmware():
-    check(soak.soak(60.0 * MINUTES, "mock", "oe"))
+    check(soak.soak(60.0 * MINUTES, "mock", "mux"))
 
 
 @pytest.mark.slow
