@@ -23,6 +23,7 @@ from hypothesis.stateful import (
 )
 from pin_witness import Witness
 
+from dart_hal.actuation import Event
 from dart_hal.actuation.plan import Planner
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
@@ -91,13 +92,13 @@ class PinMachine(RuleBasedStateMachine):
     def drive_on(self, throttle):
         """Everything heals, the car arms, and the user's loop drives on whatever comes then;
         or it stops commanding (None)."""
-        self._heal()
-        self._pass(0.7)
-        if self.car.mode != "ARMED" and self.raw is None:
-            with contextlib.suppress(NotArmed, LinkLost):
-                self.car.arm()
-        self.loop = throttle
-        self._pass(0.1)
+        self._drive_on(throttle)
+
+    @precondition(lambda self: self.car.mode != "ARMED")
+    @rule(throttle=st.sampled_from([0.5, -0.4]))
+    def drive_on_after_a_stop(self, throttle):
+        """Again: what matters is what happens to a car that moves."""
+        self._drive_on(throttle)
 
     @rule()
     def arm(self):
@@ -233,6 +234,18 @@ class PinMachine(RuleBasedStateMachine):
     def now(self):
         return self.car._engine.now
 
+    def _drive_on(self, throttle):
+        self._heal()
+        if self.car.mode != "ARMED":
+            self.loop = None
+            if self.raw is not None:
+                self.close_raw()
+            self._pass(0.9)
+            with contextlib.suppress(NotArmed, LinkLost):
+                self.car.arm()
+        self.loop = throttle
+        self._pass(0.1)
+
     def _line(self, direction, data, t):
         if t < (self.deaf_until if direction == "rx" else self.mute_until):
             return b""
@@ -247,6 +260,7 @@ class PinMachine(RuleBasedStateMachine):
         self.deaf_until = self.mute_until = self.no_hello_until = -math.inf
         self.encoder(on=True, wait=0.0)
         self.imu(fault="ok", wait=0.0)
+        self.driver.observer._lost.clear()              # else FRAME_LOSS refuses for 5 s
         if self.car.mode == "LOCKED":
             self.unlock()
 
@@ -307,15 +321,21 @@ def sticky(planner, output):
         planner.output = output
 
 
-@pytest.mark.parametrize("layer", ["demand", "write at once"])
+def told_alone(driver, now, event=Event.STOP):
+    """A stop that changes the state and leaves the pins to somebody else."""
+    driver.supervisor.event(event, now)
+    return driver.applied
+
+
+@pytest.mark.parametrize("layer", ["demand", "refresh"])
 def test_without_a_layer_the_machine_finds_it(monkeypatch, layer):
-    """Negative control: the finding's own cause, and a step that waits for the next frame."""
+    """Negative control: outputs that a handler forgets; a step that waits for a late frame."""
     if layer == "demand":
         monkeypatch.setattr(Planner, "obey", sticky)
-        monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)
+        monkeypatch.setattr(Driver, "stop", told_alone)
     else:
         monkeypatch.setattr(Driver, "overdue", False)
-        monkeypatch.setattr("dart_hal.car.engine.REFRESH", 0.06)
+        monkeypatch.setattr("dart_hal.car.engine.REFRESH", 0.2)
     with pytest.raises(AssertionError):
         run_state_machine_as_test(PinMachine, settings=settings(
             QUICK, max_examples=60, phases=[Phase.generate]))

@@ -34,7 +34,7 @@ from dart_hal.wire.frame import Frame
 from dart_hal.wire.ledger import MASK32, T_CK, boot_of
 from dart_hal.wire.messages import HELLO, STATE
 
-CYCLE, QUIET = 8.0, 3.6
+CYCLE, QUIET = 16.0, 9.0
 """s: eight faults fall into the last 4.4 s of every 8, so that the ESC's 2 s of neutral, half
 a second of good checks and a drive fit in between."""
 LONGEST = 0.8
