@@ -134,6 +134,38 @@ def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano
     assert [t for t, level in board.select if not level and t > stopped][-1] - stopped <= 0.026
 
 
+FILTER = 90e-6
+"""s of low that an ESC's input filter must see between two pulses."""
+AT_ONCE = ("src/board/outputs.cpp", "kApart = 100 *", "kApart = 40 *")
+
+
+def smallest_gap(nano: Make, image: Path | None = None) -> float:
+    """Between pulses of the two sources, the board's beginning as the switch passes it [s]."""
+    def make() -> Rig:
+        eeprom = eeprom_image(safety_out=MUX)
+        return nano(image, eeprom=eeprom) if image else nano(eeprom=eeprom)
+
+    width = 1.72e-3
+    board, armed, _ = drive(make(), 0.01, width)
+    switch = next(t for t, level in board.select if level and t > armed)
+    gaps = []
+    for behind in (-6e-6, -2e-6, 2e-6, 6e-6, 20e-6):
+        board, armed, _ = drive(make(), (switch + behind) % PERIOD, width)
+        seen = [p for p in board.at_the_esc(armed) if p[1] > LOOK]
+        gaps += [b[0] - a[0] - a[1] for a, b in zip(seen, seen[1:], strict=False)]
+    return min(gaps)
+
+
+def test_pulses_of_the_two_sources_are_told_apart(nano: Make) -> None:
+    assert smallest_gap(nano) > FILTER
+
+
+def test_a_switch_right_behind_the_own_pulse_is_too_early(nano: Make, elf: Path,
+                                                          tmp_path: Path) -> None:
+    """The control: the same phases, 40 us behind the pulse."""
+    assert smallest_gap(nano, patched(tmp_path, AT_ONCE)) < FILTER
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("change", "joins"), [(BLIND, False), (ANY_TIME, True)])
 def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
