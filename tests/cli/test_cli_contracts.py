@@ -68,8 +68,8 @@ def test_demo(verb, tmp_path, monkeypatch):
     for name, seconds in (("BEFORE", 50.0), ("AFTER", 30.0), ("UNSEEN", 30.0)):
         monkeypatch.setattr(f"dart_hal.cli.demo_diagnosis.{name}", seconds)
     done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
+    assert done.code == 0, done.err
     result = done.json
-    assert done.code == 0
     assert set(result) >= RUN_FIELDS
     said = result["summary"]
     assert set(said) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}

@@ -98,17 +98,24 @@ class Bench:
         return counts(self.bus)
 
     def ready(self) -> Car:
-        """The car, armed; a busy machine may need another try."""
-        car = self.car
-        for attempt in range(8):
-            if car.mode == "LOCKED":
-                car.unlock("next test")
-            for _ in car.states(duration=0.7 if attempt else 0.1, timeout=PATIENCE):
-                pass
+        """The car, armed. In virtual time at once; a busy machine may need another try."""
+        self.car.stop()             # a test may leave it driving
+        if self.virtual:
+            self._settle(0.7)
+            self.car.arm(waive=WAIVE)
+            return self.car
+        for _ in range(8):
+            self._settle(0.7)
             with contextlib.suppress(NotArmed, LinkLost):
-                car.arm(waive=WAIVE)
-                return car
-        raise AssertionError(f"the car does not arm: {car.mode} {car.causes}")
+                self.car.arm(waive=WAIVE)
+                return self.car
+        raise AssertionError(f"the car does not arm: {self.car.mode} {self.car.causes}")
+
+    def _settle(self, seconds: float) -> None:
+        if self.car.mode == "LOCKED":
+            self.car.unlock("next test")
+        for _ in self.car.states(duration=seconds, timeout=PATIENCE):
+            pass
 
     def until(self, good, seconds: float = 1.0) -> list:
         """States until ``good(state)``; a real car on a busy machine gets longer."""
