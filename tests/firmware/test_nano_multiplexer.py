@@ -8,6 +8,7 @@ look at D8 on the way to the PCA9685 lasts below 3 us. Switched within 23 ms.
 from __future__ import annotations
 
 import bisect
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -152,7 +153,7 @@ def smallest_gap(nano: Make, image: Path | None = None) -> float:
     for behind in (-6e-6, -2e-6, 2e-6, 6e-6, 20e-6):
         board, armed, _ = drive(make(), (switch + behind) % PERIOD, width)
         seen = [p for p in board.at_the_esc(armed) if p[1] > LOOK]
-        gaps += [b[0] - a[0] - a[1] for a, b in zip(seen, seen[1:], strict=False)]
+        gaps += [b[0] - a[0] - a[1] for a, b in itertools.pairwise(seen)]
     return min(gaps)
 
 

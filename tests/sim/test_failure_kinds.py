@@ -174,3 +174,14 @@ def test_what_needs_the_firmware_is_refused_by_the_mock(raw_car, text):
     car = raw_car(f"sim://?nano=mock&fail={text}")
     with pytest.raises(UsageError):
         car.run(0.3)
+
+
+@pytest.mark.parametrize("kind", ["line:wrong=0.5", "line:garbage=0.05", "line:delayed=0.3",
+                                  "line:intermittent=0.9"])
+def test_two_that_overlap_leave_the_line_as_it_was(raw_car, kind):
+    car = raw_car(f"sim://?nano=mock&ber=1e-7&fail={kind}@1+0.5,{kind}@1.3+0.5")
+    before = [line.faults for line in car.world.lines]
+    car.run(1.4)
+    assert [line.faults for line in car.world.lines] != before
+    car.run(0.5)
+    assert [line.faults for line in car.world.lines] == before

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,10 +27,6 @@ class Kind(NamedTuple):
     default: float = math.nan
     low: float = 0.0
     high: float = math.inf
-
-
-def _done(_: object) -> None:
-    """What something returned does not matter."""
 
 
 def _over(world: World) -> None:
@@ -169,27 +165,29 @@ def _bus(line: str) -> Kind:
     return Kind(begin)
 
 
-def _fill(world: World, field: str, values: Sequence[Any]) -> list[Any]:
-    """Change that field of ``LineFaults`` in each direction; what it was."""
-    before = [getattr(line.faults, field) for line in world.lines]
-    for line, value in zip(world.lines, values, strict=True):
+def _fill(world: World, field: str, value: Any) -> None:
+    """Change that field of ``LineFaults`` in both directions."""
+    for line in world.lines:
         line.faults = replace(line.faults, **{field: value})
-    return before
+
+
+def _heal_line(world: World, field: str) -> None:
+    """As the line was made: what another failure of its kind left is no cure."""
+    for line in world.lines:
+        line.faults = replace(line.faults, **{field: getattr(line.lasting, field)})
 
 
 def _line(field: str) -> Begin:
     def begin(world: World, value: float) -> End:
-        before = _fill(world, field, [value] * len(world.lines))
-        return lambda world: _done(_fill(world, field, before))
+        _fill(world, field, value)
+        return lambda world: _heal_line(world, field)
 
     return begin
 
 
 def _line_intermittent(world: World, share: float) -> End:
-    before = [line.faults.silence for line in world.lines]
-    dead = [((0.0, math.inf),)] * len(before)
-    return _contact(world, share, lambda world: _fill(world, "silence", dead),
-                    lambda world: _done(_fill(world, "silence", before)))
+    return _contact(world, share, lambda world: _fill(world, "silence", ((0.0, math.inf),)),
+                    lambda world: _heal_line(world, "silence"))
 
 
 def _power(world: World, value: float) -> End:

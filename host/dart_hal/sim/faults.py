@@ -63,11 +63,14 @@ class LineFaults:
 
 
 class Line:
-    """One direction of a line with its faults and its latency."""
+    """One direction of a line with its faults and its latency.
+
+    ``faults``: those of now; ``lasting``: those that it was made with.
+    """
 
     def __init__(self, faults: LineFaults | None = None, latency: Latency | None = None,
                  seed: Sequence[int] = (0,)) -> None:
-        self.faults = faults or LineFaults()
+        self.faults = self.lasting = faults or LineFaults()
         self.latency = latency or Latency()
         self.damaged = 0
         self._rng = np.random.default_rng(list(seed))
