@@ -25,7 +25,7 @@ from pin_witness import Witness
 
 from dart_hal.actuation import Event
 from dart_hal.actuation.plan import Planner
-from dart_hal.car import Car
+from dart_hal.car import Car, engine
 from dart_hal.car.driver import Driver
 from dart_hal.errors import BadCommand, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
@@ -327,15 +327,40 @@ def told_alone(driver, now, event=Event.STOP):
     return driver.applied
 
 
-@pytest.mark.parametrize("layer", ["demand", "refresh"])
-def test_without_a_layer_the_machine_finds_it(monkeypatch, layer):
-    """Negative control: outputs that a handler forgets; a step that waits for a late frame."""
-    if layer == "demand":
-        monkeypatch.setattr(Planner, "obey", sticky)
-        monkeypatch.setattr(Driver, "stop", told_alone)
-    else:
-        monkeypatch.setattr(Driver, "overdue", False)
-        monkeypatch.setattr("dart_hal.car.engine.REFRESH", 0.2)
+class NoCutoff:
+    """What hypothesis would draw for the cut-off."""
+
+    @staticmethod
+    def draw(strategy):
+        return "none"
+
+
+def stopped(machine):
+    machine.stop(wait=0.3)
+
+
+def silenced(machine):
+    machine.silence(seconds=0.3, up=True, down=True, wait=0.3)
+
+
+def scenario(happens):
+    """A car without a cut-off drives, something happens, and the machine looks."""
+    machine = PinMachine()
+    machine.open(data=NoCutoff, boot="none", seed=1)
+    try:
+        happens(machine)
+        machine.the_pin_does_what_the_mode_says()
+    finally:
+        machine.world.nano.close()
+
+
+@pytest.mark.parametrize(("happens", "broken"), [
+    (stopped, [(Planner, "obey", sticky), (Driver, "stop", told_alone)]),
+    (silenced, [(Driver, "overdue", False), (engine, "REFRESH", 0.2)])])
+def test_without_a_layer_the_machine_finds_it(monkeypatch, happens, broken):
+    """Negative controls: outputs that a handler forgets; a step that waits for a late frame."""
+    scenario(happens)
+    for place, name, value in broken:
+        monkeypatch.setattr(place, name, value)
     with pytest.raises(AssertionError):
-        run_state_machine_as_test(PinMachine, settings=settings(
-            QUICK, max_examples=60, phases=[Phase.generate]))
+        scenario(happens)
