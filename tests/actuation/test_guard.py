@@ -119,7 +119,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 DRIVER = """
 import multiprocessing, os, sys, time
 from dart_hal.actuation.guarded import Guard
-from dart_hal.links import forks
+from dart_hal.process import forks
 from dart_hal.links.i2c import open_bus
 spec, guarded = sys.argv[1], sys.argv[2] == "guarded"
 bus = open_bus(spec)

@@ -22,7 +22,7 @@ NEUTRAL = range(305, 309)
 DRIVER = """
 import multiprocessing, sys, time
 from dart_hal.car import Car
-from dart_hal.links import forks
+from dart_hal.process import forks
 url, name, cars, workers = sys.argv[1:5]
 
 def work(up):

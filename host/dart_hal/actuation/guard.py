@@ -27,7 +27,7 @@ from pathlib import Path
 from dart_hal.actuation.owner import lock_path
 from dart_hal.errors import BusError
 from dart_hal.links.base import Bus
-from dart_hal.links.locks import holder
+from dart_hal.process.locks import holder
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""

@@ -13,7 +13,7 @@ from typing import IO
 
 from dart_hal.actuation.guard import SILENCE
 from dart_hal.errors import BusError
-from dart_hal.links.forks import private
+from dart_hal.process.forks import private
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""

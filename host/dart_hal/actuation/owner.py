@@ -15,7 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from dart_hal.errors import PcaBusy, PcaClaimed
-from dart_hal.links.locks import FileLock, holder, who
+from dart_hal.process.locks import FileLock, holder, who
 
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 """The first that is everybody's; both forget at a restart of the computer."""

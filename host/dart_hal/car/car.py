@@ -27,7 +27,7 @@ from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.links.forks import ParentsLock, in_child
+from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import Applied, Limit, State
 

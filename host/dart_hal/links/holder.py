@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dart_hal.errors import PortMissing
 from dart_hal.links.base import Url
-from dart_hal.links.locks import holder
 from dart_hal.links.serial_port import find_port
+from dart_hal.process.locks import holder
 
 __all__ = ["holder", "port_of"]
 

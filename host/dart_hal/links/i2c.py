@@ -17,7 +17,7 @@ from dart_hal.actuation.bus import SmbusBus, explain
 from dart_hal.errors import BusError, UsageError
 from dart_hal.links.base import Bus
 from dart_hal.links.busio import TransferBus
-from dart_hal.links.forks import private
+from dart_hal.process.forks import private
 
 REQUEST = struct.Struct("<BHH")
 TIMEOUT = 1.0

@@ -26,8 +26,8 @@ from serial.tools import list_ports
 from dart_hal.actuation.bus import SmbusBus
 from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.links.base import Backend, Chunk, Url
-from dart_hal.links.forks import private
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
+from dart_hal.process.forks import private
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""

@@ -27,8 +27,8 @@ from dart_hal.cli.main import main
 from dart_hal.config import load_car
 from dart_hal.errors import BusError
 from dart_hal.links.i2c import REQUEST, receive
-from dart_hal.links.locks import holder, parse_locks
 from dart_hal.links.notify import notify
+from dart_hal.process.locks import holder, parse_locks
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
 
