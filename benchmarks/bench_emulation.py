@@ -14,7 +14,8 @@ from bare_nano import BOOTED, BareNano
 from figures import Figure, best_cpu
 
 from dart_hal.car import Car
-from dart_hal.links.base import Chunk, Link, open_backend
+from dart_hal.links.base import open_backend
+from dart_hal.ports import Chunk, Link
 from dart_hal.recording.seals import SealedFile
 from dart_hal.sim.truth import world_of
 

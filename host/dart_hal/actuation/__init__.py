@@ -6,7 +6,6 @@ room opens nothing and loads neither ServoKit nor scipy.
 """
 
 from dart_hal.actuation.arming import Caution, Facts, not_armed, refusals, warnings
-from dart_hal.actuation.bus import SmbusBus
 from dart_hal.actuation.chain import Actuator, Counters
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.pca9685 import Pca9685
@@ -18,6 +17,6 @@ from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
     "LIVE", "RAW", "Actuator", "Caution", "Counters", "Event", "Facts", "Guard", "Output",
-    "Pca9685", "Quantiser", "SmbusBus", "State", "SteeringMap", "Supervisor", "not_armed",
+    "Pca9685", "Quantiser", "State", "SteeringMap", "Supervisor", "not_armed",
     "refusals", "steering_map", "warnings",
 ]

@@ -21,7 +21,7 @@ from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, BusError, PcaFault
-from dart_hal.links.base import Bus
+from dart_hal.ports import Bus
 from dart_hal.types import Applied, Limit
 
 READ_BACK_EVERY = 1.0

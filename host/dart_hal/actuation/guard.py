@@ -26,7 +26,7 @@ from pathlib import Path
 
 from dart_hal.actuation.owner import lock_path
 from dart_hal.errors import BusError
-from dart_hal.links.base import Bus
+from dart_hal.ports import Bus
 from dart_hal.process.locks import holder
 
 SILENCE = 0.100

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from dart_hal.actuation.bus import NACK, bus_name, explain
 from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, count_us, prescale_for
 from dart_hal.actuation.servokit import (
     MODE1,
@@ -24,7 +23,8 @@ from dart_hal.actuation.servokit import (
     make_kit,
 )
 from dart_hal.errors import BusError, NotPca, PcaFault, PcaMissing
-from dart_hal.links.base import Bus
+from dart_hal.ports import Bus
+from dart_hal.ports.bus import NACK, bus_name, explain
 
 T = TypeVar("T")
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from dart_hal.links.base import Bus
+from dart_hal.ports import Bus
 
 MODE1, MODE2, PRE_SCALE = 0x00, 0x01, 0xFE
 SLEEP = 0x10

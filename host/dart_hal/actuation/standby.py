@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.config import CarFiles
-from dart_hal.links.base import Bus
+from dart_hal.ports import Bus
 
 LOOK_EVERY = 0.1
 """s between two looks at who drives."""

@@ -16,7 +16,7 @@ from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.runs import EVERY, FINE, MASS, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.write import Source, Written, model_from, write
-from dart_hal.links.base import Workshop
+from dart_hal.ports import Workshop
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -11,8 +11,9 @@ from collections import deque
 from typing import Protocol
 
 from dart_hal.errors import LinkLost, UsageError
-from dart_hal.links.base import Backend, Chunk, Url
+from dart_hal.links.base import Backend, Url
 from dart_hal.links.emulator import EmulatedNano
+from dart_hal.ports import Chunk
 
 DEFAULT_EDGES = 20
 """Edges per main-gear revolution of the white ring, both flanks counted."""

@@ -11,80 +11,10 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
-from typing import Protocol, runtime_checkable
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
-
-
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Bytes of the link and the host time [s] at which the last of them arrived."""
-
-    data: bytes
-    t: float
-
-
-class Link(Protocol):
-    """A byte stream to a Nano."""
-
-    def read(self, timeout: float) -> Chunk | None:
-        """Block up to ``timeout`` s of this backend's clock; None = nothing came.
-
-        Returns at the latest at the next frame delimiter in virtual time.
-        Raises LinkLost when the other end is gone.
-        """
-
-    def write(self, data: bytes) -> None:
-        """Queue bytes; they start on the line now. Raises LinkLost."""
-
-    def close(self) -> None: ...
-
-
-class Clock(Protocol):
-    """Host time of a backend: monotonic seconds, virtual or real."""
-
-    def now(self) -> float: ...
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass; in virtual time the world advances."""
-
-
-@runtime_checkable
-class Bus(Protocol):
-    """The shape of ``busio.I2C`` that Adafruit's drivers use."""
-
-    def try_lock(self) -> bool: ...
-    def unlock(self) -> None: ...
-    def scan(self) -> list[int]: ...
-    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
-                end: int | None = None) -> None: ...
-    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
-                      end: int | None = None) -> None: ...
-    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
-                              out_start: int = 0, out_end: int | None = None,
-                              in_start: int = 0, in_end: int | None = None) -> None: ...
-
-
-class Workshop(Protocol):
-    """What a person with chalk, a tape and a scale answers; a simulated car brings its own.
-
-    ``mark`` chalks the spot and the heading; the others are measured from there.
-    """
-
-    def mark(self) -> None: ...
-
-    def distance(self) -> float:
-        """Path rolled since the mark [m], forward positive, +- 2 mm."""
-
-    def turns(self) -> float:
-        """Yaw since the mark [rad], left positive, full turns counted, +- 0.5 deg."""
-
-    def mass(self) -> tuple[float, float]:
-        """(reading, one sigma) of a kitchen scale under the car [kg]."""
-
-    def axle_loads(self) -> tuple[float, float, float]:
-        """(front, rear, one sigma) [kg]: one axle on the scale at a time, the car level."""
+from dart_hal.ports import Bus, Clock, Link, Workshop
 
 
 @dataclass(frozen=True)

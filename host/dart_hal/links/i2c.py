@@ -13,10 +13,11 @@ import os
 import socket
 import struct
 
-from dart_hal.actuation.bus import SmbusBus, explain
 from dart_hal.errors import BusError, UsageError
-from dart_hal.links.base import Bus
 from dart_hal.links.busio import TransferBus
+from dart_hal.links.smbus import SmbusBus
+from dart_hal.ports import Bus
+from dart_hal.ports.bus import explain
 from dart_hal.process.forks import private
 
 REQUEST = struct.Struct("<BHH")

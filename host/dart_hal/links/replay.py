@@ -13,7 +13,8 @@ from collections import deque
 from pathlib import Path
 
 from dart_hal.errors import EndOfRecording, RecordingError
-from dart_hal.links.base import Backend, Chunk, Url
+from dart_hal.links.base import Backend, Url
+from dart_hal.ports import Chunk
 from dart_hal.recording.run import AppliedAt, RunReader
 from dart_hal.types import NEUTRAL, Applied
 from dart_hal.wire.codec import DOWN, UP, encode

@@ -23,10 +23,11 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from dart_hal.actuation.bus import SmbusBus
 from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
-from dart_hal.links.base import Backend, Chunk, Url
+from dart_hal.links.base import Backend, Url
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
+from dart_hal.links.smbus import SmbusBus
+from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 
 RATES = (500_000, 115_200)

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 from mcap.writer import Writer
 
 from dart_hal.errors import RecordingError
-from dart_hal.links.base import Chunk
+from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.mcap_records import McapFile, read_mcap

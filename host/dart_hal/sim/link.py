@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 
 from dart_hal.errors import LinkLost
-from dart_hal.links.base import Chunk
+from dart_hal.ports import Chunk
 from dart_hal.sim.faults import Line
 from dart_hal.sim.world import World
 

@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 import smbus2
 
-from dart_hal.actuation import SmbusBus
 from dart_hal.errors import BusError
+from dart_hal.links.smbus import SmbusBus
 
 
 class Device:

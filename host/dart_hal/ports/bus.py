@@ -1,18 +1,15 @@
-"""The Jetson's I2C bus in the shape of ``busio.I2C``, on smbus2.
+"""The I2C bus: its shape, and what its errors mean.
 
-Adafruit's drivers ask for ``busio``, which is not to be had on every host;
-they use no more of it than the six methods below. Every OSError leaves here
-as a BusError that says what the number means.
+Every OSError of a transfer leaves the rooms as a BusError that says so.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 from dart_hal.errors import BusError
-from dart_hal.links.busio import TransferBus
 
 NACK = (errno.EREMOTEIO, errno.ENXIO, errno.EIO)
 """Error numbers with which drivers report a missing acknowledge."""
@@ -47,40 +44,20 @@ def explain(error: OSError, address: int | None, where: str) -> BusError:
     return named
 
 
-class SmbusBus(TransferBus):
-    """``/dev/i2c-N`` for Adafruit's drivers and for the opening sequence.
+@runtime_checkable
+class Bus(Protocol):
+    """The shape of ``busio.I2C`` that Adafruit's drivers use."""
 
-    Not thread-safe by itself: callers take ``try_lock``. Raises BusError.
-    """
-
-    def __init__(self, number: int) -> None:
-        from smbus2 import SMBus
-
-        self.where = f"/dev/i2c-{number}"
-        try:
-            self._smbus: Any = SMBus(number)
-        except OSError as error:
-            raise explain(error, None, self.where) from error
-
-    def close(self) -> None:
-        """Close the device; the PCA9685 keeps its last pulses."""
-        self._smbus.close()
-
-    def deinit(self) -> None:
-        """The name that ``busio`` has for it."""
-        self.close()
-
-    def transfer(self, address: int, data: bytes, n: int) -> bytes:
-        """One transaction. Raises BusError."""
-        from smbus2 import i2c_msg
-
-        read = i2c_msg.read(address, n)
-        messages = [i2c_msg.write(address, data)] if data or not n else []
-        try:
-            self._smbus.i2c_rdwr(*messages, *([read] if n else []))
-        except OSError as error:
-            raise explain(error, address, self.where) from error
-        return bytes(read) if n else b""
+    def try_lock(self) -> bool: ...
+    def unlock(self) -> None: ...
+    def scan(self) -> list[int]: ...
+    def writeto(self, address: int, buffer: bytes, *, start: int = 0,
+                end: int | None = None) -> None: ...
+    def readfrom_into(self, address: int, buffer: bytearray, *, start: int = 0,
+                      end: int | None = None) -> None: ...
+    def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
+                              out_start: int = 0, out_end: int | None = None,
+                              in_start: int = 0, in_end: int | None = None) -> None: ...
 
 
 def bus_name(bus: object) -> str:

@@ -1,0 +1,48 @@
+"""The Jetson's I2C bus in the shape of ``busio.I2C``, on smbus2.
+
+Adafruit's drivers ask for ``busio``, which is not to be had on every host;
+they use no more of it than the methods of ``TransferBus``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dart_hal.links.busio import TransferBus
+from dart_hal.ports.bus import explain
+
+
+class SmbusBus(TransferBus):
+    """``/dev/i2c-N`` for Adafruit's drivers and for the opening sequence.
+
+    Not thread-safe by itself: callers take ``try_lock``. Raises BusError.
+    """
+
+    def __init__(self, number: int) -> None:
+        from smbus2 import SMBus
+
+        self.where = f"/dev/i2c-{number}"
+        try:
+            self._smbus: Any = SMBus(number)
+        except OSError as error:
+            raise explain(error, None, self.where) from error
+
+    def close(self) -> None:
+        """Close the device; the PCA9685 keeps its last pulses."""
+        self._smbus.close()
+
+    def deinit(self) -> None:
+        """The name that ``busio`` has for it."""
+        self.close()
+
+    def transfer(self, address: int, data: bytes, n: int) -> bytes:
+        """One transaction. Raises BusError."""
+        from smbus2 import i2c_msg
+
+        read = i2c_msg.read(address, n)
+        messages = [i2c_msg.write(address, data)] if data or not n else []
+        try:
+            self._smbus.i2c_rdwr(*messages, *([read] if n else []))
+        except OSError as error:
+            raise explain(error, address, self.where) from error
+        return bytes(read) if n else b""

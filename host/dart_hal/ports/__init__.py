@@ -1,0 +1,11 @@
+"""Shapes of what lies outside: I2C bus, link to a Nano, clock, the person in the workshop.
+
+Protocols that whoever drives, records or simulates a car may know; what
+implements them stands above.
+"""
+
+from dart_hal.ports.bus import Bus
+from dart_hal.ports.link import Chunk, Clock, Link
+from dart_hal.ports.workshop import Workshop
+
+__all__ = ["Bus", "Chunk", "Clock", "Link", "Workshop"]
