@@ -23,7 +23,7 @@ from dart_hal.actuation.guard import GIVE_UP, LAST_WORDS, Watch, watch
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.owner import own
 from dart_hal.errors import BusError
-from dart_hal.links.i2c import REQUEST, receive
+from dart_hal.links.i2c import REQUEST, open_bus, receive
 
 NEUTRAL = bytes([0x0A, 0, 0, 307 & 0xFF, 307 >> 8])
 PATIENCE = 20.0
@@ -123,7 +123,7 @@ from dart_hal.process import forks
 from dart_hal.links.i2c import open_bus
 spec, guarded = sys.argv[1], sys.argv[2] == "guarded"
 bus = open_bus(spec)
-guard = Guard(spec, address=0x40, channel=1, neutral_counts=307) if guarded else None
+guard = Guard(spec, open_bus, address=0x40, channel=1, neutral_counts=307) if guarded else None
 workers = []
 if len(sys.argv) > 3:
     if sys.argv[3] == "keeps":
@@ -199,7 +199,7 @@ def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers:
 
 def test_a_child_holds_no_pipe_of_the_guard(bench: Bench) -> None:
     """The control is the second line: what the parent has there is a pipe."""
-    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     assert os.readlink(f"/proc/self/fd/{guard._beats}").startswith("pipe:")
     answer = os.pipe()
     child = os.fork()
@@ -218,7 +218,7 @@ def test_a_child_holds_no_pipe_of_the_guard(bench: Bench) -> None:
 
 def test_the_guard_is_of_a_session_of_its_own(bench: Bench) -> None:
     """A closed terminal ends the driver's session and process group."""
-    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     assert os.getsid(guard.pid) == guard.pid
     assert os.getpgid(guard.pid) == guard.pid
     assert os.getsid(0) != guard.pid
@@ -256,7 +256,7 @@ def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
 def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
         bench: Bench, owned: bool) -> None:
     """The next car of this very process. The control: nobody owns the chip, and it writes."""
-    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     guard.beat()
     bench.dead = True
     guard.leave()
@@ -322,7 +322,7 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
 
 
 def test_a_dead_guard_is_seen_by_the_driver(bench: Bench) -> None:
-    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     assert guard.gate() == "GUARD_SILENT", "nobody watches before the first beat"
     guard.beat()
     assert guard.gate() is None
@@ -333,7 +333,7 @@ def test_a_dead_guard_is_seen_by_the_driver(bench: Bench) -> None:
 
 
 def test_a_guard_that_is_closed_writes_nothing(bench: Bench) -> None:
-    guard = Guard(bench.spec, address=0x40, channel=1, neutral_counts=307)
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     guard.beat()
     guard.close()
     assert bench.writes.empty()
@@ -341,5 +341,12 @@ def test_a_guard_that_is_closed_writes_nothing(bench: Bench) -> None:
 
 def test_a_guard_without_a_bus_does_not_start(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="does not start") as caught:
-        Guard(f"unix:{tmp_path}/none", address=0x40, channel=1, neutral_counts=307)
+        Guard(f"unix:{tmp_path}/none", open_bus, address=0x40, channel=1, neutral_counts=307)
     assert "no simulated I2C bus" in caught.value.found
+
+
+def test_a_guard_whose_opener_has_no_name_does_not_start(bench: Bench) -> None:
+    """The guard is another process: it finds a function by the name of its module."""
+    with pytest.raises(BusError, match="does not start"):
+        Guard(bench.spec, lambda spec: open_bus(spec), address=0x40, channel=1,
+              neutral_counts=307)

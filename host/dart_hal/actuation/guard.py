@@ -11,7 +11,8 @@ End of file, another parent than before (a child of the driver may keep the pipe
 open), or 100 ms without a beat: the throttle channel gets neutral, 50 times a
 second, until the driver has seen the trip or, when it is gone, for a second.
 With the driver gone it stands back while somebody else owns the chip. Steering
-is left where it is. Run as ``python -m dart_hal.actuation.guard``.
+is left where it is. Run as ``python -m dart_hal.actuation.guard``; the driver says
+which function opens the bus, since this room does not know the kinds of buses.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 
 from dart_hal.actuation.owner import lock_path
 from dart_hal.errors import BusError
@@ -122,12 +124,12 @@ def _say(status: int, word: bytes) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """``guard BUS ADDRESS CHANNEL COUNTS``: watches standard input."""
-    from dart_hal.links.i2c import open_bus
-
+    """``guard MODULE:OPENER BUS ADDRESS CHANNEL COUNTS``: watches standard input."""
     driver = os.getppid()
-    spec, (address, channel, counts) = arguments[0], (int(a, 0) for a in arguments[1:])
+    opener, spec = arguments[:2]
+    address, channel, counts = (int(a, 0) for a in arguments[2:])
     os.set_blocking(1, False)
+    open_bus: Callable[[str], Bus] = resolve_name(opener)
     try:
         bus = open_bus(spec)
         bus.writeto_then_readfrom(address, b"\x00", bytearray(1))     # tested before arming

@@ -13,6 +13,7 @@ from typing import IO
 
 from dart_hal.actuation.guard import SILENCE
 from dart_hal.errors import BusError
+from dart_hal.ports import Bus
 from dart_hal.process.forks import private
 
 START_TIME = 10.0
@@ -26,13 +27,15 @@ class Guard:
     """A running guard. ``gate`` goes to the actuator, ``beat`` into the frame step.
 
     Start it when the actuator is open: it writes counts, which mean neutral at
-    the right prescale alone. It watches from the first beat on. Raises BusError
-    when the guard cannot reach the bus.
+    the right prescale alone. It watches from the first beat on. ``opener`` opens
+    the bus in the guard's process, where it is found by its name: a function of a
+    module. Raises BusError when the guard cannot reach the bus.
     """
 
-    def __init__(self, bus: str, *, address: int, channel: int, neutral_counts: int,
-                 clock: Callable[[], float] = time.monotonic) -> None:
-        command = [sys.executable, "-m", "dart_hal.actuation.guard", bus, str(address),
+    def __init__(self, bus: str, opener: Callable[[str], Bus], *, address: int, channel: int,
+                 neutral_counts: int, clock: Callable[[], float] = time.monotonic) -> None:
+        command = [sys.executable, "-m", "dart_hal.actuation.guard",
+                   f"{opener.__module__}:{opener.__qualname__}", bus, str(address),
                    str(channel), str(neutral_counts)]
         _left[:] = [process for process in _left if process.poll() is None]
         self._clock, self._heard = clock, -math.inf

@@ -15,6 +15,7 @@ from dart_hal.actuation.owner import own
 from dart_hal.config import CarFiles
 from dart_hal.errors import BusError
 from dart_hal.links.base import Backend
+from dart_hal.links.i2c import open_bus
 
 PATIENCE = 15.0
 """s that its start may take on a busy machine."""
@@ -49,7 +50,7 @@ class GuardPost:
         actuator = self._actuator
         neutral = int(actuator.neutral_us / actuator.pca.count_us)
         try:
-            self._guard = Guard(spec, address=actuator.car.pwm.address,
+            self._guard = Guard(spec, open_bus, address=actuator.car.pwm.address,
                                 channel=actuator.car.throttle.channel, neutral_counts=neutral)
         except BusError as error:
             self.error = error
