@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from dart_hal.car.replay import open_replay
 from dart_hal.errors import EndOfRecording, LinkLost, RecordingError, UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.links.replay import open_replay
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.types import NEUTRAL, Applied
 from dart_hal.wire.codec import UP

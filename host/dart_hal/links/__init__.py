@@ -1,4 +1,4 @@
-"""Bytes to and from a Nano: serial port, emulator, recording.
+"""Bytes to and from a Nano: serial port, emulator.
 
 Importing this room tells pyserial where ``avr://`` is handled; the emulator
 itself is loaded only when such a URL is opened.
