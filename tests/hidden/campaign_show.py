@@ -51,7 +51,7 @@ def errors(matrix: Mapping[str, Counter[str]]) -> Table:
 
 def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
     """Rows: what was hidden; columns: what was named; dark: often. Needs matplotlib."""
-    from dart_hal.recording.figures import new_figure, save_figure
+    from dart_hal.report.figures import new_figure, save_figure
 
     hidden = [name for name in CAUSES if name in matrix]
     others = sorted({n for row in matrix.values() for n in row} - {*hidden, *NOBODY})

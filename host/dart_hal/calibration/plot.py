@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.recording.figures import new_figure, save_figure
+from dart_hal.report.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.recording.figures import new_figure, save_figure
+from dart_hal.report.figures import new_figure, save_figure
 
 from .runner import Drive
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.recording.figures import new_figure, save_figure
+from dart_hal.report.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
 
 from .result import ENOUGH, Prediction, Suggestion

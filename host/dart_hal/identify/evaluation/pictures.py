@@ -10,7 +10,7 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.identify.commands import actuated
 from dart_hal.identify.plots import style
-from dart_hal.recording.figures import FORMATS, save_figure
+from dart_hal.report.figures import FORMATS, save_figure
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.identify.fit import Fit
-from dart_hal.recording import figures
+from dart_hal.report import figures
 from dart_hal.types import FloatArray
 
 DATA, OURS, PAPER = "#0072b2", "#222222", "#d55e00"

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.recording.figures import new_figure, save_figure
+from dart_hal.recording.check import Check, folder_of, stem_of
+from dart_hal.report.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
-
-from .report import Check, folder_of, stem_of
 
 WHEEL, GROUND, BAD, GATED, RAW, STEER = ("#0072b2", "#222222", "#d55e00", "#56b4e9", "#888888",
                                          "#009e73")

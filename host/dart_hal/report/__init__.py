@@ -1,0 +1,1 @@
+"""Pictures as files, and what several rooms draw of recordings."""
