@@ -50,18 +50,15 @@ class Engine:
         self._own_lock = threading.RLock()
         self.lock: AbstractContextManager[Any] = self._own_lock
         self.hooks = Hooks()
-        byte_time = BITS_PER_BYTE / getattr(backend.link, "baud", BAUD)
+        byte_time = BITS_PER_BYTE / (backend.link.baud or BAUD)
         host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual
                    else secrets.randbits(16))
         self.telemetry = Telemetry(files, byte_time)
         self.transmitter = Transmitter(backend.link, self.hooks, host_id, byte_time)
         self.receiver = Receiver(self.telemetry, self.transmitter)
-        self.receiver.sent_at = getattr(backend.link, "ping_sent", None)
+        self.receiver.sent_at = backend.link.ping_sent
         self.driver = Driver(files, backend, self.transmitter, self.receiver)
         self.receiver.on_boot = self.driver.on_boot
-        self._recorded: Callable[[], Applied] | None = None
-        if hasattr(backend.link, "applied"):
-            self._recorded = lambda: backend.link.applied
         self._frames = 0
         self._due = False
         self._due_since = 0.0
@@ -78,7 +75,8 @@ class Engine:
     @property
     def applied(self) -> Applied:
         """What the pins carry: from the recording in a replay."""
-        return self._recorded() if self._recorded else self.driver.applied
+        recorded = self.backend.link.applied
+        return self.driver.applied if recorded is None else recorded
 
     def identify(self) -> Hello:
         """Wait for HELLO. Raises NoHello, LinkLost."""
@@ -96,7 +94,7 @@ class Engine:
     def at_rate(self, baud: int) -> None:
         """Go on at another line rate: what came before was noise."""
         with self.lock:
-            self.backend.link.set_baud(baud)  # type: ignore[attr-defined]
+            self.backend.link.set_baud(baud)
             self.transmitter.byte_time = BITS_PER_BYTE / baud
             self.telemetry.set_byte_time(BITS_PER_BYTE / baud)
             self.receiver.restart_decoder()
@@ -119,8 +117,7 @@ class Engine:
             self.backend.link = link
             self.transmitter.over(link)
             if self.recorder is not None:
-                self.recorder.note("replugged", {"port": str(getattr(link, "device", "")),
-                                                 "t": repr(self.now)})
+                self.recorder.note("replugged", {"port": link.device, "t": repr(self.now)})
         return self._take(said, self.now)
 
     def _take(self, data: bytes, t: float) -> list[State]:
@@ -150,7 +147,7 @@ class Engine:
         """HELLO is there: note it."""
         if self.recorder is not None and self.receiver.hello_values is not None:
             self.recorder.hello(self.receiver.hello_values)
-            self.recorder.note("line", {"baud": str(getattr(self.backend.link, "baud", BAUD))})
+            self.recorder.note("line", {"baud": str(self.backend.link.baud or BAUD)})
 
     def close(self) -> None:
         """Neutral on the pins, a last heartbeat that says stop.

@@ -45,10 +45,9 @@ def await_hello(backend: Backend, caller: Caller) -> Hello:
     Raises NoHello, naming the rates that were tried and what came at each.
     """
     link = backend.link
-    first = getattr(link, "baud", 0)
-    others = [rate for rate in getattr(link, "rates", ()) if rate != first]
+    others = [rate for rate in link.rates if rate != link.baud]
     came = []
-    for number, rate in enumerate((first, *others)):
+    for number, rate in enumerate((link.baud, *others)):
         if number:
             caller.at_rate(rate)
         listen = LISTEN if number == 0 and backend.resets else 0.0

@@ -35,7 +35,7 @@ class Receiver:
     answered in this boot; ``inbox``: the other messages in order of
     arrival; ``boots``: how often a HELLO of another boot was seen;
     ``hello_stale``: the Nano's clock began anew and no HELLO has said why yet;
-    ``sent_at``: when the recorded pings of a replay had left; ``fed``: bytes so far.
+    ``sent_at``: when a recorded ping had left; ``fed``: bytes so far.
     """
 
     def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
@@ -54,7 +54,7 @@ class Receiver:
         self._hello_new = False
         self.inbox: deque[Frame] = deque(maxlen=INBOX)
         self.on_boot: Callable[[], None] = lambda: None
-        self.sent_at: Callable[[int], float | None] | None = None
+        self.sent_at: Callable[[int], float | None] = lambda ping_id: None
 
     @property
     def counters(self) -> Counters:
@@ -108,8 +108,8 @@ class Receiver:
         elif frame.message is TIME_PONG:
             behind = (self.fed - frame.end) * self._telemetry.clock.byte_time
             pong = frame.as_dict()
-            sent = self.sent_at(pong["ping_id"]) if self.sent_at else None
-            self._transmitter.pong(pong, self._telemetry.clock, t - behind, sent)
+            self._transmitter.pong(pong, self._telemetry.clock, t - behind,
+                                   self.sent_at(pong["ping_id"]))
         elif frame.message is PARAM_VALUE:
             self._param(frame.as_dict())
             self.inbox.append(frame)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from dart_hal.errors import EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
-from dart_hal.ports import Chunk
+from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
 from dart_hal.types import NEUTRAL, Applied
 from dart_hal.wire.codec import DOWN, UP, encode
@@ -42,7 +42,7 @@ class ReplayClock:
         self._now = max(self._now, t)
 
 
-class ReplayLink:
+class ReplayLink(Link):
     """Recorded bytes in recorded order; what is written goes nowhere.
 
     ``applied``: what the pins carried when the newest chunk arrived;

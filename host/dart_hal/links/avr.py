@@ -13,7 +13,7 @@ from typing import Protocol
 from dart_hal.errors import LinkLost, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.emulator import EmulatedNano
-from dart_hal.ports import Chunk
+from dart_hal.ports import Chunk, Link
 
 DEFAULT_EDGES = 20
 """Edges per main-gear revolution of the white ring, both flanks counted."""
@@ -32,7 +32,7 @@ class VirtualNano(Protocol):
     def close(self) -> None: ...
 
 
-class VirtualLink:
+class VirtualLink(Link):
     """Link and Clock over a Nano whose time passes only while it is read.
 
     A read ends at each frame delimiter, so the host can answer a frame at the

@@ -47,6 +47,7 @@ class PacedNano(Protocol):
     def run(self, until: float) -> bool: ...
     def read(self) -> list[tuple[bytes, float]]: ...
     def write(self, data: bytes) -> None: ...
+    def set_baud(self, host_baud: float) -> None: ...
     def reset(self, cause: str = "external") -> None: ...
 
 
@@ -57,9 +58,8 @@ class Pty:
     or move the world. ``reset_on_open``: False leaves the firmware running
     through opens. Time stands still while nobody has the port open, unless
     ``always`` says that it goes on, as it does for a car that rolls. The rate
-    that the program set on its port becomes the host's rate of a Nano that has
-    ``set_baud``. ``unplug`` and ``plug`` are the USB cable; each plugging gives
-    another ``path``.
+    that the program set on its port becomes the host's rate. ``unplug`` and
+    ``plug`` are the USB cable; each plugging gives another ``path``.
     Use as a context manager, or `start` and `close`; the thread's failure is
     raised by `close`.
     """
@@ -184,14 +184,11 @@ class Pty:
         return HOLD
 
     def _follow_speed(self) -> None:
-        set_baud: Callable[[float], None] | None = getattr(self.nano, "set_baud", None)
-        if set_baud is None:
-            return
         with contextlib.suppress(termios.error):
             speed = termios.tcgetattr(self._master)[5]
             if speed != self._speed and speed in _SPEEDS:
                 self._speed = speed
-                set_baud(_SPEEDS[speed])
+                self.nano.set_baud(_SPEEDS[speed])
 
     def _wait(self, seconds: float, *, listen: bool) -> bool:
         """Sleep, at most until the host sends; True, at once, when it hangs up."""

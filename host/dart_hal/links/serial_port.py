@@ -27,7 +27,7 @@ from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageEr
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus
-from dart_hal.ports import Chunk
+from dart_hal.ports import Chunk, Link
 from dart_hal.process.forks import private
 
 RATES = (500_000, 115_200)
@@ -51,7 +51,7 @@ class RealClock:
         time.sleep(seconds)
 
 
-class SerialLink:
+class SerialLink(Link):
     """Blocking byte link over pyserial; one reader and one writer may use it.
 
     Raises PortMissing, PortBusy, PortDenied, UsageError on opening; LinkLost

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 
 from dart_hal.errors import LinkLost
-from dart_hal.ports import Chunk
+from dart_hal.ports import Chunk, Link
 from dart_hal.sim.faults import Line
 from dart_hal.sim.world import World
 
@@ -18,7 +18,7 @@ LONGEST = 256
 """Bytes without a delimiter that are passed on as they are."""
 
 
-class SimLink:
+class SimLink(Link):
     """Bytes to and from the Nano of a world, through a line in each direction."""
 
     def __init__(self, world: World, up: Line | None = None, down: Line | None = None) -> None:

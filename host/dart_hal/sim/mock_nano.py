@@ -112,6 +112,9 @@ class MockNano:
         """Bytes from the host; they start on the line now."""
         self._uart.arrive(data, self.now)
 
+    def set_baud(self, host_baud: float) -> None:
+        """Its line carries bytes at any rate."""
+
     def set_ring(self, ring: int, marks: Sequence[float]) -> None:
         self.rings[ring].set_marks(marks, self.now)
 

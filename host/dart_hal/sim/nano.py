@@ -20,6 +20,9 @@ class Nano(Protocol):
     def write(self, data: bytes) -> None:
         """Bytes from the host; they start now, one per 10 bit times."""
 
+    def set_baud(self, host_baud: float) -> None:
+        """Rate of the host's side of the line."""
+
     def set_ring(self, ring: int, marks: Sequence[float]) -> None:
         """Edges of ring 0 (A) or 1 (B) as fractions of a gear revolution."""
 

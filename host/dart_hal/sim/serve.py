@@ -33,9 +33,6 @@ class PacedWorld:
             raise UsageError(f"{backend.url.text} is not a simulated car", expected="sim://")
         self._world: World = backend.link._world
         self.lock = threading.Lock()
-        set_baud = getattr(self._world.nano, "set_baud", None)
-        if set_baud is not None:
-            self.set_baud = set_baud
 
     @property
     def now(self) -> float:
@@ -54,6 +51,9 @@ class PacedWorld:
     def write(self, data: bytes) -> None:
         with self.lock:
             self._world.nano.write(self._world.lines[1].carry(data, self._world.t)[0])
+
+    def set_baud(self, host_baud: float) -> None:
+        self._world.nano.set_baud(host_baud)
 
     def reset(self, cause: str = "external") -> None:
         with self.lock:
