@@ -21,6 +21,7 @@ from dart_hal import Car
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
+from dart_hal.control.speed import SpeedLaw
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.experiment.floor import Floor
@@ -30,7 +31,6 @@ from dart_hal.sim.light import LightCar
 from dart_hal.types import Pose
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_hal.vehicle.speed_law import SpeedLaw
 
 URL = os.environ.get("DART_HAL_URL", "sim://?effect=steering_lag:0.12")
 ONLY = ()  # effects that may be named; () = all

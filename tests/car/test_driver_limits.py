@@ -7,12 +7,12 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.control.speed import SpeedLaw
 from dart_hal.errors import NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.motion import Felt
 from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.load import vehicle_of
-from dart_hal.vehicle.speed_law import SpeedLaw
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder
 

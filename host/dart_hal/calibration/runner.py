@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from dart_hal.config import CarFiles
+from dart_hal.control.speed import SpeedLaw
 from dart_hal.errors import CalibrationFailed
 from dart_hal.types import Applied, State
 from dart_hal.vehicle.sets import PAPER
-from dart_hal.vehicle.speed_law import SpeedLaw
 
 MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
 NO_MOTION = 4.0  # s of throttle without motion until the procedure gives up

@@ -22,9 +22,9 @@ from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.signals import stop_on_signals
-from dart_hal.car.speed_loop import SpeedLoop
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.process.forks import ParentsLock, in_child

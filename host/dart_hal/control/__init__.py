@@ -1,1 +1,1 @@
-"""Controllers and command sources on top of the Car."""
+"""Controllers and command sources: what a Car is told to do."""

@@ -11,9 +11,9 @@ from typing import Protocol
 from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
+from dart_hal.control.speed import SpeedLaw
 from dart_hal.types import Applied, Pose, State
 from dart_hal.vehicle.load import vehicle_of
-from dart_hal.vehicle.speed_law import SpeedLaw
 
 from .limits import Rolling
 from .plans import Plan, Segment
