@@ -20,7 +20,8 @@ static int mode_of(const emu_t *e, int unit)
 	return e->avr->data[TCCR1A] >> (unit ? 4 : 6) & 3;
 }
 
-int compare_level(const emu_t *e, int bit, int port_level)
+/* What D9 and D10 carry when the port says port_level. */
+static int level(const emu_t *e, int bit, int port_level)
 {
 	if ((bit != 1 && bit != 2) || !mode_of(e, bit - 1))
 		return port_level;
@@ -101,6 +102,7 @@ int compare_init(emu_t *e)
 	e->avr->io[i].w.c = tccr1a_write;
 	e->avr->io[i].w.param = e;
 	avr_register_io_write(e->avr, TCCR1C, tccr1c_write, e);
+	e->drives_b = level;
 	for (int unit = 0; unit < 2; unit++)
 		avr_irq_register_notify(t->io.irq + TIMER_IRQ_OUT_COMP + unit,
 					notify, e);

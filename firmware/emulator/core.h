@@ -88,6 +88,9 @@ struct event_log {
 	uint32_t head, tail;
 };
 
+/* What the MCU makes of a pin. */
+enum { PIN_LOW, PIN_HIGH, PIN_RELEASED };
+
 struct emu {
 	avr_t *avr;
 	avr_ioport_t *port[3];
@@ -134,6 +137,10 @@ struct emu {
 	double wheel_pos, wheel_rate; /* revolutions, per cycle */
 	uint64_t wheel_c;
 	uint8_t state[3][8];
+	/* who is told when the MCU drives a pin otherwise than before */
+	void (*hangs[3][8])(emu_t *e, int state);
+	/* what pin `bit` of port B carries, when PORTB says port_level */
+	int (*drives_b)(const emu_t *e, int bit, int port_level);
 	struct {
 		bool behind_mux; /* D8 gets its level while D5 is high */
 		bool level;
@@ -142,21 +149,18 @@ struct emu {
 	struct isr_stat isr[VECTORS];
 };
 
-/* emu.c */
+/* base.c, below all parts */
 void emu_gate(emu_t *e);
 void emu_at(emu_t *e, int event, uint64_t when);
 double emu_world(const emu_t *e, uint64_t cycle);
 uint64_t emu_cycle(const emu_t *e, double world); /* rounded up */
 void *emu_module(emu_t *e, const char *kind, int nth);
-void log_put(struct event_log *log, uint64_t cycle, int what, int value);
-int log_get(struct event_log *log, uint64_t *cycle, uint8_t *what,
-	    uint8_t *value, int max);
 uint32_t noise_next(uint32_t *state);
 
-/* reset.c */
+/* Each part: set up once, after each reset, at its event. emu.c and reset.c
+ * stand above the parts; the parts tell each other nothing but levels of pins. */
 void reset_event(emu_t *e); /* the wait of the bootloader is over */
 
-/* each part: set up once, after each reset, at its event */
 int uart_init(emu_t *e);
 void uart_after_reset(emu_t *e);
 void uart_tx_event(emu_t *e);
@@ -166,32 +170,38 @@ void uart_free(emu_t *e);
 int twi_init(emu_t *e);
 void twi_after_reset(emu_t *e);
 void twi_event(emu_t *e);
-void twi_gpio(emu_t *e); /* PORTC or DDRC changed */
 
 int pins_init(emu_t *e);
-void pins_after_reset(emu_t *e);
+void pins_after_reset(emu_t *e); /* released; pins_settle when all are */
+void pins_settle(emu_t *e);
 void pins_input(emu_t *e, int port, int bit, int level);
 void pins_show(emu_t *e, int port, int bit, uint8_t ddr, int port_level);
 
 /* compare.c: D9 and D10 as outputs of Timer1 */
 int compare_init(emu_t *e);
 void compare_after_reset(emu_t *e);
-int compare_level(const emu_t *e, int bit, int port_level);
 
 int watchdog_init(emu_t *e);
 void watchdog_after_reset(emu_t *e);
 void watchdog_event(emu_t *e);
 
+int wheel_init(emu_t *e);
+void wheel_after_reset(emu_t *e);
 void wheel_event(emu_t *e, int ring);
 void wheel_clock(emu_t *e, double old_hz);
-void wheel_sensor(emu_t *e); /* D7 switched the IR sensor */
 void wheel_noise(emu_t *e, int ring);
-int wheel_level(const emu_t *e, int ring); /* at the pin */
+
+int imu_init(emu_t *e);
+void imu_event(emu_t *e);
 
 int eeprom_init(emu_t *e);
 void eeprom_event(emu_t *e);
 void eeprom_supply_lost(emu_t *e);
 
+/* probe.c: what is measured */
 int probe_init(emu_t *e);
+void log_put(struct event_log *log, uint64_t cycle, int what, int value);
+int log_get(struct event_log *log, uint64_t *cycle, uint8_t *what,
+	    uint8_t *value, int max);
 
 #endif

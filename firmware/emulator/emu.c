@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * The run loop and time.
+ * Life of a Nano and the run loop.
  *
  * simavr's own loop adds a cycle to each sleep and cuts where it is asked to
  * stop. This one sleeps to the next thing that can wake the MCU and to
  * nothing else, so that the place where a caller slices a run leaves no trace
  * in the program's time.
  */
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -47,91 +46,7 @@ const char *emu_simavr(void)
 	return CONFIG_SIMAVR_VERSION;
 }
 
-void *emu_module(emu_t *e, const char *kind, int nth)
-{
-	for (avr_io_t *io = e->avr->io_port; io; io = io->next)
-		if (io->kind && !strcmp(io->kind, kind) && nth-- == 0)
-			return io;
-	return NULL;
-}
-
-double emu_world(const emu_t *e, uint64_t cycle)
-{
-	return e->world_t + ((double)cycle - (double)e->world_c) / e->hz;
-}
-
-uint64_t emu_cycle(const emu_t *e, double world)
-{
-	double c = (double)e->world_c + (world - e->world_t) * e->hz;
-
-	if (!(c < 1e15))
-		return NEVER;
-	return c > 0 ? (uint64_t)ceil(c) : 0;
-}
-
-uint32_t noise_next(uint32_t *state)
-{
-	uint32_t x = *state;
-
-	x ^= x << 13;
-	x ^= x >> 17;
-	x ^= x << 5;
-	return *state = x;
-}
-
 /* --- events ------------------------------------------------------------ */
-
-static avr_cycle_count_t gate_passed(avr_t *avr, avr_cycle_count_t when,
-				     void *param)
-{
-	(void)avr;
-	(void)when;
-	((emu_t *)param)->gate = NEVER;
-	return 0;
-}
-
-/* A timer of simavr at the next cycle that concerns us: simavr then ends its
- * run of instructions there, also when a register write adds a timer. It
- * changes nothing that the program could see. */
-void emu_gate(emu_t *e)
-{
-	uint64_t when = e->next_event < e->limit ? e->next_event : e->limit;
-	uint64_t now = e->avr->cycle;
-
-	if (when == e->gate)
-		return;
-	e->gate = when;
-	if (when == NEVER)
-		avr_cycle_timer_cancel(e->avr, gate_passed, e);
-	else
-		avr_cycle_timer_register(e->avr, when > now ? when - now : 0,
-					 gate_passed, e);
-}
-
-static void find_next(emu_t *e)
-{
-	uint64_t next = NEVER;
-
-	for (int i = 0; i < EV_COUNT; i++)
-		if (e->when[i] < next)
-			next = e->when[i];
-	e->next_event = next;
-}
-
-void emu_at(emu_t *e, int event, uint64_t when)
-{
-	e->when[event] = when;
-	find_next(e);
-	emu_gate(e);
-}
-
-static void imu_event(emu_t *e)
-{
-	/* a restart of the part may have put it off */
-	if (emu_cycle(e, e->imu.next) <= e->avr->cycle)
-		bno_sample(&e->imu, e->imu.next);
-	emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
-}
 
 static void run_events(emu_t *e)
 {
@@ -162,8 +77,8 @@ static void run_events(emu_t *e)
 static bool find_parts(emu_t *e)
 {
 	return watchdog_init(e) && uart_init(e) && twi_init(e) &&
-	       pins_init(e) && compare_init(e) && eeprom_init(e) &&
-	       probe_init(e);
+	       pins_init(e) && wheel_init(e) && imu_init(e) &&
+	       compare_init(e) && eeprom_init(e) && probe_init(e);
 }
 
 emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
@@ -191,7 +106,6 @@ emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)
 	e->gate = e->next_event = e->uart.stop = NEVER;
 	for (int i = 0; i < EV_COUNT; i++)
 		e->when[i] = NEVER;
-	bno_init(&e->imu);
 	emu_vcc(e, 5000);
 	if (!find_parts(e)) {
 		emu_free(e);

@@ -1,10 +1,32 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * The caller's side of the BNO055 model.
+ * The BNO055 on its supply pin, its samples, and the caller's side of it.
  */
 #include <string.h>
 
 #include "core.h"
+
+void imu_event(emu_t *e)
+{
+	/* a restart of the part may have put it off */
+	if (emu_cycle(e, e->imu.next) <= e->avr->cycle)
+		bno_sample(&e->imu, e->imu.next);
+	emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+/* D4 is its supply. */
+static void supply(emu_t *e, int state)
+{
+	bno_power(&e->imu, state == PIN_HIGH, emu_world(e, e->avr->cycle));
+	emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
+}
+
+int imu_init(emu_t *e)
+{
+	bno_init(&e->imu);
+	e->hangs[2][4] = supply;
+	return 1;
+}
 
 void emu_imu(emu_t *e, const double gyro[3], const double lin[3])
 {

@@ -1,19 +1,17 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * Port pins: inputs from the world, a log of what the MCU drives, and the
- * parts that hang on them (D4 powers the BNO055, D7 the IR sensor, PC4/PC5
- * are the bus lines while the TWI is off, Timer1 may drive D9 and D10).
+ * Port pins: inputs from the world, a log of what the MCU drives, and who is
+ * told of it. The parts that hang on a pin enter themselves in emu.hangs (D4
+ * powers the BNO055, D7 the IR sensor, PC4/PC5 are the bus lines while the TWI
+ * is off); Timer1, which may drive D9 and D10, in emu.drives_b.
  */
 #include <simavr/avr_extint.h>
 
 #include "core.h"
 
-enum { LOW, HIGH, RELEASED };
-
-
 static void capture_show(emu_t *e)
 {
-	bool through = !e->capture.behind_mux || e->state[2][5] == HIGH;
+	bool through = !e->capture.behind_mux || e->state[2][5] == PIN_HIGH;
 
 	pins_input(e, 0, 0, e->capture.level && through);
 }
@@ -24,26 +22,20 @@ static void changed(emu_t *e, int port, int bit, int state)
 		return;
 	e->state[port][bit] = (uint8_t)state;
 	log_put(&e->pins, e->avr->cycle, port << 4 | bit, state);
-	if (port == 2 && bit == 4)
-		bno_power(&e->imu, state == HIGH,
-			  emu_world(e, e->avr->cycle));
-	if (port == 2 && bit == 7)
-		wheel_sensor(e);
+	if (e->hangs[port][bit])
+		e->hangs[port][bit](e, state);
 	if (port == 2 && bit == 5 && e->capture.behind_mux)
 		capture_show(e);
-	if (port == 1 && (bit == 4 || bit == 5))
-		twi_gpio(e);
-	if (port == 2 && bit == 4)
-		emu_at(e, EV_IMU, emu_cycle(e, e->imu.next));
 }
 
 /* The pin as DDR, PORT and, on port B, Timer1 have it. */
 void pins_show(emu_t *e, int port, int bit, uint8_t ddr, int port_level)
 {
-	int level = port == 0 ? compare_level(e, bit, port_level) : port_level;
+	int level = port == 0 && e->drives_b ?
+		    e->drives_b(e, bit, port_level) : port_level;
 
-	changed(e, port, bit, !(ddr >> bit & 1) ? RELEASED :
-			      level ? HIGH : LOW);
+	changed(e, port, bit, !(ddr >> bit & 1) ? PIN_RELEASED :
+			      level ? PIN_HIGH : PIN_LOW);
 }
 
 /* irq->irq is the number of the pin, or IOPORT_IRQ_DIRECTION_ALL, which comes
@@ -96,13 +88,12 @@ int pins_init(emu_t *e)
 			return 0;
 		e->port[i] = p;
 		for (int bit = 0; bit < 8; bit++) {
-			e->state[i][bit] = RELEASED;
+			e->state[i][bit] = PIN_RELEASED;
 			avr_irq_register_notify(p->io.irq + bit, pin_notify, e);
 		}
 		avr_irq_register_notify(p->io.irq + IOPORT_IRQ_DIRECTION_ALL,
 					pin_notify, e);
 	}
-	e->ring[0].level = e->ring[1].level = 1;
 	return 1;
 }
 
@@ -113,10 +104,12 @@ void pins_after_reset(emu_t *e)
 	avr_extint_set_strict_lvl_trig(e->avr, 1, 0);
 	for (int port = 0; port < 3; port++)
 		for (int bit = 0; bit < 8; bit++)
-			changed(e, port, bit, RELEASED);
-	compare_after_reset(e);
-	pins_input(e, 2, 2, wheel_level(e, 0));
-	pins_input(e, 2, 3, wheel_level(e, 1));
+			changed(e, port, bit, PIN_RELEASED);
+}
+
+/* When the parts have put their levels on the released pins. */
+void pins_settle(emu_t *e)
+{
 	for (int port = 0; port < 3; port++) {
 		avr_ioport_t *p = e->port[port];
 		uint8_t level = p->external.pull_mask & p->external.pull_value;
@@ -149,7 +142,7 @@ void emu_capture(emu_t *e, int behind_mux)
 int emu_pin_state(const emu_t *e, int port, int bit)
 {
 	if (port < 'B' || port > 'D' || bit < 0 || bit > 7)
-		return RELEASED;
+		return PIN_RELEASED;
 	return e->state[port - 'B'][bit];
 }
 

@@ -50,6 +50,9 @@ void emu_reset(emu_t *e, int cause)
 	uart_after_reset(e);
 	twi_after_reset(e);
 	pins_after_reset(e);
+	compare_after_reset(e);
+	wheel_after_reset(e);
+	pins_settle(e);
 	hold(e, cause);
 	emu_gate(e);
 }

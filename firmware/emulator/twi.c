@@ -199,6 +199,8 @@ static void abort_all(emu_t *e)
 	set_status(e, S_NOTHING);
 }
 
+static void gpio(emu_t *e);
+
 static void twcr_write(avr_t *avr, avr_io_addr_t addr, uint8_t v, void *param)
 {
 	emu_t *e = param;
@@ -209,7 +211,7 @@ static void twcr_write(avr_t *avr, avr_io_addr_t addr, uint8_t v, void *param)
 	if (!(v & TWEN)) {
 		abort_all(e);
 		avr->data[addr] = v & (TWEA | TWIE);
-		twi_gpio(e);
+		gpio(e);
 		return;
 	}
 	if (go) {
@@ -221,7 +223,7 @@ static void twcr_write(avr_t *avr, avr_io_addr_t addr, uint8_t v, void *param)
 				    (e->twi.op == STOP ? TWSTO : 0) |
 				    (old & TWWC) | flag);
 	if (!(old & TWEN))
-		twi_gpio(e);
+		gpio(e);
 	if (e->twi.op == IDLE && !flag)
 		request(e, v, go);
 	if (flag && v & TWIE && !vector->pending)
@@ -269,8 +271,9 @@ static void show_lines(emu_t *e)
 		pins_input(e, 1, SCL_BIT, w->scl = scl);
 }
 
-/* A slave that lost count of its byte frees SDA after enough clocks. */
-void twi_gpio(emu_t *e)
+/* PORTC or DDRC changed, or the TWI gave the lines back. A slave that lost
+ * count of its byte frees SDA after enough clocks. */
+static void gpio(emu_t *e)
 {
 	struct twi *w = &e->twi;
 	bool low = !(e->avr->data[TWCR] & TWEN) && e->state[1][SCL_BIT] == 0;
@@ -281,6 +284,12 @@ void twi_gpio(emu_t *e)
 	w->scl_driven_low = low;
 	show_lines(e);
 	release_waiting(e);
+}
+
+static void line_driven(emu_t *e, int state)
+{
+	(void)state;
+	gpio(e);
 }
 
 void emu_i2c(emu_t *e, int fault, double p, double stretch_us, int clocks)
@@ -316,6 +325,7 @@ int twi_init(emu_t *e)
 	e->twi.noise = 0x2545F491u;
 	e->twi.stretch_us = 180;
 	e->twi.sda = e->twi.scl = true;
+	e->hangs[1][SDA_BIT] = e->hangs[1][SCL_BIT] = line_driven;
 	return 1;
 }
 

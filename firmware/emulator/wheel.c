@@ -43,7 +43,7 @@ static void schedule(emu_t *e, int ring)
 	       dt < 1e15 ? e->wheel_c + (uint64_t)dt : NEVER);
 }
 
-int wheel_level(const emu_t *e, int ring)
+static int at_pin(const emu_t *e, int ring)
 {
 	return e->ring[ring].level ^ e->ring[ring].flipped;
 }
@@ -51,7 +51,7 @@ int wheel_level(const emu_t *e, int ring)
 static void edge(emu_t *e, int ring)
 {
 	e->ring[ring].edges++;
-	pins_input(e, 2, 2 + ring, wheel_level(e, ring));
+	pins_input(e, 2, 2 + ring, at_pin(e, ring));
 }
 
 static void show(emu_t *e, int ring)
@@ -60,7 +60,7 @@ static void show(emu_t *e, int ring)
 	int level = !(r->k & 1);
 
 	/* an IR sensor without supply lets the pull-up win */
-	if (ring == 0 && e->state[2][7] != 1)
+	if (ring == 0 && e->state[2][7] != PIN_HIGH)
 		level = 1;
 	if (level == r->level)
 		return;
@@ -110,9 +110,24 @@ int emu_chatter(emu_t *e, int ring, double edges_per_s, int irregular)
 
 /* --- rings ---------------------------------------------------------------- */
 
-void wheel_sensor(emu_t *e)
+/* D7 switched the IR sensor. */
+static void sensor(emu_t *e, int state)
 {
+	(void)state;
 	show(e, 0);
+}
+
+int wheel_init(emu_t *e)
+{
+	e->ring[0].level = e->ring[1].level = 1;
+	e->hangs[2][7] = sensor;
+	return 1;
+}
+
+void wheel_after_reset(emu_t *e)
+{
+	pins_input(e, 2, 2, at_pin(e, 0));
+	pins_input(e, 2, 3, at_pin(e, 1));
 }
 
 void wheel_event(emu_t *e, int ring)
