@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bom import TIERS, Row, Tool, total
+from bom_table import TIERS, Row, Tool, total
 
 TITLES = {
     "paper": "The paper's table",

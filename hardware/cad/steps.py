@@ -7,7 +7,7 @@ from pathlib import Path
 
 import trimesh
 from legends import LEGENDS
-from pictures import MARK, Thing, add, look, save, stage
+from scene import MARK, Thing, add, look, save, stage
 from shapes import body, prism
 
 GREY = "#d4d6d8"

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))
 
 import bom  # noqa: E402 - found through the line above
+import bom_table  # noqa: E402
 from bom_page import page  # noqa: E402
 
 PAPER = {"kit": 420, "lidar": 100, "encoder": 10, "imu": 40, "nano": 30, "lipo": 30, "servo": 20,
@@ -21,7 +22,7 @@ PAPER = {"kit": 420, "lidar": 100, "encoder": 10, "imu": 40, "nano": 30, "lipo":
 """EUR, the paper's table of components."""
 
 
-def wrong_prices(rows: list[bom.Row]) -> dict[str, Decimal]:
+def wrong_prices(rows: list[bom_table.Row]) -> dict[str, Decimal]:
     paper = {r.id: r.cost for r in rows if r.tier == "paper"}
     return {k: v for k, v in paper.items() if PAPER.get(k) != v}
 
@@ -43,21 +44,21 @@ def spoilt(tmp_path):
 
 
 def test_the_papers_eight_rows_add_up_to_its_total():
-    paper = [r for r in bom.load() if r.tier == "paper"]
+    paper = [r for r in bom_table.load() if r.tier == "paper"]
     assert [r.id for r in paper] == list(PAPER)
-    assert bom.total(paper) == Decimal("670.00")
+    assert bom_table.total(paper) == Decimal("670.00")
     assert wrong_prices(paper) == {}
 
 
 def test_a_changed_price_is_seen(spoilt):
-    rows = bom.load(spoilt("imu", unit_price_eur="41.00"))
+    rows = bom_table.load(spoilt("imu", unit_price_eur="41.00"))
     assert wrong_prices(rows) == {"imu": Decimal("41.00")}
 
 
-@pytest.mark.parametrize("cell", bom.FILLED)
+@pytest.mark.parametrize("cell", bom_table.FILLED)
 def test_a_row_without_a_cell_says_which(spoilt, cell):
-    with pytest.raises(bom.BomError, match=rf"line \d+ \(.*\): no {cell}$"):
-        bom.load(spoilt("cells", **{cell: ""}))
+    with pytest.raises(bom_table.BomError, match=rf"line \d+ \(.*\): no {cell}$"):
+        bom_table.load(spoilt("cells", **{cell: ""}))
 
 
 @pytest.mark.parametrize(("cell", "value", "said"), [
@@ -73,53 +74,53 @@ def test_a_row_without_a_cell_says_which(spoilt, cell):
     ("id", "kit", "kit stands in 2 rows"),
 ])
 def test_a_bad_cell_says_what_was_expected(spoilt, cell, value, said):
-    with pytest.raises(bom.BomError, match=said):
-        bom.load(spoilt("cells", **{cell: value}))
+    with pytest.raises(bom_table.BomError, match=said):
+        bom_table.load(spoilt("cells", **{cell: value}))
 
 
 def test_who_pays_must_be_a_row(spoilt):
-    with pytest.raises(bom.BomError, match="'nobody', which is no row"):
-        bom.load(spoilt("jetson", source="paid:nobody"))
+    with pytest.raises(bom_table.BomError, match="'nobody', which is no row"):
+        bom_table.load(spoilt("jetson", source="paid:nobody"))
 
 
 def test_a_cell_too_many_is_seen(tmp_path):
     text = (ROOT / "hardware" / "bom.csv").read_text(encoding="utf-8")
     path = tmp_path / "bom.csv"
     path.write_text(text.replace(",glue,", ",glue,,", 1), encoding="utf-8")
-    with pytest.raises(bom.BomError, match="expected one per column"):
-        bom.load(path)
+    with pytest.raises(bom_table.BomError, match="expected one per column"):
+        bom_table.load(path)
 
 
 def test_the_minimal_build_has_no_solder_joint():
-    rows = bom.load()
+    rows = bom_table.load()
     assert sum(r.joints for r in rows if r.smallest or r.tier != "optional") == 0
     assert sum(r.joints for r in rows) > 0, "the control: options do"
 
 
 def test_the_smallest_car_is_part_of_the_complete_one():
-    assert all(r.full and r.tier != "optional" for r in bom.load() if r.smallest)
+    assert all(r.full and r.tier != "optional" for r in bom_table.load() if r.smallest)
 
 
 def test_what_is_bought_says_what_to_search_for():
-    assert [r.id for r in bom.load() if r.price and not r.search_for] == []
+    assert [r.id for r in bom_table.load() if r.price and not r.search_for] == []
 
 
 def test_every_tool_of_a_row_is_in_the_list_of_tools():
-    tools = {t.id for t in bom.load_tools()}
-    assert {t for r in bom.load() for t in r.tools} <= tools
+    tools = {t.id for t in bom_table.load_tools()}
+    assert {t for r in bom_table.load() for t in r.tools} <= tools
 
 
 def test_the_page_is_generated():
-    assert page(bom.load(), bom.load_tools()) == bom.PAGE.read_text(encoding="utf-8"), (
+    assert bom.generated()[bom.PAGE] == bom.PAGE.read_text(encoding="utf-8"), (
         "python hardware/bom.py")
 
 
 def test_the_page_prices_cars_and_counts_parts():
-    rows = bom.load()
-    text = page(rows, bom.load_tools())
+    rows = bom_table.load()
+    text = page(rows, bom_table.load_tools())
     for some in ([r for r in rows if r.smallest], [r for r in rows if r.tier != "optional"],
                  [r for r in rows if r.full]):
-        assert f"{bom.total(some)}" in text
+        assert f"{bom_table.total(some)}" in text
     assert "| smallest | 2 | 2 | 0 |" in text
 
 
@@ -130,7 +131,7 @@ def readme_cars(text: str) -> list[tuple[str, str, str, str]]:
 
 def test_the_readme_says_what_the_page_says():
     told = readme_cars((ROOT / "README.md").read_text(encoding="utf-8"))
-    text = page(bom.load(), bom.load_tools())
+    text = page(bom_table.load(), bom_table.load_tools())
     sums = re.findall(r"^\| \**(?:smallest car|car of the paper|full car)[^|]* \| \**([\d.]+)",
                       text, re.MULTILINE)
     parts = re.findall(r"^\| (?:smallest|of the paper, complete|full) \| (\d+) \| (\d+) \| (\d+) ",

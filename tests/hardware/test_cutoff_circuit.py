@@ -18,7 +18,7 @@ WIRING = ROOT / "hardware" / "wiring"
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 yaml = pytest.importorskip("yaml")
-import bom  # noqa: E402 - found through the line above
+import bom_table  # noqa: E402 - found through the line above
 import circuit  # noqa: E402
 import guide  # noqa: E402
 import harness  # noqa: E402
@@ -88,7 +88,7 @@ def without_ground(folder: Path) -> list[str]:
                        for wire in harness.wires(diagram, folder))]
 
 
-def miscounted(folder: Path, rows: list[bom.Row]) -> list[str]:
+def miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
     """Components of a board that the bill has in another number, with another value or step."""
     bill, wrong = {r.id: r for r in rows}, []
     for device in DIAGRAM:
@@ -233,14 +233,15 @@ def test_a_pull_up_of_10_kilo_ohm_is_no_high_on_a_board_that_pulls_low(copy):
 
 
 def test_the_bill_has_what_the_boards_carry():
-    assert miscounted(WIRING, bom.load()) == []
+    assert miscounted(WIRING, bom_table.load()) == []
 
 
 @pytest.mark.parametrize(("old", "new", "seen"), [
     (", [6, 8]]", "]", "res_10k_mux"), ("res_10k_oe: {value: 10", "res_10k_oe: {value: 1",
                                         "res_10k_oe")])
 def test_another_number_or_value_in_the_bill_is_seen(copy, old, new, seen):
-    assert [x.split(":")[0] for x in miscounted(copy("parts.yml", old, new), bom.load())] == [seen]
+    spoilt = miscounted(copy("parts.yml", old, new), bom_table.load())
+    assert [x.split(":")[0] for x in spoilt] == [seen]
 
 
 def test_the_capacitor_stands_across_the_supply():

@@ -20,7 +20,7 @@ from dart_hal.wire.messages import SCHEMA
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
 
-import bom  # noqa: E402 - found through the line above
+import bom_table  # noqa: E402 - found through the line above
 import guide  # noqa: E402
 import legends  # noqa: E402
 
@@ -53,7 +53,7 @@ def copy(tmp_path):
 def miscounted(steps: list[guide.Step]) -> dict[str, str]:
     """Parts that the guide takes out of the bag more or less often than the bill buys."""
     wrong = {}
-    for row in bom.load():
+    for row in bom_table.load():
         counts = [s.parts[row.id] for s in steps if row.id in s.parts]
         taken = sum(counts) or (1 if counts else 0)
         if taken != row.quantity:
@@ -125,7 +125,7 @@ def test_the_assembly_is_complete():
 def test_every_part_is_in_the_bill_and_the_reverse():
     named = {p: [s.id for s in guide.steps() if p in s.parts]
              for s in guide.steps() for p in s.parts}
-    assert {r.id: list(r.used_in) for r in bom.load()} == named
+    assert {r.id: list(r.used_in) for r in bom_table.load()} == named
 
 
 def test_the_guide_uses_up_what_the_bill_buys():
@@ -138,14 +138,14 @@ def test_a_part_too_many_is_seen(copy):
 
 
 def test_every_tool_is_in_the_list_and_the_reverse():
-    listed = {t.id for t in bom.load_tools()}
+    listed = {t.id for t in bom_table.load_tools()}
     assert {t for s in guide.steps() for t in s.tools} == listed
 
 
 def test_a_step_names_the_tools_of_its_parts():
     """A tool that a row of the bill asks for is in at least one step that uses the part."""
     steps = {s.id: s for s in guide.steps()}
-    missing = [f"{r.id}: {tool}" for r in bom.load() for tool in r.tools
+    missing = [f"{r.id}: {tool}" for r in bom_table.load() for tool in r.tools
                if not any(tool in steps[s].tools for s in r.used_in)]
     assert missing == []
 
@@ -157,7 +157,7 @@ def test_nothing_is_soldered_outside_the_options():
 
 def test_a_part_that_is_soldered_is_so_in_its_step():
     steps = {s.id: s for s in guide.steps()}
-    assert [r.id for r in bom.load() if r.skill == "solder"
+    assert [r.id for r in bom_table.load() if r.skill == "solder"
             and not any(steps[s].skill == "solder" for s in r.used_in)] == []
 
 

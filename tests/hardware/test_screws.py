@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))
 
-import bom  # noqa: E402 - found through the line above
+import bom_table  # noqa: E402 - found through the line above
 import guide  # noqa: E402
 import screws  # noqa: E402
 
@@ -28,7 +28,7 @@ def uncovered(rows: list[screws.Screw]) -> list[str]:
     for s in rows:
         for hole in set(s.holes):
             have[hole] = have.get(hole, 0) + s.pieces
-    per_car = {r.id: r.quantity for r in bom.load()}
+    per_car = {r.id: r.quantity for r in bom_table.load()}
     found = []
     for part, table in PARTS.items():
         uses = [h["use"] for h in table["holes"] if h["screw"]]
@@ -67,7 +67,7 @@ def test_the_diameter_is_that_of_the_hole():
 
 
 def test_the_bill_buys_them():
-    row = next(r for r in bom.load() if r.id == "screws")
+    row = next(r for r in bom_table.load() if r.id == "screws")
     assert row.part == screws.summary(screws.load())
 
 
@@ -77,12 +77,12 @@ def test_the_step_of_a_screw_names_screws():
 
 
 def test_parts_of_the_cad_are_those_of_the_bill():
-    assert set(PARTS) == {r.id for r in bom.load() if r.ours}
+    assert set(PARTS) == {r.id for r in bom_table.load() if r.ours}
 
 
 @pytest.mark.parametrize("kind", ["placements", "items"])
 def test_what_the_assembly_shows_is_in_the_bill_and_in_its_step(kind):
-    rows = {r.id: r for r in bom.load()}
+    rows = {r.id: r for r in bom_table.load()}
     for thing in BUILT[kind]:
         name = thing.get("bom") or thing["part"]
         assert name in rows

@@ -16,7 +16,7 @@ WIRING = ROOT / "hardware" / "wiring"
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 yaml = pytest.importorskip("yaml")
-import bom  # noqa: E402 - found through the line above
+import bom_table  # noqa: E402 - found through the line above
 import build  # noqa: E402
 import drawing  # noqa: E402
 import harness  # noqa: E402
@@ -176,7 +176,7 @@ def test_the_enum_of_the_firmware_has_the_same_values():
 
 
 def test_every_part_is_in_the_bill():
-    ids = {r.id for r in bom.load()}
+    ids = {r.id for r in bom_table.load()}
     data = harness.parts()["connectors"]
     named = {c["pn"] for c in data.values()}
     named |= {x["pn"] for c in data.values() for x in c.get("additional_components", [])}
