@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from dart_hal.actuation import Event, Facts, State, Supervisor, refusals, warnings
+from dart_hal.actuation import ArmState, Event, Facts, Supervisor, refusals, warnings
 from dart_hal.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
 from dart_hal.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
 from dart_hal.errors import NotArmed
@@ -15,26 +15,26 @@ from dart_hal.errors import NotArmed
 SLOT = 0.01
 
 
-def at(state: State) -> tuple[Supervisor, float]:
+def at(state: ArmState) -> tuple[Supervisor, float]:
     """A supervisor in ``state``, and the time."""
     s, t = Supervisor(), 0.0
-    if state is State.CLOSED:
+    if state is ArmState.CLOSED:
         return s, t
     s.event(Event.OPEN, t)
-    if state is State.OPENING:
+    if state is ArmState.OPENING:
         return s, t
     s.event(Event.OPENED, t)
-    if state is State.RAW:
+    if state is ArmState.RAW:
         s.event(Event.RAW_OPEN, t)
-    elif state is State.FAULT:
+    elif state is ArmState.FAULT:
         s.event(Event.BUS_LOST, t)
-    elif state is not State.DISARMED:
+    elif state is not ArmState.DISARMED:
         s.arm(t)
-        if state is State.ARMING:
+        if state is ArmState.ARMING:
             return s, t
         t = run(s, t, 3.0)
-        for _ in range({State.ARMED: 0, State.TRIPPED: 1, State.LOCKED: 3}[state]):
-            if s.state is not State.ARMED:
+        for _ in range({ArmState.ARMED: 0, ArmState.TRIPPED: 1, ArmState.LOCKED: 3}[state]):
+            if s.state is not ArmState.ARMED:
                 t = run(s, t, 0.6)
                 s.arm(t)
                 t = run(s, t, 2.1)
@@ -50,7 +50,7 @@ def run(s: Supervisor, t: float, seconds: float, **inputs: object) -> float:
     return t
 
 
-@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("state", list(ArmState))
 @pytest.mark.parametrize("event", list(Event))
 def test_every_event_in_every_state_does_what_the_table_says(state, event) -> None:
     s, t = at(state)
@@ -59,8 +59,8 @@ def test_every_event_in_every_state_does_what_the_table_says(state, event) -> No
 
 
 def test_the_throttle_obeys_in_armed_and_raw_alone() -> None:
-    obeys = {s for s in State if ENTRY[s].output.throttle not in ("neutral", "untouched")}
-    assert obeys == {State.ARMED, State.RAW}
+    obeys = {s for s in ArmState if ENTRY[s].output.throttle not in ("neutral", "untouched")}
+    assert obeys == {ArmState.ARMED, ArmState.RAW}
 
 
 @pytest.mark.parametrize("broken", [
@@ -74,46 +74,47 @@ def test_a_grid_with_a_hole_is_not_accepted(broken: str) -> None:
 
 
 @pytest.mark.parametrize(("state", "event"), [
-    (State.TRIPPED, Event.CLEARED), (State.DISARMED, Event.ARM), (State.LOCKED, Event.UNLOCK)])
+    (ArmState.TRIPPED, Event.CLEARED), (ArmState.DISARMED, Event.ARM),
+    (ArmState.LOCKED, Event.UNLOCK)])
 def test_a_shortcut_into_armed_is_not_accepted(state, event) -> None:
     table = copy.deepcopy(TABLE)
-    table[state][event] = State.ARMED
+    table[state][event] = ArmState.ARMED
     with pytest.raises(AssertionError):
         check_table(table)
 
 
 def test_arming_takes_two_seconds_of_neutral_and_half_a_second_of_good_checks() -> None:
-    s, t = at(State.ARMING)
+    s, t = at(ArmState.ARMING)
     t = run(s, t, 1.98)
-    assert s.state is State.ARMING
+    assert s.state is ArmState.ARMING
     t = run(s, t, 0.03)
-    assert s.state is State.ARMED
-    s, t = at(State.ARMING)
+    assert s.state is ArmState.ARMED
+    s, t = at(ArmState.ARMING)
     t = run(s, t, 1.8)
     s.step(t, refused=("LINK_NOT_GOOD_500MS",))
     t = run(s, t, 0.48)
-    assert s.state is State.ARMING
+    assert s.state is ArmState.ARMING
     run(s, t, 0.05)
-    assert s.state is State.ARMED
+    assert s.state is ArmState.ARMED
 
 
 def test_a_refusal_while_arming_disarms_with_the_list() -> None:
-    s, t = at(State.ARMING)
+    s, t = at(ArmState.ARMING)
     s.step(t + SLOT, refused=("RUN_STOP", "IMU_STALE", "NEUTRAL_TOO_SHORT"))
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
     assert set(s.reasons) == {"RUN_STOP", "IMU_STALE"}
 
 
 def test_what_waiting_does_not_cure_ends_arming_in_bounded_time() -> None:
-    s, t = at(State.ARMING)
+    s, t = at(ArmState.ARMING)
     run(s, t, 4.1, refused=("CLOCK_NOT_SYNCED",))
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
     assert s.reasons == ("CLOCK_NOT_SYNCED",)
 
 
-@pytest.mark.parametrize("state", [State.CLOSED, State.OPENING, State.FAULT, State.RAW,
-                                   State.TRIPPED, State.LOCKED])
-def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: State) -> None:
+@pytest.mark.parametrize("state", [ArmState.CLOSED, ArmState.OPENING, ArmState.FAULT, ArmState.RAW,
+                                   ArmState.TRIPPED, ArmState.LOCKED])
+def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: ArmState) -> None:
     s, t = at(state)
     with pytest.raises(NotArmed) as caught:
         s.arm(t)
@@ -122,81 +123,81 @@ def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: State) -> N
 
 
 def test_a_trip_clears_half_a_second_after_its_cause_and_never_rearms() -> None:
-    s, t = at(State.ARMED)
+    s, t = at(ArmState.ARMED)
     t = run(s, t, 0.3, causes=("LINK_STALE",))
-    assert s.state is State.TRIPPED
+    assert s.state is ArmState.TRIPPED
     assert s.output.why == ("STALE_LINK", "NOT_ARMED")
     t = run(s, t, 0.48)
-    assert s.state is State.TRIPPED
+    assert s.state is ArmState.TRIPPED
     t = run(s, t, 0.05)
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
     run(s, t, 10.0)
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
 
 
 def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
-    s, t = at(State.LOCKED)
+    s, t = at(ArmState.LOCKED)
     assert (s.output.steering, s.beat) == ("held", "STOP")
     t = run(s, t, 70.0)
-    assert s.state is State.LOCKED
+    assert s.state is ArmState.LOCKED
     assert s.output.steering == "centre"
     s.event(Event.UNLOCK, t, ("seen to",))
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
     s.arm(t)
     t = run(s, t, 0.6)
     s.event(Event.TRIP, t)
-    assert s.state is State.TRIPPED, "unlock starts the count anew"
+    assert s.state is ArmState.TRIPPED, "unlock starts the count anew"
 
 
 @pytest.mark.parametrize(("apart", "locks"), [(10.0, True), (29.0, True), (30.5, False)])
 def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(apart, locks) -> None:
-    s, t = at(State.ARMED)
+    s, t = at(ArmState.ARMED)
     s.event(Event.TRIP, t, ("LINK_STALE",))
     for _ in range(2):
         t = run(s, t, apart - 0.6)
         s.arm(t)
         t = run(s, t, 0.6)
-        assert s.state is State.ARMED
+        assert s.state is ArmState.ARMED
         s.event(Event.TRIP, t, ("LINK_STALE",))
-    assert s.state is (State.LOCKED if locks else State.TRIPPED)
+    assert s.state is (ArmState.LOCKED if locks else ArmState.TRIPPED)
 
 
 def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
-    s, t = at(State.ARMED)
+    s, t = at(ArmState.ARMED)
     for _ in range(4):
         s.event(Event.TRIP, t, ("LINK_STALE",))
-        assert s.state is State.TRIPPED
+        assert s.state is ArmState.TRIPPED
         t = run(s, t, 30.5)
         s.arm(t)
         t = run(s, t, 0.6)
-        assert s.state is State.ARMED
+        assert s.state is ArmState.ARMED
 
 
 def test_raw_ends_ten_seconds_after_the_last_call_or_at_a_trip() -> None:
-    s, t = at(State.RAW)
+    s, t = at(ArmState.RAW)
     t = run(s, t, 9.0)
     s.raw_called(t)
     t = run(s, t, 9.9)
-    assert s.state is State.RAW
+    assert s.state is ArmState.RAW
     run(s, t, 0.2)
-    assert s.state is State.DISARMED
-    s, t = at(State.RAW)
+    assert s.state is ArmState.DISARMED
+    s, t = at(ArmState.RAW)
     s.step(t + SLOT, causes=("LINK_STALE",))
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
 
 
 def test_a_lost_bus_is_a_fault_that_leads_back_to_disarmed() -> None:
-    s, t = at(State.ARMED)
+    s, t = at(ArmState.ARMED)
     t = run(s, t, 0.1, bus_ok=False, causes=("PCA_WRITE_FAILED",))
-    assert (s.state, s.beat) == (State.FAULT, "STOP")
+    assert (s.state, s.beat) == (ArmState.FAULT, "STOP")
     s.step(t + SLOT, bus_ok=True)
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
 
 
 def test_a_reboot_of_the_nano_disarms() -> None:
-    s, t = at(State.ARMED)
+    s, t = at(ArmState.ARMED)
     s.event(Event.REBOOT, t)
-    assert s.state is State.DISARMED
+    assert s.state is ArmState.DISARMED
 
 
 def test_following_while_disarmed_is_a_car_parameter() -> None:
@@ -242,7 +243,7 @@ def test_every_refusal_has_a_fact_that_raises_it_alone() -> None:
 def test_all_reasons_are_named_at_once_with_their_remedies() -> None:
     facts = Facts(raw_open=True, hello=False, throttle=0.2)
     assert refusals(facts) == ("NO_HELLO", "THROTTLE_NOT_NEUTRAL", "RAW_MODE_OPEN")
-    s, t = at(State.DISARMED)
+    s, t = at(ArmState.DISARMED)
     with pytest.raises(NotArmed) as caught:
         s.arm(t, refusals(facts))
     assert caught.value.reasons == refusals(facts)

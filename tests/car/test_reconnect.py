@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from dart_hal.car.identify import ASK, LISTEN
+from dart_hal.car.handshake import ASK, LISTEN
 from dart_hal.car.reconnect import LOOK_EVERY, SILENT_FOR, Search
 from dart_hal.links import serial_port
 from dart_hal.links.serial_port import candidates

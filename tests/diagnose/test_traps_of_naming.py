@@ -16,7 +16,7 @@ from dart_hal.diagnose.scan import Trial, ladder, scan
 from dart_hal.diagnose.space import Space
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.load import find_model
 
@@ -103,7 +103,7 @@ def test_no_rollout_within_the_bounds_runs_away():
 def test_with_the_other_sign_it_would(name, k):
     """The negative control: what resists, turned round, as large as its bound."""
     seen = evidence(drive(seconds=20.0))
-    spun = replace(PAPER, effects=(Applied(catalogue()[name], (k,)),))
+    spun = replace(PAPER, effects=(ActiveEffect(catalogue()[name], (k,)),))
     with np.errstate(all="ignore"):
         assert not np.isfinite(seen.residuals(spun).motion).all()
 

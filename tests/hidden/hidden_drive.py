@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.channels import delayed, through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.native.build import CannotCompile
 from dart_hal.vehicle.native.kernel import make_native_step
-from dart_hal.vehicle.signals import delayed, through
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.step import make_motion_step
 

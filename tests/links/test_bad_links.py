@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from dart_hal.car import Car, identify
+from dart_hal.car import Car, handshake
 from dart_hal.errors import (
     BusError,
     DartHalError,
@@ -86,8 +86,8 @@ def fake():
 
 @pytest.fixture
 def hurried(monkeypatch):
-    monkeypatch.setattr(identify, "LISTEN", 0.1)
-    monkeypatch.setattr(identify, "ASK", 0.3)
+    monkeypatch.setattr(handshake, "LISTEN", 0.1)
+    monkeypatch.setattr(handshake, "ASK", 0.3)
 
 
 def clear(error: DartHalError) -> DartHalError:

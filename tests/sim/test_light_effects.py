@@ -22,9 +22,9 @@ from dart_hal.sim.light import (
 )
 from dart_hal.sim.light.effects import COMMANDS
 from dart_hal.vehicle import GRAVITY, UPSTREAM_2024
+from dart_hal.vehicle.channels import Stepper
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.effects import apply, catalogue, extended, parse
-from dart_hal.vehicle.signals import Stepper
 from dart_hal.vehicle.steering import make_steering
 
 STEPS = 150

@@ -11,12 +11,27 @@ from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.plan import LIVE, RAW, Output
 from dart_hal.actuation.quantiser import Quantiser
-from dart_hal.actuation.states import Event, State
+from dart_hal.actuation.states import ArmState, Event
 from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.actuation.supervisor import Supervisor
 
 __all__ = [
-    "LIVE", "RAW", "Actuator", "Caution", "Counters", "Event", "Facts", "Guard", "Output",
-    "Pca9685", "Quantiser", "State", "SteeringMap", "Supervisor", "not_armed",
-    "refusals", "steering_map", "warnings",
+    "LIVE",
+    "RAW",
+    "Actuator",
+    "ArmState",
+    "Caution",
+    "Counters",
+    "Event",
+    "Facts",
+    "Guard",
+    "Output",
+    "Pca9685",
+    "Quantiser",
+    "SteeringMap",
+    "Supervisor",
+    "not_armed",
+    "refusals",
+    "steering_map",
+    "warnings",
 ]

@@ -12,7 +12,7 @@ from enum import Enum
 from dart_hal.actuation.plan import LIVE, RAW, Output
 
 
-class State(str, Enum):
+class ArmState(str, Enum):
     """States of the host side."""
 
     CLOSED = "CLOSED"
@@ -82,54 +82,54 @@ class Entry:
     beat: str
 
 
-ENTRY: dict[State, Entry] = {
-    State.CLOSED: Entry(Output("untouched", "untouched"), "STOP"),
-    State.OPENING: Entry(Output("untouched", "untouched"), "DISARMED"),
-    State.DISARMED: Entry(Output("neutral", "centre"), "DISARMED"),
-    State.ARMING: Entry(Output("neutral", "centre"), "DISARMED"),
-    State.ARMED: Entry(LIVE, "ARMED"),
-    State.TRIPPED: Entry(Output("neutral", "held"), "DISARMED"),
-    State.LOCKED: Entry(Output("neutral", "held"), "STOP"),
-    State.RAW: Entry(RAW, "RAW"),
-    State.FAULT: Entry(Output("neutral", "held"), "STOP"),
+ENTRY: dict[ArmState, Entry] = {
+    ArmState.CLOSED: Entry(Output("untouched", "untouched"), "STOP"),
+    ArmState.OPENING: Entry(Output("untouched", "untouched"), "DISARMED"),
+    ArmState.DISARMED: Entry(Output("neutral", "centre"), "DISARMED"),
+    ArmState.ARMING: Entry(Output("neutral", "centre"), "DISARMED"),
+    ArmState.ARMED: Entry(LIVE, "ARMED"),
+    ArmState.TRIPPED: Entry(Output("neutral", "held"), "DISARMED"),
+    ArmState.LOCKED: Entry(Output("neutral", "held"), "STOP"),
+    ArmState.RAW: Entry(RAW, "RAW"),
+    ArmState.FAULT: Entry(Output("neutral", "held"), "STOP"),
 }
 """OPENING is untouched by frames: ``Actuator.open`` writes its own sequence."""
 
 
-def read_grid(grid: str) -> dict[State, dict[Event, State]]:
+def read_grid(grid: str) -> dict[ArmState, dict[Event, ArmState]]:
     """The table of a grid; an ignored event leads back to its own state.
 
     Raises AssertionError unless every state and every event is there, each
     once, with a cell for every pair.
     """
     head, *rows = [line.split() for line in grid.strip().splitlines()]
-    columns, names = [State(name) for name in head], [row[0] for row in rows]
-    if sorted(columns) != sorted(State) or sorted(names) != sorted(Event):
+    columns, names = [ArmState(name) for name in head], [row[0] for row in rows]
+    if sorted(columns) != sorted(ArmState) or sorted(names) != sorted(Event):
         raise AssertionError("the grid does not name every state and every event once")
     if any(len(row) != len(columns) + 1 for row in rows):
         raise AssertionError("a row of the grid has not one cell for each state")
-    return {state: {Event(row[0]): state if row[k + 1] == "." else State(row[k + 1])
+    return {state: {Event(row[0]): state if row[k + 1] == "." else ArmState(row[k + 1])
                     for row in rows} for k, state in enumerate(columns)}
 
 
-def check_table(table: dict[State, dict[Event, State]]) -> None:
+def check_table(table: dict[ArmState, dict[Event, ArmState]]) -> None:
     """The laws of the table. Raises AssertionError.
 
     The throttle obeys commands in ARMED alone, ARMED is entered through CHECKED
     alone, every state can be closed, and where the bus is lost the state says so:
     without it nobody knows what the pins carry.
     """
-    lost = {s for s, row in table.items() if row[Event.BUS_LOST] is State.FAULT}
-    if lost != set(State) - {State.CLOSED}:
+    lost = {s for s, row in table.items() if row[Event.BUS_LOST] is ArmState.FAULT}
+    if lost != set(ArmState) - {ArmState.CLOSED}:
         raise AssertionError("a state hides that the bus is lost")
     live = {s for s, e in ENTRY.items() if e.output.throttle == "command"}
     into = {(s, e) for s, row in table.items() for e, to in row.items()
-            if to is State.ARMED and s is not State.ARMED}
-    if live != {State.ARMED} or into != {(State.ARMING, Event.CHECKED)}:
+            if to is ArmState.ARMED and s is not ArmState.ARMED}
+    if live != {ArmState.ARMED} or into != {(ArmState.ARMING, Event.CHECKED)}:
         raise AssertionError("the throttle is live elsewhere than in ARMED, after CHECKED")
-    if {row[Event.CLOSE] for row in table.values()} != {State.CLOSED}:
+    if {row[Event.CLOSE] for row in table.values()} != {ArmState.CLOSED}:
         raise AssertionError("a state cannot be closed")
-    if set(ENTRY) != set(State):
+    if set(ENTRY) != set(ArmState):
         raise AssertionError("a state has no entry output")
 
 

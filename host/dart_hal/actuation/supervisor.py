@@ -12,7 +12,7 @@ from collections.abc import Collection
 
 from dart_hal.actuation.arming import GOOD_FOR, not_armed
 from dart_hal.actuation.plan import Output
-from dart_hal.actuation.states import ENTRY, TABLE, Event, State
+from dart_hal.actuation.states import ENTRY, TABLE, ArmState, Event
 
 CLEAR_FOR = 0.5
 """s for which the cause must be gone before TRIPPED ends."""
@@ -44,10 +44,10 @@ class Supervisor:
     """
 
     def __init__(self, arm_neutral: float = 2.0, follow_disarmed: bool = False) -> None:
-        self.state, self.since = State.CLOSED, -math.inf
+        self.state, self.since = ArmState.CLOSED, -math.inf
         self.causes: tuple[str, ...] = ()
         self.reasons: tuple[str, ...] = ()
-        self.log: deque[tuple[float, Event, State, tuple[str, ...]]] = deque(maxlen=1000)
+        self.log: deque[tuple[float, Event, ArmState, tuple[str, ...]]] = deque(maxlen=1000)
         self.lifted = False
         """RAW with the wheels off the ground; asked for at its opening."""
         self._locked = False
@@ -65,15 +65,15 @@ class Supervisor:
         """What the pins may carry now."""
         entry = ENTRY[self.state].output
         steering = entry.steering
-        if self.state is State.LOCKED and self._now - self.since >= HELD_FOR:
+        if self.state is ArmState.LOCKED and self._now - self.since >= HELD_FOR:
             steering = "centre"
-        if self._follow and self.state in (State.DISARMED, State.ARMING):
+        if self._follow and self.state in (ArmState.DISARMED, ArmState.ARMING):
             steering = "command"
         why = entry.why
-        if self.state in (State.TRIPPED, State.LOCKED):
+        if self.state in (ArmState.TRIPPED, ArmState.LOCKED):
             why = (*(LIMIT_OF[c] for c in self.causes if c in LIMIT_OF), *why)
         return Output(entry.throttle, steering, why,
-                      full_range=self.lifted and self.state is State.RAW)
+                      full_range=self.lifted and self.state is ArmState.RAW)
 
     @property
     def beat(self) -> str:
@@ -86,10 +86,10 @@ class Supervisor:
 
     # -- what happens --------------------------------------------------------
 
-    def event(self, event: Event, now: float, why: Collection[str] = ()) -> State:
+    def event(self, event: Event, now: float, why: Collection[str] = ()) -> ArmState:
         """Something happened; returns the state after it."""
         self._now = max(self._now, now)
-        if event in (Event.TRIP, Event.BUS_LOST) and self.state is State.ARMED:
+        if event in (Event.TRIP, Event.BUS_LOST) and self.state is ArmState.ARMED:
             event = self._count_trip(event, now)
         if event is Event.UNLOCK:
             self._locked = False
@@ -104,13 +104,13 @@ class Supervisor:
     def arm(self, now: float, refused: Collection[str] = ()) -> None:
         """Start arming. Raises NotArmed with every reason that waiting will not cure."""
         lasting = [name for name in refused if name not in COMES_BY_WAITING]
-        if self.state is State.LOCKED and "LATCHED" not in lasting:
+        if self.state is ArmState.LOCKED and "LATCHED" not in lasting:
             lasting.append("LATCHED")
-        if self.state is State.RAW and "RAW_MODE_OPEN" not in lasting:
+        if self.state is ArmState.RAW and "RAW_MODE_OPEN" not in lasting:
             lasting.append("RAW_MODE_OPEN")
-        if self.state in (State.OPENING, State.CLOSED, State.FAULT) and not lasting:
+        if self.state in (ArmState.OPENING, ArmState.CLOSED, ArmState.FAULT) and not lasting:
             lasting.append("PCA_ABSENT")
-        if self.state is State.TRIPPED and not lasting:
+        if self.state is ArmState.TRIPPED and not lasting:
             lasting += [c for c in self.causes if c in ("COMMAND_INVALID", "PCA_WRITE_FAILED")]
             lasting = lasting or ["LINK_NOT_GOOD_500MS"]
         if lasting:
@@ -128,7 +128,7 @@ class Supervisor:
         self._raw_call = now
 
     def step(self, now: float, *, causes: Collection[str] = (), refused: Collection[str] = (),
-             bus_ok: bool = True) -> State:
+             bus_ok: bool = True) -> ArmState:
         """Let time pass to ``now``; call it once per STATE frame.
 
         ``causes``: trips that hold now or happened since the last call;
@@ -137,16 +137,16 @@ class Supervisor:
         self._now = max(self._now, now)
         if not bus_ok:
             return self.event(Event.BUS_LOST, now, causes or ("PCA_WRITE_FAILED",))
-        if self.state is State.FAULT:
+        if self.state is ArmState.FAULT:
             self.event(Event.BUS_BACK, now)
             return self.event(Event.OPENED, now)
-        if causes and self.state is not State.TRIPPED:
+        if causes and self.state is not ArmState.TRIPPED:
             return self.event(Event.TRIP, now, causes)
-        if self.state is State.ARMING:
+        if self.state is ArmState.ARMING:
             self._arming(now, refused)
-        elif self.state is State.TRIPPED and self._held(not causes, now, CLEAR_FOR):
+        elif self.state is ArmState.TRIPPED and self._held(not causes, now, CLEAR_FOR):
             self.event(Event.CLEARED, now)
-        elif self.state is State.RAW and now - max(self._raw_call, self.since) > RAW_IDLE:
+        elif self.state is ArmState.RAW and now - max(self._raw_call, self.since) > RAW_IDLE:
             self.event(Event.RAW_TIMEOUT, now)
         return self.state
 
@@ -177,16 +177,16 @@ class Supervisor:
         # A lost bus is said first: nobody knows what the pins carry. LOCKED comes after it.
         return Event.THIRD_TRIP if third and event is Event.TRIP else event
 
-    def _enter(self, to: State, event: Event, now: float, why: tuple[str, ...]) -> None:
+    def _enter(self, to: ArmState, event: Event, now: float, why: tuple[str, ...]) -> None:
         if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST):
             self.causes = why
-        if self.state is State.ARMING:
-            self.reasons = why if to is State.DISARMED else ()
+        if self.state is ArmState.ARMING:
+            self.reasons = why if to is ArmState.DISARMED else ()
         if ENTRY[to].output.throttle != "neutral":
             self._neutral_since = None
         elif self._neutral_since is None:
             self._neutral_since = now
-        if to is not State.RAW:
+        if to is not ArmState.RAW:
             self.lifted = False
         self.state, self.since, self._good_since = to, now, None
         self.log.append((now, event, to, why))

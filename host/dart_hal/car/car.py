@@ -12,16 +12,15 @@ from math import inf
 from pathlib import Path
 from types import TracebackType
 
-from dart_hal.actuation import Caution, Event
-from dart_hal.actuation import State as Mode
+from dart_hal.actuation import ArmState, Caution, Event
 from dart_hal.actuation.limits import number, validity
 from dart_hal.car.engine import Engine
+from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
-from dart_hal.car.signals import stop_on_signals
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
@@ -216,7 +215,7 @@ class Car:
         with self._commanding():
             of = f"source {source}"
             wanted, window = number("speed", speed, of), validity(valid_for, of)
-            armed = self._engine.driver.mode is Mode.ARMED
+            armed = self._engine.driver.mode is ArmState.ARMED
             throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
         applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
                              source=source)
@@ -294,9 +293,9 @@ class Car:
     def _await_armed(self) -> None:
         driver = self._engine.driver
         for _ in self.states(duration=ARM_PATIENCE):
-            if driver.mode is Mode.ARMED:
+            if driver.mode is ArmState.ARMED:
                 return
-            if driver.mode is not Mode.ARMING:
+            if driver.mode is not ArmState.ARMING:
                 break
         with self._engine.lock:
             raise driver.refused()

@@ -10,8 +10,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dart_hal.actuation import Actuator, Caution, Event, Facts, Supervisor, not_armed, refusals
-from dart_hal.actuation import State as Mode
+from dart_hal.actuation import (
+    Actuator,
+    ArmState,
+    Caution,
+    Event,
+    Facts,
+    Supervisor,
+    not_armed,
+    refusals,
+)
 from dart_hal.actuation import warnings as cautions
 from dart_hal.actuation.arming import WAIVABLE
 from dart_hal.actuation.supervisor import COMES_BY_WAITING
@@ -63,7 +71,7 @@ class Driver:
                        limited=(*applied.limited, Limit.CUT_OFF.value))
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> ArmState:
         return self.supervisor.state
 
     # -- life ------------------------------------------------------------------
@@ -109,19 +117,19 @@ class Driver:
         self.observer.seen(state, now)
         health = state.health
         # An encoder that is lost caps the throttle; in RAW one that is doubted does.
-        lost = health.speed_doubted if self.mode is Mode.RAW else health.encoder_lost
+        lost = health.speed_doubted if self.mode is ArmState.RAW else health.encoder_lost
         cap = self._files.config.limits.encoder_lost_throttle
         self.actuator.throttle_cap = cap if lost and not self.supervisor.lifted else None
 
     def on_boot(self) -> None:
         """Another boot than before: disarm, and refuse until arm() is called again."""
-        self.observer.rebooted |= self.mode is not Mode.DISARMED
+        self.observer.rebooted |= self.mode is not ArmState.DISARMED
         self.supervisor.event(Event.REBOOT, self._backend.clock.now(), ("MCU_REBOOTED",))
 
     def _causes(self, now: float) -> list[str]:
         """Names of what trips the car now."""
         causes = list(self.actuator.trips())
-        if self.observer.stale(now) and self.mode is not Mode.OPENING:
+        if self.observer.stale(now) and self.mode is not ArmState.OPENING:
             causes.append("LINK_STALE")
         if self._guard is not None and self._guard.tripped:
             causes.append("GUARD_TRIPPED")
@@ -133,7 +141,7 @@ class Driver:
 
     def _cut_off(self, now: float) -> bool:
         """The Nano does not pass the pulses on, though this side is live."""
-        live = self.mode in (Mode.ARMED, Mode.RAW)
+        live = self.mode in (ArmState.ARMED, ArmState.RAW)
         self._passed = live and (self._passed or self.observer.passing)
         waited = now - self.supervisor.since > LIVE_AFTER
         return live and not self.observer.passing and (self._passed or waited)
@@ -147,7 +155,7 @@ class Driver:
 
     def frame(self, now: float) -> Applied:
         """Let the supervisor decide, then write one PWM frame."""
-        arming = self.mode is Mode.ARMING
+        arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)
         self._step_test(now)
@@ -169,7 +177,7 @@ class Driver:
         test = self._test
         if test is None:
             return
-        if self.mode is not Mode.ARMING or test.done:
+        if self.mode is not ArmState.ARMING or test.done:
             self._test = None
             return
         test.step(now)
@@ -186,7 +194,7 @@ class Driver:
     def facts(self, now: float) -> Facts:
         """Everything that arming asks about."""
         supervisor = self.supervisor
-        refused = self.mode is Mode.TRIPPED and "COMMAND_INVALID" in supervisor.causes
+        refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
         facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now))
         return replace(facts, command_ok=not refused)
 
@@ -220,7 +228,7 @@ class Driver:
         observer.tested = "pending"
         self.waived = waive
         self.supervisor.arm(now, refusals(self.facts(now), waive))
-        if observer.cutoff != "none" and self.mode is Mode.ARMING:
+        if observer.cutoff != "none" and self.mode is ArmState.ARMING:
             self._test = CutoffTest(observer, self._transmitter, self._receiver, now)
 
     def refused(self) -> NotArmed:
@@ -233,13 +241,13 @@ class Driver:
         if held := self.raw_refusals(now, lifted=lifted):
             raise not_armed(held)
         self.supervisor.open_raw(now, lifted)
-        if self.mode is not Mode.RAW:
+        if self.mode is not ArmState.RAW:
             raise not_armed(("PCA_ABSENT",))
 
     def raw_pulses(self, steering_us: float, throttle_us: float, valid_for: float,
                    now: float) -> Applied:
         """Pulses in RAW. Raises BadCommand in any other state."""
-        if self.mode is not Mode.RAW:
+        if self.mode is not ArmState.RAW:
             causes = ", ".join(self.supervisor.causes)
             raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
                              + (f" since {causes}" if causes else ""),

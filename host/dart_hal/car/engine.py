@@ -19,8 +19,8 @@ from typing import Any
 
 from dart_hal.car.driver import Driver
 from dart_hal.car.facts import BEAT_LIMIT, STALE
+from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
-from dart_hal.car.identify import await_hello
 from dart_hal.car.identity import Hello
 from dart_hal.car.receive import Receiver
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 from math import hypot
 
-from dart_hal.actuation import Actuator, Facts
-from dart_hal.actuation import State as Mode
+from dart_hal.actuation import Actuator, ArmState, Facts
 from dart_hal.car.receive import Receiver
 from dart_hal.config import CarFiles
 from dart_hal.links.base import Backend
@@ -108,13 +107,13 @@ class Observer:
         """No good frame for too long."""
         return now - self.seen_at > STALE
 
-    def facts(self, mode: Mode, now: float, neutral_for: float) -> Facts:
+    def facts(self, mode: ArmState, now: float, neutral_for: float) -> Facts:
         """Everything that arming asks about; ``neutral_for`` [s]: written neutral so far."""
         receiver, state, files = self._receiver, self.state, self._files
         hello, fault = receiver.hello, self._actuator.fault
         flags = state.health.flags if state else frozenset[str]()
         doubts = state.health.doubts if state else frozenset[str]()
-        moving = mode not in (Mode.ARMED, Mode.RAW) and bool(state and state.speed != 0.0)
+        moving = mode not in (ArmState.ARMED, ArmState.RAW) and bool(state and state.speed != 0.0)
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
         asked, cutoff = self._actuator.asked(now), self.cutoff
@@ -137,8 +136,8 @@ class Observer:
             arm_neutral=files.config.throttle.arm_neutral,
             clock_calibrated=self._actuator.clock_calibrated,
             throttle=asked.throttle if asked else 0.0,
-            guard_age=self.guard_age(), raw_open=mode is Mode.RAW,
-            latched=mode is Mode.LOCKED, loop_late=self.loop_late,
+            guard_age=self.guard_age(), raw_open=mode is ArmState.RAW,
+            latched=mode is ArmState.LOCKED, loop_late=self.loop_late,
             calibration_missing=not mine,
             calibration_old=files.calibration is not None and "CALIBRATION_OLD"
             in files.calibration.warnings(datetime.now(timezone.utc)),

@@ -29,7 +29,7 @@ from dart_hal.diagnose.result import Diagnosis, Number
 from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.runs import read_run
 from dart_hal.links.base import Url
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
@@ -57,7 +57,7 @@ SERVO_S = 0.1
 class Chapter:
     """What was hidden, what the diagnosis made of it, and the files on the way, by name."""
 
-    hidden: tuple[Applied, ...]
+    hidden: tuple[ActiveEffect, ...]
     diagnosis: Diagnosis
     files: Mapping[str, Path]
 
@@ -82,7 +82,7 @@ def without_effect(url: Url) -> str:
     return _text(url, {k: v for k, v in url.options.items() if k != "effect"})
 
 
-def hide(url: Url, seed: int) -> tuple[str, tuple[Applied, ...]]:
+def hide(url: Url, seed: int) -> tuple[str, tuple[ActiveEffect, ...]]:
     """(URL of the changed car, what was changed): as the URL says, else drawn from its seed.
 
     Errors: UsageError, ConfigError for an effect of the URL that there is not.
@@ -172,12 +172,12 @@ def _bar(title: str) -> Iterator[Callable[[float, str], None]]:
         yield lambda share, _: bar.update(task, completed=share)
 
 
-def as_hidden(a: Applied) -> str:
+def as_hidden(a: ActiveEffect) -> str:
     """"steering_lag, k 0.06 s"."""
     return f"{a.name}, {values_of(a)}"
 
 
-def values_of(a: Applied) -> str:
+def values_of(a: ActiveEffect) -> str:
     """"k 0.06 s": every parameter that is not at its null."""
     return ", ".join(f"{q.name} {quantity(Number(v, 0.0, q.unit))}"
                      for q, v in zip(a.effect.parameters, a.values, strict=True) if v != q.null)

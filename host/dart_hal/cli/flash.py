@@ -12,7 +12,7 @@ from typing import Any
 import click
 from serial.tools import list_ports
 
-from dart_hal.car.identify import identify_port
+from dart_hal.car.handshake import identify_port
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import FlashFailed, PortMissing, UsageError

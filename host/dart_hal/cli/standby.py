@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from dart_hal.actuation.standby import LOOK_EVERY, REPEAT, Throttle, Watchman
-from dart_hal.car.signals import stop_on_signals
+from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.stop import reach, real

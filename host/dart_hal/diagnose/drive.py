@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference, grid, savgol_derivative
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.signals import through
 
 from .standing import dithered, shaking, standing
 

@@ -14,12 +14,12 @@ from dart_hal.identify.commands import angle_behind, throttle_behind
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.tyres import make_tyres
 
 from .drive import STEP, spread_over

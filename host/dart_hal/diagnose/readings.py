@@ -9,13 +9,13 @@ import numpy as np
 
 from dart_hal.recording.dart import Grid, savgol_derivative
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.channels import late_last, through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_hal.vehicle.signals import late_last, through
 
 from .drive import POINTS, STEP, Drive, between
 

@@ -15,11 +15,11 @@ from dart_hal.identify.commands import angle_behind, throttle_behind
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Applied, Effect
+from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.signals import late_last
 
 from .drive import HALF, READ, STEP, Drive, spread_over
 from .readings import SENSORS, at_rest, driven, measured
@@ -213,7 +213,7 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     return ("readings", q.body, _on(p, POSE), on_sensors, drive)
 
 
-def _on(p: Vehicle, channels: frozenset[str]) -> tuple[Applied, ...]:
+def _on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...]:
     """The effects on some signals."""
     return tuple(a for a in p.effects if channels & set(a.effect.signals))
 

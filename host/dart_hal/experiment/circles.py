@@ -9,10 +9,10 @@ from dataclasses import replace
 from dart_hal.config import CarFiles
 from dart_hal.errors import ExperimentFailed
 
+from .excitation import Chirp, Constant, Levels, Ramp, Sine, random_steps
 from .floor import MARGIN, Floor, Place
 from .plans import Plan, Segment
 from .rehearsal import rehearse
-from .signals import Chirp, Constant, Levels, Ramp, Sine, random_steps
 from .track import TURN
 
 TOP = {"delay": 1.2, "tyres": 1.6}

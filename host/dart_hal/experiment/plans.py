@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from dart_hal.calibration.schedule import Plan as Sweep
 
+from .excitation import Signal
 from .floor import Fence, Floor, Place, fence_of
-from .signals import Signal
 from .track import Track
 
 NAMES = ("friction", "motor", "steering", "delay", "tyres")

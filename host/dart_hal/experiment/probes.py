@@ -12,9 +12,9 @@ from types import MappingProxyType
 from dart_hal.config import CarFiles
 
 from .circles import MEAN, MOST_LATERAL, Make, home, plan_in_field
+from .excitation import Chirp, Constant, Levels
 from .floor import Floor
 from .plans import Plan, Segment
-from .signals import Chirp, Constant, Levels
 from .straight import one_pull
 
 SIDES = (1.0, -1.0)

@@ -15,9 +15,9 @@ from dart_hal.control.speed import SpeedLaw
 from dart_hal.types import Applied, Pose, State
 from dart_hal.vehicle.load import vehicle_of
 
+from .excitation import Ramp
 from .limits import Rolling
 from .plans import Plan, Segment
-from .signals import Ramp
 from .watch import Stopped, Watch, in_frame
 
 SOURCE = "experiment"

@@ -7,11 +7,11 @@ from dart_hal.errors import ExperimentFailed
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.motor import make_motor
 
+from .excitation import Constant
 from .floor import MARGIN, Floor
 from .limits import Rolling
 from .plans import Plan, Segment
 from .rehearsal import rehearse
-from .signals import Constant
 from .track import oval_width, start_of, straight_of
 
 FRICTION = (0.28, 0.32, 0.36, 0.40, 0.32, 0.28, 0.40, 0.36, 0.32, 0.40, 0.36, 0.32)

@@ -13,11 +13,11 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Grid
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import Now, Stateful
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.steering import make_steering
 
 SAMPLE = 0.01  # s, step of the grid

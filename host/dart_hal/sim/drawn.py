@@ -9,7 +9,7 @@ from dart_hal.links.base import Url
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.true_car import only_mocap, with_effects, with_vehicle
 from dart_hal.vehicle import PAPER, Body
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.load import find_model
 
@@ -23,7 +23,7 @@ class Drawn:
 
     base: HiddenCar
     true: HiddenCar
-    effects: tuple[Applied, ...]
+    effects: tuple[ActiveEffect, ...]
     model: str
     body: Body
     notices: tuple[str, ...] = ()
@@ -45,7 +45,7 @@ def car_of(url: Url) -> Drawn:
                  p.body if p else PAPER.body, notices if unseen else ())
 
 
-def _effects(url: Url, of_file: tuple[Applied, ...]) -> tuple[Applied, ...]:
+def _effects(url: Url, of_file: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect, ...]:
     """Those of the option ``effect`` with those of the file, in the order in which they act."""
     given = parse(url.options.get("effect", ""))
     every = [a.name for a in (*given, *of_file)]

@@ -17,8 +17,8 @@ from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.motion import Felt, Motion
 from dart_hal.sim.servo import Servo, ServoParams
 from dart_hal.vehicle import Vehicle, make_friction, make_motor
+from dart_hal.vehicle.channels import Stepper
 from dart_hal.vehicle.effect import Now
-from dart_hal.vehicle.signals import Stepper
 
 
 class Sensed(NamedTuple):

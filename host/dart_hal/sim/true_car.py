@@ -18,7 +18,7 @@ from dart_hal.sim.imu import Vector
 from dart_hal.sim.ring import twice_round, worn_ring
 from dart_hal.vehicle import Delay, Vehicle
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Applied, Late
+from dart_hal.vehicle.effect import ActiveEffect, Late
 from dart_hal.vehicle.effects import extended
 from dart_hal.vehicle.flat import unchecked
 
@@ -42,7 +42,7 @@ def with_vehicle(car: HiddenCar, p: Vehicle) -> HiddenCar:
         esc=replace(car.esc, delay=d.throttle_s, lag=d.throttle_lag_s))
 
 
-def with_effects(car: HiddenCar, effects: tuple[Applied, ...], model: str) -> HiddenCar:
+def with_effects(car: HiddenCar, effects: tuple[ActiveEffect, ...], model: str) -> HiddenCar:
     """The car as it really is; without an effect the car itself.
 
     model: "dynamic" or "kinematic". Raises UsageError for an effect that a
@@ -69,7 +69,7 @@ def with_effects(car: HiddenCar, effects: tuple[Applied, ...], model: str) -> Hi
     return _with_worn_ring(car, *by_name["encoder_ring"]) if "encoder_ring" in by_name else car
 
 
-def only_mocap(a: Applied) -> bool:
+def only_mocap(a: ActiveEffect) -> bool:
     """Whether an effect changes what a motion capture sees, and nothing else."""
     return set(a.effect.signals) == {"pose"}
 
@@ -88,7 +88,7 @@ def _with_worn_ring(car: HiddenCar, missing: float, uneven: float, phase: float)
                    gear_revolution=2.0 * car.gear_revolution)
 
 
-def _refuse(base: Vehicle, a: Applied, model: str) -> None:
+def _refuse(base: Vehicle, a: ActiveEffect, model: str) -> None:
     """Raises UsageError when a simulated car cannot have the effect."""
     signals = a.effect.signals
     if only_mocap(a):
@@ -107,7 +107,7 @@ def _refuse(base: Vehicle, a: Applied, model: str) -> None:
                          remedy="leave model=kinematic out")
 
 
-def _acts_without_slip(base: Vehicle, a: Applied) -> bool:
+def _acts_without_slip(base: Vehicle, a: ActiveEffect) -> bool:
     if a.effect.force is not None:
         return False
     if a.effect.vehicle is None:

@@ -20,7 +20,7 @@ from dart_hal.sim.link import SimLink
 from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.world import Truth, World
 from dart_hal.vehicle import make_steering
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 
 POINTS = 401
 
@@ -56,7 +56,7 @@ def reveal_url(url: Url) -> dict[str, Any]:
     return _revealed(drawn.base, drawn.effects)
 
 
-def _revealed(car: HiddenCar, effects: tuple[Applied, ...]) -> dict[str, Any]:
+def _revealed(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:
     curve = make_steering(car.servo.curve)
     commands = [-1.0 + 2.0 * k / (POINTS - 1) for k in range(POINTS)]
     return {"seed": car.seed, "vehicle": _vehicle(car),
@@ -64,7 +64,7 @@ def _revealed(car: HiddenCar, effects: tuple[Applied, ...]) -> dict[str, Any]:
             "sensors": _sensors(car), "effects": [_effect(a) for a in effects]}
 
 
-def _effect(a: Applied) -> dict[str, Any]:
+def _effect(a: ActiveEffect) -> dict[str, Any]:
     pairs = zip(a.effect.parameters, a.values, strict=True)
     return {"name": a.name, "parameters": {q.name: _value(v, q.unit) for q, v in pairs}}
 

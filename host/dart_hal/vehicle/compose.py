@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from dart_hal.vehicle.effect import Applied, Forces, Signal
+from dart_hal.vehicle.effect import ActiveEffect, Forces, Signal
 from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -40,13 +40,13 @@ def force_hooks(p: Vehicle, xp: Any) -> tuple[Hook, ...]:
     return tuple(a.effect.force(p, f, *a.values) for a in p.effects if a.effect.force)
 
 
-def signals(p: Vehicle, channel: str) -> tuple[tuple[Applied, Signal], ...]:
+def signals(p: Vehicle, channel: str) -> tuple[tuple[ActiveEffect, Signal], ...]:
     """The effects that change a signal, in their order."""
     return tuple((a, a.effect.signals[channel]) for a in p.effects
                  if channel in a.effect.signals)
 
 
-def _without_vehicle(applied: Applied) -> Applied:
+def _without_vehicle(applied: ActiveEffect) -> ActiveEffect:
     if applied.effect.vehicle is None:
         return applied
-    return Applied(replace(applied.effect, vehicle=None), applied.values)
+    return ActiveEffect(replace(applied.effect, vehicle=None), applied.values)

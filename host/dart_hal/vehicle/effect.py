@@ -144,7 +144,7 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class ActiveEffect:
     """An effect of a particular car: values in the order of its parameters."""
 
     effect: Effect

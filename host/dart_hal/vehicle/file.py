@@ -9,7 +9,7 @@ from typing import Any
 from dart_hal.config import EffectEntry, ModelFile, plain
 from dart_hal.config.model import Parameter, Parameters
 from dart_hal.errors import ConfigError, UsageError
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import applied, effect, extended
 from dart_hal.vehicle.flat import GROUPS as SECTIONS
 from dart_hal.vehicle.flat import names, value
@@ -91,8 +91,8 @@ def _entries(model: ModelFile) -> dict[str, Parameter]:
     return {f"{name}.{key}": entry for name, table in tables for key, entry in table.items()}
 
 
-def _effects(model: ModelFile) -> list[Applied]:
-    found: dict[str, Applied] = {}
+def _effects(model: ModelFile) -> list[ActiveEffect]:
+    found: dict[str, ActiveEffect] = {}
     for entry in model.effects:
         if entry.name in found:
             raise ConfigError(f"{model.name}: the effect {entry.name} is named twice",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from dart_hal.errors import ConfigError, UsageError
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -83,7 +83,7 @@ def with_values(p: Vehicle, changed: Mapping[str, float]) -> Vehicle:
     return replace(p, effects=tuple(effects.values()), **groups)
 
 
-def applied_with(applied: Applied, changed: Mapping[str, float]) -> Applied:
+def applied_with(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveEffect:
     """An effect with some values changed. Raises ConfigError out of bounds."""
     numbers = list(applied.values)
     for key, number in changed.items():
@@ -96,14 +96,14 @@ def applied_with(applied: Applied, changed: Mapping[str, float]) -> Applied:
                 expected=f"{parameter.low} to {parameter.high} {parameter.unit}",
                 remedy="check the unit; files hold SI units and radians")
         numbers[i] = number
-    return Applied(applied.effect, tuple(numbers))
+    return ActiveEffect(applied.effect, tuple(numbers))
 
 
 def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
     """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
     changed = {group: {key: of(f"{group}.{key}") for key in _parameters(getattr(p, group))}
                for group in GROUPS}
-    effects = tuple(Applied(a.effect, tuple(of(f"{a.name}.{parameter.name}")
+    effects = tuple(ActiveEffect(a.effect, tuple(of(f"{a.name}.{parameter.name}")
                                             for parameter in a.effect.parameters))
                     for a in p.effects)
     return replace(unchecked(p, changed), effects=effects)
@@ -148,7 +148,7 @@ def form(p: Vehicle) -> str:
     return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *(a.name for a in p.effects)))
 
 
-def _find(p: Vehicle, name: str) -> tuple[str, str, Applied | None]:
+def _find(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:
     group, _, key = name.partition(".")
     if group in GROUPS and key in _parameters(getattr(p, group)):
         return group, key, None
@@ -173,7 +173,7 @@ def _keys(group: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (tuple(f.name for f in every if "unit" in f.metadata), tuple(f.name for f in every))
 
 
-def _index(applied: Applied, key: str) -> int:
+def _index(applied: ActiveEffect, key: str) -> int:
     return [parameter.name for parameter in applied.effect.parameters].index(key)
 
 

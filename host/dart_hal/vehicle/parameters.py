@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from dart_hal.errors import ConfigError
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 
 GRAVITY = 9.81
 """m/s2, in every figure of this project."""
@@ -164,7 +164,7 @@ class Vehicle:
     delay: Delay = field(default_factory=Delay)
     kind: str = "dynamic"
     slip: str = "all_speeds"
-    effects: tuple[Applied, ...] = ()
+    effects: tuple[ActiveEffect, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value, known in (("kind", self.kind, KINDS), ("slip", self.slip, SLIPS)):

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.errors import UsageError
 from dart_hal.identify.commands import actuated, delayed, following, lagged
-from dart_hal.vehicle.effect import Applied, Effect, Late, Parameter, Stateful, Static
+from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
 
@@ -78,7 +78,7 @@ def carrying(p, *values, **hooks):
     effect = Effect("made_up", "is made up", "none", "command",
                     tuple(Parameter(f"k{i}", "-", -1.0, 1.0, (0.1, 0.2, 0.3))
                           for i in range(len(values))), (), "none", **hooks)
-    return replace(p, effects=(Applied(effect, values),))
+    return replace(p, effects=(ActiveEffect(effect, values),))
 
 
 def test_effects_on_commands_enter_where_they_say(empty):

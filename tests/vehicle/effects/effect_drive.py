@@ -8,10 +8,10 @@ import numpy as np
 
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, make_friction, make_motor_gains, make_steering
 from dart_hal.vehicle.bicycle import make_dynamic
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.effects import catalogue
-from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.step import make_car_step
 
 DT = 0.01

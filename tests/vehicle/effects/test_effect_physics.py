@@ -12,12 +12,12 @@ from effect_drive import CARS, DT, NAMES, drive, medium
 
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, make_car_step
 from dart_hal.vehicle.bicycle import make_dynamic
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import CHANNELS, Applied, Effect, Forces, Now, Parameter, Static
+from dart_hal.vehicle.effect import CHANNELS, ActiveEffect, Effect, Forces, Now, Parameter, Static
 from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import ARRAY
-from dart_hal.vehicle.signals import through
 from dart_hal.vehicle.tyres import make_slip, make_tyres
 
 EVERY = pytest.mark.parametrize("name", NAMES)
@@ -71,7 +71,7 @@ def test_at_its_null_value_an_effect_changes_nothing(name, car):
 def test_the_test_of_the_null_sees_the_last_bit(hooks):
     almost = Effect("almost", "is almost the model", "-", "force",
                     (Parameter("k", "-", -1.0, 1.0, (0.1, 0.2, 0.4)),), (), "-", **hooks)
-    p = replace(PAPER, effects=(Applied(almost, (0.0,)),))
+    p = replace(PAPER, effects=(ActiveEffect(almost, (0.0,)),))
     assert not all(stays_neutral(PAPER, p))
 
 

@@ -13,9 +13,9 @@ from dart_hal.identify.commands import actuated
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
+from dart_hal.vehicle.channels import Stepper, delayed, through
 from dart_hal.vehicle.effect import CHANNELS, Now
 from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse
-from dart_hal.vehicle.signals import Stepper, delayed, through
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
 EVERY = pytest.mark.parametrize(("name", "channel"), WITH_SIGNALS)

@@ -17,13 +17,13 @@ from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_hal.vehicle.signals import through
 
 from ..drive import STEP, held
 

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.errors import ConfigError, UsageError
-from dart_hal.vehicle.effect import STAGES, Applied, Effect, Late
+from dart_hal.vehicle.effect import STAGES, ActiveEffect, Effect, Late
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -40,7 +40,7 @@ def effect(name: str) -> Effect:
                      remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
 
 
-def applied(of: Effect, values: Mapping[str, Value]) -> Applied:
+def applied(of: Effect, values: Mapping[str, Value]) -> ActiveEffect:
     """An effect with values by parameter, null for what is left out; floats or arrays (n,).
 
     Raises UsageError for an unknown parameter, ConfigError for a value that is
@@ -58,7 +58,7 @@ def applied(of: Effect, values: Mapping[str, Value]) -> Applied:
                               found=f"{values[q.name]!r} {q.unit}",
                               expected=f"{q.low} to {q.high} {q.unit}",
                               remedy="check the unit: SI units and radians")
-    return Applied(of, tuple(values.get(q.name, q.null) for q in of.parameters))
+    return ActiveEffect(of, tuple(values.get(q.name, q.null) for q in of.parameters))
 
 
 def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
@@ -70,7 +70,7 @@ def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
     return extended(p, (applied(effect(name), values),))
 
 
-def extended(p: Vehicle, more: Iterable[Applied]) -> Vehicle:
+def extended(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:
     """The vehicle with more effects, all in the order in which they act, see ``place``."""
     every = {a.name: a for a in (*p.effects, *more)}
     return replace(p, effects=tuple(sorted(every.values(), key=lambda a: place(a.effect))))
@@ -85,7 +85,7 @@ def place(of: Effect) -> tuple[int, bool, str]:
     return STAGES.index(of.stage), late, of.name
 
 
-def parse(text: str) -> tuple[Applied, ...]:
+def parse(text: str) -> tuple[ActiveEffect, ...]:
     """Effects from ``steering_lag:0.06,encoder_ring:missing=0.05:phase=0.2``.
 
     Values without a name are in the order of the effect's parameters. Raises
@@ -94,7 +94,7 @@ def parse(text: str) -> tuple[Applied, ...]:
     return tuple(_parse_one(part.strip()) for part in text.split(",") if part.strip())
 
 
-def _parse_one(text: str) -> Applied:
+def _parse_one(text: str) -> ActiveEffect:
     name, *given = (part.strip() for part in text.split(":"))
     of = effect(name)
     values: dict[str, Value] = {}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.vehicle.effect import Applied
+from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.flat import bind, value
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.native.build import CannotCompile, Variant
@@ -68,7 +68,7 @@ def disagreement(got: Any, wanted: Any) -> float:
 def reference(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
     """A vehicle of that form with the numbers of a shipped set; in lanes a little varied."""
     tyres = UPSTREAM_2024.tyres if isinstance(form.tyres, AxleTyres) else PAPER.tyres
-    effects = tuple(Applied(a.effect, tuple(q.null + q.sizes[0] for q in a.effect.parameters))
+    effects = tuple(ActiveEffect(a.effect, tuple(q.null + q.sizes[0] for q in a.effect.parameters))
                     for a in form.effects)
     # no number of it is 0 and hides a term
     known = replace(UPSTREAM_2024, tyres=tyres, effects=effects)

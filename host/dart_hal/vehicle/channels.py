@@ -19,7 +19,7 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled, signals
-from dart_hal.vehicle.effect import Applied, Late, Now, Signal, Stateful
+from dart_hal.vehicle.effect import ActiveEffect, Late, Now, Signal, Stateful
 from dart_hal.vehicle.flat import GROUPS
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 from dart_hal.vehicle.parameters import Vehicle
@@ -90,7 +90,7 @@ def delayed(signal: Any, seconds: Any, dt: float) -> Any:
     return _each(lambda part: _delayed(np.asarray(part), seconds, dt), signal)
 
 
-def _series(p: Vehicle, a: Applied, hook: Signal, signal: Any, now: Now, dt: float) -> Any:
+def _series(p: Vehicle, a: ActiveEffect, hook: Signal, signal: Any, now: Now, dt: float) -> Any:
     if isinstance(hook, Late):
         return delayed(signal, hook.seconds(*a.values), dt)
     if isinstance(hook, Stateful):
@@ -98,7 +98,7 @@ def _series(p: Vehicle, a: Applied, hook: Signal, signal: Any, now: Now, dt: flo
     return hook.make(p, ARRAY, *a.values)(signal, now)
 
 
-def _stateful(p: Vehicle, a: Applied, hook: Stateful, signal: FloatArray, now: Now,
+def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, now: Now,
               dt: float) -> FloatArray:
     """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
     single = signal.ndim == 1
@@ -150,7 +150,7 @@ def _split(samples: Any, f: Namespace) -> tuple[Any, Any]:
     return whole, f.fmax(0.0, samples - whole)
 
 
-def _stepper(p: Vehicle, a: Applied, hook: Signal, dt: float) -> Callable[[Any, Now], Any]:
+def _stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float) -> Callable[[Any, Now], Any]:
     if isinstance(hook, Late):
         return _late(a, float(hook.seconds(*a.values)), dt)
     if not isinstance(hook, Stateful):
@@ -165,7 +165,7 @@ def _stepper(p: Vehicle, a: Applied, hook: Signal, dt: float) -> Callable[[Any, 
     return advance
 
 
-def _late(a: Applied, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
+def _late(a: ActiveEffect, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
     """A ring of the last samples."""
     whole, share = _split(seconds / dt, SCALAR)
     if whole < 0:
