@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import RecordingError, UsageError
+from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.identify.commands import actuated, delayed, lagged
 from dart_hal.identify.shooting import Problem, fit_jointly
-from dart_hal.identify.shooting.descent import descend
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout

@@ -14,8 +14,8 @@ import numpy as np
 
 from dart_hal.errors import OtherCar, RecordingError
 from dart_hal.recording.dart import Recording
-from dart_hal.recording.dart.model import BoolArray, freeze
-from dart_hal.types import FloatArray
+from dart_hal.recording.dart.model import freeze
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.identify.shooting.descent import bounded, descend
+from dart_hal.fitting.levenberg_marquardt import bounded, descend
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
 from dart_hal.types import FloatArray
 
 from .residuals import Residuals
@@ -115,12 +116,12 @@ def _whitener(motion: FloatArray) -> FloatArray:
 
 def loss(x: FloatArray) -> FloatArray:
     """Soft L1: the square for small x, 2 * ROBUST * |x| for large ones."""
-    return np.asarray(2.0 * ROBUST**2 * (np.sqrt(1.0 + (x / ROBUST)**2) - 1.0))
+    return soft_l1(x, ROBUST)
 
 
 def weight(x: FloatArray) -> FloatArray:
     """Of the equivalent least squares."""
-    return np.asarray(1.0 / np.sqrt(1.0 + (x / ROBUST)**2))
+    return soft_l1_weight(x, ROBUST)
 
 
 def _size(x: FloatArray) -> FloatArray:
@@ -129,7 +130,7 @@ def _size(x: FloatArray) -> FloatArray:
     for i, column in enumerate(x.T):
         told = column[np.isfinite(column)]
         if len(told):
-            out[i] = 1.4826 * np.median(np.abs(told - np.median(told)))
+            out[i] = scatter(told - np.median(told))
     return out + 1e-6
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.recording.dart import Messages
 from dart_hal.types import FloatArray
 
@@ -64,5 +65,5 @@ def _noise(m: Messages, index: Index) -> FloatArray:
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
     if steps.shape[1] < FEWEST or not np.isfinite(steps).all():
         return np.full(2, LEVEL)
-    size = 1.4826 / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
+    size = MAD_TO_SIGMA / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
     return np.asarray(np.maximum(size, LEVEL))

@@ -20,10 +20,10 @@ from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
 from dart_hal.recording.dart import Messages, Note, Recording, read
-from dart_hal.recording.dart.model import IntArray, freeze, freeze_flags, freeze_index
+from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
-from dart_hal.types import FloatArray, State
+from dart_hal.types import FloatArray, IntArray, State
 
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands

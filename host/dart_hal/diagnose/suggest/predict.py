@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -59,7 +60,7 @@ def _sizes(rest: Residuals, columns: int) -> FloatArray:
         warnings.simplefilter("ignore", RuntimeWarning)  # a channel without any reading
         both = [np.nanmedian(np.abs(part), axis=0) for part in (rest.motion[:, :columns],
                                                                 rest.sensors)]
-    return np.nan_to_num(1.4826 * np.concatenate(both), nan=np.inf) + 1e-6
+    return np.nan_to_num(MAD_TO_SIGMA * np.concatenate(both), nan=np.inf) + 1e-6
 
 
 def _curves(race: Race, p: Vehicle) -> Curves:

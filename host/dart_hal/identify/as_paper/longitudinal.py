@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.sets import PAPER
 
 from . import curves

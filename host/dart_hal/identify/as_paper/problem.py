@@ -10,8 +10,9 @@ from itertools import product
 import numpy as np
 
 from dart_hal.errors import RecordingError
+from dart_hal.fitting.covariance import plain_covariance, undetermined
+from dart_hal.fitting.least_squares import Solution, least_squares
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.solve import Solution, least_squares, plain_covariance, untold
 from dart_hal.types import FloatArray
 
 from .curves import Curve
@@ -135,7 +136,7 @@ def as_fit(p: Problem, s: Solution, cpu_s: float) -> Fit:
     A parameter on which the residuals do not depend, alone or together with
     others, has an infinite error, and the fit counts as not converged.
     """
-    covariance, lost_ones = plain_covariance(s), untold(s)
+    covariance, lost_ones = plain_covariance(s), undetermined(s)
     std = np.sqrt(np.diag(covariance))
     edge = tuple(n for n, stopped in zip(p.names, s.at_bound, strict=True) if stopped)
     parameters = {

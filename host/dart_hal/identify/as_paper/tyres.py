@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
 

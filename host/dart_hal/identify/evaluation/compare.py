@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.errors import UsageError
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 from .cases import Case
 from .prediction import CHANNELS

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.fitting.robust import scatter
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.grid import L_R
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 from .cases import Case
 from .windows import MIN_SPEED
@@ -143,15 +143,15 @@ def _bins(file: str, by: str, side: int, level: float, g: Grid, value: FloatArra
     accel = np.abs(g.v_x * g.omega)
     index = np.digitize(g.v_x if by == "speed" else accel, EDGES[by]) - 1
     rows = np.full((3, len(EDGES[by]) - 1), np.nan)
-    scatter = []
+    spread: list[float] = []
     for k in range(rows.shape[1]):
         inside = use & (index == k)
         if inside.sum() >= LEAST:
             v = value[inside]
             rows[:, k] = accel[inside].mean(), g.v_x[inside].mean(), np.median(v)
-            scatter.append(1.4826 * float(np.median(np.abs(v - rows[2, k]))))
+            spread.append(scatter(v - rows[2, k]))
     return Curve(file, by, side, level, curvature, rows[0], rows[1], rows[2], 0.0,
-                 float(np.median(scatter)) if scatter else np.nan)
+                 float(np.median(spread)) if spread else np.nan)
 
 
 def _zero(c: Curve) -> float:

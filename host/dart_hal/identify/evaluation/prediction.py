@@ -14,8 +14,7 @@ import numpy as np
 
 from dart_hal.identify.commands import actuated
 from dart_hal.recording.dart import Grid
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

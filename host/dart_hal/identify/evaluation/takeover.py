@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.identify.commands import actuated
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -19,8 +19,7 @@ from dart_hal.identify.submodels import fitted_car
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.tyre_forces import tyre_forces
 from dart_hal.recording.dart import Recording, Reference, grid, reference_for, savgol_derivative
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_steering
 
 from .complete import papers_form

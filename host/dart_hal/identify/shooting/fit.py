@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
+from dart_hal.fitting.covariance import block_covariance
+from dart_hal.fitting.least_squares import EDGE, Solution
+from dart_hal.fitting.levenberg_marquardt import Descent, descend
+from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
-from dart_hal.identify.solve import EDGE, Solution, block_covariance
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 
 from .coordinates import Coordinates
-from .descent import Descent, descend
 from .problem import CHANNELS, EVERY, HORIZON, READ, UNITS, Problem
 
 FREE = {
@@ -180,7 +182,7 @@ class _Work:
 
 def _typical(error: FloatArray) -> FloatArray:
     """Robust size (len(READ), 3, 1) of the errors (len(READ), 3, n)."""
-    return np.asarray(1.4826 * np.median(np.abs(error), axis=2, keepdims=True) + 1e-6)
+    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(error), axis=2, keepdims=True) + 1e-6)
 
 
 def _rmse(error: FloatArray) -> tuple[float, ...]:

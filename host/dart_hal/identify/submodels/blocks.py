@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.recording.dart.model import IntArray
+from dart_hal.types import IntArray
 
 MANY = 8  # recordings
 LARGEST = 0.35  # of all samples in one recording; with more the others are no comparison

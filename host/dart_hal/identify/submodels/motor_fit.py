@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, blocks_of, collinearity, leverage_covariance
+from dart_hal.fitting.covariance import blocks_of, collinearity, leverage_covariance
+from dart_hal.fitting.free_starts import sensitivity, shoot
+from dart_hal.fitting.least_squares import Solution
+from dart_hal.fitting.robust import scatter
 from dart_hal.identify.submodels.coasting import FRICTION
 from dart_hal.identify.submodels.sessions import wider
-from dart_hal.identify.submodels.shooting import sensitivity, shoot
 from dart_hal.identify.submodels.speeds import Speeds
 from dart_hal.identify.submodels.straight import NAMES, Straight, first_speeds, problem_of
 from dart_hal.identify.submodels.stretches import BLOCK, Stretches, cut
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle
 
 HUBER, ROUNDS = 1.345, 30
@@ -104,7 +105,7 @@ def _bands(solution: Solution, k: int, s: Stretches) -> Bands:
     mean, between, weight = float(np.median(g[usable])), 0.0, usable / own
     for _ in range(ROUNDS if usable.sum() > 1 else 0):
         off = np.abs(g - mean)
-        between = max((1.4826 * float(np.median(off[usable]))) ** 2
+        between = max(scatter(off[usable]) ** 2
                       - float(np.median(own[usable])), 0.0)
         wide = np.sqrt(own + between)
         weight = usable * np.minimum(1.0, HUBER * wide / np.maximum(off, 1e-12)) / wide**2

@@ -16,8 +16,7 @@ from dart_hal.identify.runs import RUN
 from dart_hal.identify.submodels.commands import DT, Command, step_of, throttle_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
-from dart_hal.recording.dart.model import BoolArray, IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
 MAX_STEERING = 0.25  # of the command

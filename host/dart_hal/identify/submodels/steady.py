@@ -18,8 +18,7 @@ from dart_hal.identify.submodels.samples import SETTLED, IntArray, Samples, appr
 from dart_hal.identify.submodels.speeds import EVERY, mocap_grid
 from dart_hal.identify.submodels.steering_rows import answered
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 SLOW = 0.3  # m/s
 MAX_LATERAL = 2.0  # m/s2; beyond it slip is no longer proportional to v^2

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.fitting.covariance import collinearity, leverage_covariance
+from dart_hal.fitting.least_squares import Solution, least_squares
+from dart_hal.fitting.robust import scatter
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.solve import Solution, collinearity, least_squares, leverage_covariance
 from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.groups import cautions, groups_of
 from dart_hal.identify.submodels.paper_form import HIGH, LOW, PRIOR_STD, TYPICAL, curve
@@ -77,7 +79,7 @@ def _solve(samples: Samples, square: FloatArray, kappa: float) -> Solution:
 
     bounds = (LOW.tolist(), HIGH.tolist())
     plain = least_squares(residual, TYPICAL.tolist(), bounds)
-    scale = 1.4826 * float(np.median(np.abs(plain.residual)))
+    scale = scatter(plain.residual)
     return least_squares(residual, plain.x.tolist(), bounds, robust=ROBUST * max(scale, 1e-4))
 
 

@@ -13,9 +13,8 @@ from dart_hal.identify.notes import FileNote
 from dart_hal.identify.runs import RUN
 from dart_hal.identify.submodels.samples import SETTLED, IntArray, Samples, approach, blocks
 from dart_hal.recording.dart import Recording, grid, reference_for
-from dart_hal.recording.dart.model import BoolArray
 from dart_hal.recording.dart.reference import SEP_24
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 FAST, SLOW = 0.8, 0.3  # m/s
 FAST_SHARE = 0.1  # of the moving rows must be fast, else the recording counts as slow

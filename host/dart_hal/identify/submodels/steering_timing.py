@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, collinearity, least_squares, leverage_covariance
+from dart_hal.fitting.covariance import collinearity, leverage_covariance
+from dart_hal.fitting.least_squares import Solution, least_squares
 from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.turning import Turning
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 LOW, HIGH = (-0.1, 0.0), (0.5, 0.4)  # s, delay and lag
 STEP = 0.008  # s; smaller differences of a staircase are noise

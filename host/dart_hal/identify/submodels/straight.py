@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.solve import collinearity, leverage_covariance, plain_covariance
+from dart_hal.fitting.covariance import collinearity, leverage_covariance, plain_covariance
+from dart_hal.fitting.free_starts import Problem, shoot
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.sessions import wider
-from dart_hal.identify.submodels.shooting import Problem, shoot
 from dart_hal.identify.submodels.speeds import Speeds
 from dart_hal.identify.submodels.stretches import Stretches
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 
 NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.identify.solve import blocks_of
+from dart_hal.fitting.covariance import blocks_of
 from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.commands import DT
 from dart_hal.identify.submodels.speeds import Kernel, Speeds
-from dart_hal.recording.dart.model import IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start
 SHORTEST = 4  # samples; of fewer the free start takes the most

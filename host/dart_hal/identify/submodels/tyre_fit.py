@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.identify.solve import Solution, least_squares, leverage_covariance
+from dart_hal.fitting.covariance import leverage_covariance
+from dart_hal.fitting.least_squares import Solution, least_squares
+from dart_hal.fitting.robust import scatter
 from dart_hal.identify.submodels.blocks import independent_blocks
 from dart_hal.identify.submodels.tyre_forces import TyreForces, usable
-from dart_hal.recording.dart.model import BoolArray, IntArray
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 REAR_RANGE = 0.12  # rad; 6.9 deg: beyond it the rear is no straight line
 YAW_STD, TRIM_STD = 0.01, 0.02  # rad
@@ -72,8 +73,7 @@ def fit_curves(parts: Sequence[TyreForces], shape: float | None) -> TyreFit:
         problem = _Problem(parts, masks, noise, shape)
         solution = problem.solve(start, robust)
         front, rear = problem.split(solution.residual)
-        noise = np.array([1.4826 * np.median(np.abs(front)), 1.4826 * np.median(np.abs(rear))]
-                         ) * noise
+        noise = np.array([scatter(front), scatter(rear)]) * noise
         start = solution.x
     free = [0, 1, 2, 3] if shape is None else [0, 2, 3]
     covariance = np.zeros((4, 4))

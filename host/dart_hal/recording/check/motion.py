@@ -8,8 +8,9 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.recording.dart.grid import L_R, Grid, grid
-from dart_hal.recording.dart.model import BoolArray, Recording
+from dart_hal.recording.dart.model import Recording
 from dart_hal.recording.dart.reference import Reference, fit_reference, reference_for
+from dart_hal.types import BoolArray
 
 UNKNOWN = Reference(L_R, 0.0, 0.0, "not known: markers taken to sit at the centre of mass")
 LEAD, FIRST, STRIDE, TAIL, SPAN = 8, 20, 25, 220, 207  # samples of 10 ms

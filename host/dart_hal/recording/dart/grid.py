@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 from .marker import marker_grid
-from .model import BoolArray, Recording, freeze, freeze_flags
+from .model import Recording, freeze, freeze_flags
 from .reference import Reference, reference_for
 
 L_R = 0.0945  # m, rear axle to centre of mass of the paper's code

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 from .mocap import GRID, MAX_GAP, POSITION_STEP, YAW_STEP
-from .model import BoolArray, IntArray, Recording
+from .model import Recording
 from .sensors import GAP
 
 ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s

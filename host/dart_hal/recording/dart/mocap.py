@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
-from .model import BoolArray, Mocap, Note, freeze, freeze_flags
+from .model import Mocap, Note, freeze, freeze_flags
 from .schema import MOCAP
 from .sensors import BREAK
 

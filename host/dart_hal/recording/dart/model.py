@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
-from .model import BoolArray, IntArray, Messages, Note, freeze, freeze_flags, freeze_index
+from .model import Messages, Note, freeze, freeze_flags, freeze_index
 from .schema import SENSOR, SENSOR_TIME
 
 GAP = 0.3  # s; no value is used for longer than this

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.identify.solve import EDGE, Solution
-from dart_hal.recording.dart.model import BoolArray, IntArray
-from dart_hal.types import FloatArray
+from dart_hal.fitting.least_squares import EDGE, Solution
+from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
 """(parameters (P, k), starts (P, S)) -> readings (P, n), P variants at once."""
@@ -50,21 +50,17 @@ def shoot(problem: Problem, x0: FloatArray, starts: FloatArray) -> tuple[Solutio
     x, starts, _, scale = _descend(problem, x, starts, np.inf)
     x, starts, converged, _ = _descend(problem, x, starts, ROBUST * scale)
     residual, jac, slope = _linearise(problem, x, starts)
-    weight = _weight(residual, ROBUST * scale)
+    weight = soft_l1_weight(residual, ROBUST * scale)
     jac, _ = _project(problem, residual, jac, slope, weight)
     span = problem.high - problem.low
     edge = (x - problem.low < EDGE * span) | (problem.high - x < EDGE * span)
     return Solution(x, residual, jac, weight, converged, np.asarray(edge)), starts
 
 
-def _weight(residual: FloatArray, robust: float) -> FloatArray:
-    return np.asarray(1.0 / np.sqrt(1.0 + (residual / robust) ** 2))
-
-
 def _cost(residual: FloatArray, robust: float) -> float:
     if np.isinf(robust):
         return float(residual @ residual)
-    return float(np.sum(2.0 * robust**2 * (np.sqrt(1.0 + (residual / robust) ** 2) - 1.0)))
+    return float(np.sum(soft_l1(residual, robust)))
 
 
 def _descend(p: Problem, x: FloatArray, starts: FloatArray, robust: float
@@ -73,7 +69,7 @@ def _descend(p: Problem, x: FloatArray, starts: FloatArray, robust: float
     residual, jac, slope = _linearise(p, x, starts)
     cost = _cost(residual, robust)
     for _ in range(MAX_STEPS):
-        weight = _weight(residual, robust)
+        weight = soft_l1_weight(residual, robust)
         inner, back = _project(p, residual, jac, slope, weight)
         gradient = inner.T @ (weight * residual)
         hessian = inner.T @ (weight[:, None] * inner)
@@ -104,7 +100,7 @@ def _descend(p: Problem, x: FloatArray, starts: FloatArray, robust: float
 
 def _scatter(residual: FloatArray) -> float:
     """Standard deviation by the median of sizes; never zero."""
-    return float(max(1.4826 * np.median(np.abs(residual)), 1e-6))
+    return max(scatter(residual), 1e-6)
 
 
 def _linearise(p: Problem, x: FloatArray, starts: FloatArray

@@ -1,4 +1,4 @@
-"""Least squares with bounds, and standard errors that respect autocorrelation.
+"""Covariances of a fit that respect autocorrelation, and what the data leave undetermined.
 
 Samples of a drive are not independent: what disturbs the car now disturbs it
 a quarter of a second later too. Errors that count samples are several times
@@ -8,87 +8,23 @@ seconds) that are taken as independent, however their inside is correlated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.fitting.least_squares import Solution
 from dart_hal.types import FloatArray
 
 LEAST_FREE = 0.1
 """Share of a residual that a block cannot have pulled away, however alone it is."""
-EDGE = 1e-6
-"""Share of the interval at whose ends a parameter counts as stopped there."""
-
-
 NULL = 1e-11
-"""Eigenvalue of the scaled normal matrix, out of about 1, below which nothing is told."""
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """x (k,), residual (n,) and Jacobian (n, k) there, both without robust weights.
-
-    weight (n,): 1 for least squares, less for what a robust loss holds down.
-    """
-
-    x: FloatArray
-    residual: FloatArray
-    jacobian: FloatArray
-    weight: FloatArray
-    converged: bool
-    at_bound: NDArray[np.bool_]
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square of the plain residuals."""
-        return float(np.sqrt(np.mean(self.residual**2)))
-
-
-def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[float],
-                  bounds: tuple[Sequence[float], Sequence[float]], *,
-                  jacobian: Callable[[FloatArray], FloatArray] | None = None,
-                  robust: float | None = None, tolerance: float = 1e-12) -> Solution:
-    """Minimise the sum of squares of residual(x) (n,) within bounds.
-
-    jacobian(x) (n, k), None = three-point differences; robust: residual size
-    beyond which a soft L1 loss takes over from the square, None = never.
-    """
-    from scipy.optimize import least_squares as scipy_least_squares
-
-    low, high = (np.asarray(b, dtype=np.float64) for b in bounds)
-    result = scipy_least_squares(
-        residual, np.clip(x0, low, high), jac=jacobian or "3-point", bounds=(low, high),
-        x_scale="jac", loss="linear" if robust is None else "soft_l1", f_scale=robust or 1.0,
-        xtol=tolerance, ftol=tolerance, gtol=tolerance)
-    r = np.asarray(residual(result.x), dtype=np.float64)
-    jac = np.asarray(jacobian(result.x) if jacobian
-                     else _differences(residual, result.x, low, high))
-    weight = np.ones(len(r)) if robust is None else 1.0 / np.sqrt(1.0 + (r / robust)**2)
-    span = high - low
-    edge = (result.x - low < EDGE * span) | (high - result.x < EDGE * span)
-    return Solution(np.asarray(result.x), r, jac, weight, bool(result.status > 0),
-                    np.asarray(edge))
-
-
-def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray,
-                 high: FloatArray) -> FloatArray:
-    """Central differences inside the bounds, (n, k)."""
-    columns = []
-    for i, value in enumerate(x):
-        step = 1e-6 * max(abs(float(value)), 1e-3 * float(high[i] - low[i]))
-        up, down = x.copy(), x.copy()
-        up[i], down[i] = min(value + step, high[i]), max(value - step, low[i])
-        columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
-    return np.stack(columns, axis=1)
+"""Eigenvalue of the scaled normal matrix (about 1) below which a direction is undetermined."""
 
 
 def plain_covariance(s: Solution) -> FloatArray:
     """Covariance (k, k) that takes the residuals as independent, as the paper's would."""
     n, k = s.jacobian.shape
     variance = float(s.residual @ s.residual) / max(n - k, 1)
-    return _confessed(variance * _inverse(s.jacobian.T @ s.jacobian), s)
+    return _infinite_where_undetermined(variance * _inverse(s.jacobian.T @ s.jacobian), s)
 
 
 def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) -> FloatArray:
@@ -110,7 +46,7 @@ def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) 
     gradient -= gradient.mean(axis=0)  # with a prior the data's own slope is not zero
     meat = gradient.T @ gradient * len(labels) / (len(labels) - 1) + prior**2 * np.eye(k)
     covariance = np.asarray(hessian @ meat @ hessian)
-    return covariance if prior else _confessed(covariance, s)
+    return covariance if prior else _infinite_where_undetermined(covariance, s)
 
 
 def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
@@ -141,7 +77,7 @@ def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
         score = jac[rows].T @ corrected
         meat += np.outer(score, score)
     share = (len(labels) - 1) / len(labels)
-    return _confessed(np.asarray(share * inverse @ meat @ inverse), s)
+    return _infinite_where_undetermined(np.asarray(share * inverse @ meat @ inverse), s)
 
 
 def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray[np.int64]:
@@ -156,7 +92,7 @@ def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray
     return out
 
 
-def untold(s: Solution) -> NDArray[np.bool_]:
+def undetermined(s: Solution) -> NDArray[np.bool_]:
     """Parameters (k,) that can be changed, alone or with others, without changing any residual."""
     jac = s.jacobian * np.sqrt(s.weight)[:, None]
     size = np.linalg.norm(jac, axis=0)
@@ -166,9 +102,9 @@ def untold(s: Solution) -> NDArray[np.bool_]:
     return np.asarray(np.any(free, axis=1) | (size == 0.0))
 
 
-def _confessed(covariance: FloatArray, s: Solution) -> FloatArray:
+def _infinite_where_undetermined(covariance: FloatArray, s: Solution) -> FloatArray:
     """The covariance with infinite variance for what no residual depends on."""
-    lost = untold(s)
+    lost = undetermined(s)
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
     return covariance
@@ -191,4 +127,4 @@ def collinearity(s: Solution) -> FloatArray:
     gram = jac.T @ jac
     inverse = np.diag(_inverse(gram))
     alone = np.sqrt(1.0 / np.maximum(np.diag(gram) * inverse, 1.0))
-    return np.asarray(np.where(untold(s), 0.0, alone))
+    return np.asarray(np.where(undetermined(s), 0.0, alone))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.recording.dart.model import BoolArray
-from dart_hal.types import FloatArray
+from dart_hal.fitting.robust import soft_l1, soft_l1_weight
+from dart_hal.types import BoolArray, FloatArray
 
 ROUNDS = 40
 DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6
@@ -48,7 +48,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
     damping = DAMPING
     for _ in range(rounds):
         jac = jacobian(x, r)
-        weight = 1.0 / np.sqrt(1.0 + (r / robust)**2)
+        weight = soft_l1_weight(r, robust)
         hessian = (jac * weight[:, None]).T @ jac + prior * np.eye(len(x))
         slope = jac.T @ (weight * r) + prior * x
         cost, moved = _cost(r, x, robust, prior), False
@@ -73,8 +73,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
 
 
 def _cost(r: FloatArray, x: FloatArray, robust: float | FloatArray, prior: float) -> float:
-    total: float = np.sum(2.0 * robust**2 * (np.sqrt(1.0 + (r / robust)**2) - 1.0))
-    return float(total + prior * (x @ x))
+    return float(np.sum(soft_l1(r, robust)) + prior * (x @ x))
 
 
 def _step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.identify.solve import block_covariance, least_squares, plain_covariance
+from dart_hal.fitting.covariance import block_covariance, plain_covariance
+from dart_hal.fitting.least_squares import least_squares
 
 
 def mean_of(y, robust=None):

@@ -1,0 +1,1 @@
+"""Least squares: solvers, robust loss, covariances. Knows nothing of cars."""

@@ -1,0 +1,73 @@
+"""Nonlinear least squares within bounds, with a robust loss if wished."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.fitting.robust import soft_l1_weight
+from dart_hal.types import FloatArray
+
+EDGE = 1e-6
+"""Share of the interval at whose ends a parameter counts as stopped there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """x (k,), residual (n,) and Jacobian (n, k) there, both without robust weights.
+
+    weight (n,): 1 for least squares, less for what a robust loss holds down.
+    """
+
+    x: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
+    weight: FloatArray
+    converged: bool
+    at_bound: NDArray[np.bool_]
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the plain residuals."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[float],
+                  bounds: tuple[Sequence[float], Sequence[float]], *,
+                  jacobian: Callable[[FloatArray], FloatArray] | None = None,
+                  robust: float | None = None, tolerance: float = 1e-12) -> Solution:
+    """Minimise the sum of squares of residual(x) (n,) within bounds.
+
+    jacobian(x) (n, k), None = three-point differences; robust: residual size
+    beyond which a soft L1 loss takes over from the square, None = never.
+    """
+    from scipy.optimize import least_squares as scipy_least_squares
+
+    low, high = (np.asarray(b, dtype=np.float64) for b in bounds)
+    result = scipy_least_squares(
+        residual, np.clip(x0, low, high), jac=jacobian or "3-point", bounds=(low, high),
+        x_scale="jac", loss="linear" if robust is None else "soft_l1", f_scale=robust or 1.0,
+        xtol=tolerance, ftol=tolerance, gtol=tolerance)
+    r = np.asarray(residual(result.x), dtype=np.float64)
+    jac = np.asarray(jacobian(result.x) if jacobian
+                     else _differences(residual, result.x, low, high))
+    weight = np.ones(len(r)) if robust is None else soft_l1_weight(r, robust)
+    span = high - low
+    edge = (result.x - low < EDGE * span) | (high - result.x < EDGE * span)
+    return Solution(np.asarray(result.x), r, jac, weight, bool(result.status > 0),
+                    np.asarray(edge))
+
+
+def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray,
+                 high: FloatArray) -> FloatArray:
+    """Central differences inside the bounds, (n, k)."""
+    columns = []
+    for i, value in enumerate(x):
+        step = 1e-6 * max(abs(float(value)), 1e-3 * float(high[i] - low[i]))
+        up, down = x.copy(), x.copy()
+        up[i], down[i] = min(value + step, high[i]), max(value - step, low[i])
+        columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
+    return np.stack(columns, axis=1)
