@@ -1,0 +1,71 @@
+"""Ctrl-C while a calibration drives, at every kind of moment, in virtual time."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from dart_hal.sim.world import THROTTLE, World
+
+NEUTRAL_US, NEAR_US = 1500.0, 5.0
+WITHIN = 0.040
+"""s from Ctrl-C to the last pulse that moves the car."""
+
+
+class Finger:
+    """Presses Ctrl-C at the so many-th pulse that moves the car; sees all pulses."""
+
+    def __init__(self, nth: int) -> None:
+        self.nth, self.moving, self.pressed_at = nth, 0, float("inf")
+        self.pulses: list[tuple[float, float]] = []
+
+    def __call__(self, channel: int, pulse: tuple[float, float]) -> None:
+        if channel != THROTTLE:
+            return
+        us = (pulse[1] - pulse[0]) * 1e6
+        self.pulses.append((pulse[1], us))
+        self.moving += abs(us - NEUTRAL_US) > NEAR_US
+        if self.moving == self.nth and self.pressed_at > pulse[1]:
+            self.pressed_at = pulse[1]
+            signal.raise_signal(signal.SIGINT)
+
+    def moving_after(self, seconds: float) -> list[tuple[float, float]]:
+        return [(t, us) for t, us in self.pulses
+                if t > self.pressed_at + seconds and abs(us - NEUTRAL_US) > NEAR_US]
+
+
+@pytest.fixture
+def press(verb, monkeypatch, tmp_path):
+    """``press(nth)``: the calibration, interrupted at that pulse; (what ran, the finger)."""
+    def run(nth):
+        finger, made = Finger(nth), World.__init__
+
+        def watched(world, *args, **options):
+            made(world, *args, **options)
+            world.watchers.append(finger)
+
+        monkeypatch.setattr(World, "__init__", watched)
+        done = verb("calibrate", "steering", "--yes", "--json", "--url",
+                    "sim://?nano=mock&model=kinematic", "--car", "mine", "--cars",
+                    tmp_path / "cars")
+        return done, finger
+
+    return run
+
+
+@pytest.mark.parametrize("nth", [1, 37, 400])
+def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, nth):
+    done, finger = press(nth)
+    assert finger.moving >= nth, "it was interrupted while it drove"
+    assert (done.code, done.out) == (130, "")
+    assert not finger.moving_after(WITHIN)
+    assert abs(finger.pulses[-1][1] - NEUTRAL_US) <= NEAR_US
+    assert not list(tmp_path.rglob("calibration.toml"))
+
+
+def test_without_neutral_at_the_end_it_drives_on(press, monkeypatch):
+    """Control: a close that leaves the pins as they are."""
+    monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
+    monkeypatch.setattr("dart_hal.actuation.chain.Actuator.stop", lambda actuator: actuator.applied)
+    assert abs(press(37)[1].pulses[-1][1] - NEUTRAL_US) > NEAR_US
