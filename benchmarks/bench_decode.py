@@ -1,4 +1,4 @@
-"""How fast frames are decoded: live, in batch, and byte by byte for comparison.
+"""How fast frames are decoded, next to the byte loop that one writes first.
 
 All ways decode the same drive in one run on one core; each figure is the best
 of a few rounds, because other work on the machine only ever slows one down.
@@ -7,15 +7,19 @@ of a few rounds, because other work on the machine only ever slows one down.
 from __future__ import annotations
 
 import struct
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 from figures import Figure, best_cpu
 
-from dart_hal.wire import batch, samples
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import BY_ID
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "wire"))
+import wire_samples as samples
 
 ROUNDS = 5
 
@@ -33,7 +37,6 @@ def run(seconds: float = 200.0) -> list[Row]:
     """Decode a drive of so many seconds in every way; the rows of the table."""
     frames = samples.drive(seconds, seed=1)
     stream, count = b"".join(frames), len(frames)
-    log = stream * 5
 
     def row(name: str, target: float, what: str, decode: Callable[[], int], n: int) -> Row:
         return Row(name, n / _best(decode, n), target, what)
@@ -45,8 +48,6 @@ def run(seconds: float = 200.0) -> list[Row]:
             lambda: _live(frames), count),
         row("live, reads of 4096 B", 150e3, "Decoder, values unpacked",
             lambda: _live([stream[i:i + 4096] for i in range(0, len(stream), 4096)]), count),
-        row("batch", 1e6, "numpy columns, values as structured arrays",
-            lambda: batch.decode(log, UP).counters.ok, 5 * count),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ settings.register_profile("dart", deadline=None)  # how long an example takes is
 settings.load_profile("dart")
 
 HOME = Path(__file__).resolve().parents[1]
+sys.path.append(str(HOME / "tests" / "wire"))  # wire_samples: traffic and damage for every room
 
 
 @pytest.fixture(scope="session")

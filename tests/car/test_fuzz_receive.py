@@ -6,6 +6,7 @@ import math
 from random import Random
 
 import pytest
+import wire_samples as samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from dart_hal.car.hooks import Hooks
 from dart_hal.car.receive import INBOX, Receiver
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.car.transmit import Transmitter
-from dart_hal.wire import samples
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.messages import HELLO, PARAM_STATUS, PARAM_VALUE, STATE
 

@@ -8,6 +8,7 @@ import tty
 from dataclasses import dataclass, field
 
 import pytest
+from wire_samples import random_values
 
 from dart_hal.car.handshake import ASK, LISTEN
 from dart_hal.car.reconnect import LOOK_EVERY, SILENT_FOR, Search
@@ -16,7 +17,6 @@ from dart_hal.links.serial_port import candidates
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
-from dart_hal.wire.samples import random_values
 
 OURS = 0x1234
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
+from wire_samples import random_values
 
 from dart_hal.car import Car, handshake
 from dart_hal.errors import (
@@ -30,7 +31,6 @@ from dart_hal.links.base import Url, open_backend
 from dart_hal.links.serial_port import SerialLink, find_port, open_serial
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, TIME_PONG
-from dart_hal.wire.samples import random_values
 
 
 class FakeNano:

@@ -4,8 +4,9 @@ from math import comb
 from random import Random
 
 import pytest
+import wire_samples as samples
 
-from dart_hal.wire import blocks, samples
+from dart_hal.wire import blocks
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE

@@ -7,10 +7,10 @@ pass the CRC, in any order, with damage and noise between them.
 from random import Random
 
 import pytest
+import wire_samples as samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dart_hal.wire import samples
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import MAX_BLOCK

@@ -3,10 +3,11 @@
 from random import Random
 
 import pytest
+import wire_samples as samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dart_hal.wire import batch, ledger, samples
+from dart_hal.wire import ledger
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
@@ -59,7 +60,6 @@ def two_states(periods, step):
     stream += encode(STATE, 9 + step, values)
     decoder = Decoder(UP)
     decoder.feed(stream)
-    assert batch.decode(stream, UP).counters == decoder.counters
     return decoder.counters.gaps
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from fault_table.drive import Drive
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "firmware"))
 
 
 class Bench:

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from math import hypot
 from random import Random
 
+import wire_samples as samples
+
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.sim.faults import LineFaults
-from dart_hal.wire import samples
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE, TICKS_PER_SECOND
