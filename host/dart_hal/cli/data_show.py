@@ -12,7 +12,7 @@ from rich.table import Table
 from dart_hal.cli.output import results
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
-from dart_hal.recording.fetch.web import BY_HAND
+from dart_hal.recording.fetch.published import BY_HAND
 
 DETAILED = 3  # files; above it a table, and only what is serious
 FIRST = 5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from .bring import Outcome, fetch
 from .folder import data_folder, find
-from .manifest import Manifest, Published, from_folder, load
+from .published import load
 
-__all__ = ["Manifest", "Outcome", "Published", "data_folder", "fetch", "find", "from_folder",
-           "load"]
+__all__ = ["Outcome", "data_folder", "fetch", "find", "load"]

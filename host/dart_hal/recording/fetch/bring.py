@@ -1,4 +1,4 @@
-"""Bring the published recordings into a folder, each checked against its SHA-256.
+"""Bring the published recordings into a folder, each checked against its SHA-256 by pooch.
 
 What is there and right is left alone, so a run that was stopped goes on where
 it was; a wrong file is refused and never kept.
@@ -6,21 +6,22 @@ it was; a wrong file is refused and never kept.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from dart_hal.errors import FetchFailed
 
 from .folder import data_folder
-from .manifest import NOTICE, Manifest, Published, load, sha256
-from .sources import ARCHIVES, Source, archive, folder
-from .web import ARCHIVE, BY_HAND, RAW, Web, downloaded
+from .local import Local
+from .published import AGAIN, ARCHIVE, BY_HAND, NOTICE, RAW, load
+from .web import Progress, Web, download
 
-Progress = Callable[[int, int, str], None]
+ARCHIVES = (".zip", ".tar.gz", ".tgz", ".tar")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class Refusal:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a fetch did. Lists hold paths of the manifest."""
+    """What a fetch did. Lists hold paths of the published list."""
 
     to: Path
     files: int
@@ -52,11 +53,8 @@ class Outcome:
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``data fetch --json``."""
-        return {"to": str(self.to), "sources": self.sources, "files": self.files,
-                "complete": self.complete, "present": len(self.present),
-                "fetched": self.fetched, "replaced": self.replaced,
-                "refused": [{"path": r.path, "where": r.where, "found": r.found}
-                            for r in self.refused], "missing": self.missing}
+        return {**asdict(self), "to": str(self.to), "complete": self.complete,
+                "present": len(self.present)}
 
 
 def _quiet(done: int, total: int, name: str) -> None:
@@ -64,134 +62,105 @@ def _quiet(done: int, total: int, name: str) -> None:
 
 
 def fetch(source: str | None = None, to: str | Path | None = None, *,
-          manifest: Manifest | None = None, progress: Progress = _quiet) -> Outcome:
+          registry: Mapping[str, str] | None = None, progress: Progress = _quiet) -> Outcome:
     """Complete ``to`` (default ``data_folder()``) from ``source``.
 
     source: a folder of any layout, an archive (.zip, .tar.gz) or the address
-    of one, a base address; None = the repository at the commit of the
-    manifest. progress(bytes done, bytes in all, name). Errors: FetchFailed
-    when the source cannot be had, or holds none of the files that lack.
+    of one, a base address; None = the repository at the listed commit.
+    registry: SHA-256 by path, default: the published set. progress(done, in all,
+    name): files, or bytes of an archive. Errors: FetchFailed when the source
+    cannot be had, or holds none of the files that lack.
     """
-    listed = manifest or load()
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
     target = Path(to) if to is not None else data_folder()
-    outcome = Outcome(target, len(listed.files))
-    wanted = _not_yet(listed, target, outcome, progress)
-    have = listed.size - sum(f.size for f in wanted)
-    for opened in _sources(source, listed, progress):
-        if not wanted:
-            break
-        with opened as one:
-            outcome.sources.append(one.name)
-            left = []
-            for file in wanted:
-                progress(have, listed.size, file.path)
-                if _take(file, one, target, outcome):
-                    have += file.size
-                else:
-                    left.append(file)
-            wanted = left
-    refused = {r.path for r in outcome.refused}
-    outcome.missing = [f.path for f in wanted if f.path not in refused]
-    outcome.refused = [r for r in outcome.refused if r.path in {f.path for f in wanted}]
-    if wanted and not (outcome.fetched or outcome.present):
+    store = pooch.Pooch(target, "", registry=dict(registry or load()))
+    outcome = Outcome(target, len(store.registry))
+    progress(0, outcome.files, "checking what is there")
+    outcome.present = [path for path, known in store.registry.items()
+                       if (target / path).is_file() and pooch.file_hash(target / path) == known]
+    left = [path for path in store.registry if path not in outcome.present]
+    fresh = not target.exists()
+    try:
+        with TemporaryDirectory(prefix="dart-hal-") as scratch:
+            for one in _sources(source, store.registry, Path(scratch), progress) if left else ():
+                outcome.sources.append(one.name)
+                for path in left:
+                    progress(outcome.files - len(left), outcome.files, path)
+                    _take(path, one, store, outcome)
+                left = [path for path in left if path not in outcome.fetched]
+                if not left:
+                    break
+    finally:
+        if fresh and not outcome.fetched:
+            shutil.rmtree(target, ignore_errors=True)  # an empty folder would pass for a full one
+    outcome.refused = [r for r in outcome.refused if r.path in left]
+    outcome.missing = [path for path in left if path not in {r.path for r in outcome.refused}]
+    if left and not (outcome.fetched or outcome.present):
         raise _nothing(outcome)
-    if outcome.fetched:
-        _notice(target)
+    if outcome.fetched and not (target / "LICENSE").exists():
+        shutil.copyfile(NOTICE, target / "LICENSE")  # which asks to stay with every copy
     return outcome
 
 
-def _not_yet(listed: Manifest, target: Path, outcome: Outcome, progress: Progress
-             ) -> list[Published]:
-    wanted = []
-    for file in listed.files:
-        progress(0, listed.size, "checking what is there")
-        path = target / file.path
-        if path.is_file() and path.stat().st_size == file.size \
-                and sha256(path.read_bytes()) == file.sha256:
-            outcome.present.append(file.path)
-        else:
-            wanted.append(file)
-    return wanted
+def _take(path: str, source: Web | Local, store: Any, outcome: Outcome) -> None:
+    """One file, whole or not at all; another one of its name is kept as ``NAME.old``."""
+    came = b""
+
+    def noted(url: str, to: str, store: Any) -> None:
+        nonlocal came
+        source(url, to, store)
+        came = Path(to).read_bytes()
+
+    target = store.abspath / path
+    old = target.rename(target.with_name(target.name + ".old")) if target.is_file() else None
+    try:
+        store.fetch(path, downloader=noted)
+        outcome.fetched.append(path)
+        outcome.replaced += [path] if old else []
+        old = None
+    except LookupError:
+        pass
+    except ValueError:  # pooch: not the known checksum
+        outcome.refused.append(Refusal(path, source.where, _described(came, store.registry[path])))
+    finally:
+        if old:
+            old.rename(target)
 
 
-def _take(file: Published, source: Source, target: Path, outcome: Outcome) -> bool:
-    data, where = source.get(file)
-    if data is None:
-        return False
-    if sha256(data) != file.sha256:
-        outcome.refused.append(Refusal(file.path, where, _described(data, file)))
-        return False
-    if _write(target / file.path, data):
-        outcome.replaced.append(file.path)
-    outcome.fetched.append(file.path)
-    return True
-
-
-def _described(data: bytes, file: Published) -> str:
+def _described(data: bytes, known: str) -> str:
     """What came instead, for the message."""
     if data.lstrip()[:1] == b"<":
         return "a web page"
-    if len(data) < file.size:
-        return f"{len(data)} of {file.size} bytes"
-    if len(data) > file.size:
-        return f"more than {file.size} bytes"
-    return f"SHA-256 {sha256(data)[:12]}..., not {file.sha256[:12]}..."
+    return f"{len(data)} bytes of SHA-256 {sha256(data).hexdigest()[:12]}..., not {known[:12]}..."
 
 
-def _write(path: Path, data: bytes) -> bool:
-    """Whole or not at all; True if another file of that name was moved to ``NAME.old``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(data)
-        other = path.is_file()
-        if other:
-            os.replace(path, path.with_name(path.name + ".old"))
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return other
-
-
-def _notice(target: Path) -> None:
-    """The licence asks to stay with every copy."""
-    path = target / "LICENSE"
-    if not path.exists():
-        _write(path, NOTICE.read_bytes())
-
-
-@contextmanager
-def _one(source: Source) -> Iterator[Source]:
-    yield source
-
-
-@contextmanager
-def _from_archive(url: str, progress: Progress) -> Iterator[Source]:
-    with ExitStack() as stack:
-        path = stack.enter_context(downloaded(url, progress))
-        yield stack.enter_context(archive(path, url))
-
-
-def _sources(source: str | None, listed: Manifest, progress: Progress) -> Iterator[Any]:
-    """Context managers, to be opened in turn until nothing is missing."""
+def _sources(source: str | None, registry: Mapping[str, str], scratch: Path, progress: Progress
+             ) -> Iterator[Web | Local]:
+    """Where to look, in turn until nothing is missing."""
     if source is None:
-        yield _one(Web(RAW, listed.roots))
-        yield _from_archive(ARCHIVE, progress)
-    elif source.startswith(("http://", "https://")):
-        if source.lower().partition("?")[0].endswith(ARCHIVES):
-            yield _from_archive(source, progress)
-        else:
-            yield _one(Web(source, listed.roots))
-    else:
+        yield Web(RAW)
+        yield _from_archive(ARCHIVE, registry, scratch, progress)
+    elif not source.startswith(("http://", "https://")):
         path = Path(source).expanduser()
-        if path.is_dir():
-            yield _one(folder(path))
-        elif path.is_file():
-            yield archive(path, str(path))
-        else:
+        if not path.exists():
             raise FetchFailed(f"{source}: no such folder or archive", found="nothing there",
                               expected="a folder, a .zip or .tar.gz, or an http(s) address",
                               remedy=BY_HAND)
+        yield Local(path, str(path), registry)
+    elif source.lower().partition("?")[0].endswith(ARCHIVES):
+        yield _from_archive(source, registry, scratch, progress)
+    else:
+        yield Web(source)
+
+
+def _from_archive(url: str, registry: Mapping[str, str], scratch: Path, progress: Progress
+                  ) -> Local:
+    if not download(url, scratch / "archive", progress):
+        raise FetchFailed(f"{url} cannot be had", found="the server has no such file",
+                          expected="an archive of the repository", remedy=AGAIN + BY_HAND)
+    return Local(scratch / "archive", url, registry)
 
 
 def _nothing(outcome: Outcome) -> FetchFailed:

@@ -1,0 +1,24 @@
+"""The published recordings: which there are, and where their makers keep them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+NOTICE = Path(__file__).with_name("LICENSE")
+LIST = Path(__file__).with_name("published.txt")
+REPOSITORY = "https://github.com/Lorenzo-Lyons/DART"
+COMMIT = "7c30162"
+ROOTS = ("System_identification/Data", "ROS_packages/racecar_pkg/src/Data")
+"""Folders of the repository that hold them."""
+
+RAW = REPOSITORY.replace("https://github.com", "https://raw.githubusercontent.com") + f"/{COMMIT}"
+ARCHIVE = f"{REPOSITORY}/archive/{COMMIT}.zip"
+BY_HAND = (f"git clone {REPOSITORY} ; dart-hal data fetch --from DART"
+           " ; or set $DART_DATA to a folder that has them")
+AGAIN = "the same command goes on where it stopped ; or "
+
+
+def load() -> dict[str, str]:
+    """SHA-256 of each file by its path, as ``pooch.make_registry`` lists a folder of originals."""
+    lines = LIST.read_text(encoding="utf-8").splitlines()
+    return dict(line.split() for line in lines if not line.startswith("#"))
