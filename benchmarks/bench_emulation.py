@@ -12,11 +12,12 @@ from unittest.mock import patch
 
 from bare_nano import BOOTED, BareNano
 from figures import Figure, best_cpu
+from mcap.writer import Writer
 
 from dart_hal.car import Car
+from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Chunk, Link
-from dart_hal.recording.seals import SealedFile
 from dart_hal.sim.truth import world_of
 
 URL = "sim://?seed=7&nano=avr"
@@ -41,27 +42,41 @@ def figures(scale: float = 1.0) -> list[Figure]:
         Figure("times real time: firmware alone", bare, "x", note=f"{bare / loop:.1f} x the loop"),
         Figure("times real time: mock, physics and HAL", mock, "x",
                note=f"{mock / loop:.1f} x the loop")]
-    return [*rows, flushes(10.0 * scale), slices(10.0 * scale), *split(seconds)]
+    return [*rows, flushes(10.0 * scale), reading(20.0 * scale), slices(10.0 * scale),
+            *split(seconds)]
 
 
 def flushes(seconds: float) -> Figure:
-    """What it costs that a killed recording misses 50 ms at most: checksum, seal, system call."""
+    """What it costs that a killed recording misses 50 ms at most: chunk, checksum, system call."""
     spent: list[float] = []
-    plain = SealedFile.seal
+    plain = Writer.flush
 
-    def timed(file: SealedFile) -> None:
+    def timed(writer: Writer) -> None:
         begin = time.process_time()
-        plain(file)
+        plain(writer)
         spent.append(time.process_time() - begin)
 
     with tempfile.TemporaryDirectory() as folder, \
             Car.open(MOCK, record=Path(folder) / "run.mcap") as car, \
-            patch.object(SealedFile, "seal", timed):
+            patch.object(Writer, "flush", timed):
         spent.clear()
         drive(car, seconds)
         share = sum(spent) / seconds
         return Figure("flushes of a recording, CPU", 1e3 * share, "ms/s",
                       note=f"{len(spent) / seconds:.0f} a second: a kill costs 50 ms of the run")
+
+
+def reading(seconds: float) -> Figure:
+    """How fast a run of this library is read by ``data check``, ``identify`` and ``diagnose``."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        with Car.open(MOCK, record=path) as car:
+            car.arm()
+            drive(car, seconds)
+        t = read_run(path).messages.t
+        return Figure("a recorded run read, times real time",
+                      float(t[-1] - t[0]) / best_cpu(lambda: read_run(path), 3), "x",
+                      note="file, decoder, estimators and checks")
 
 
 def drive(car: Car, seconds: float) -> None:

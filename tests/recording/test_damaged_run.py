@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import random
 import re
-from struct import Struct
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
 
-from dart_hal.errors import RecordingError
-from dart_hal.recording import seals
-from dart_hal.recording.mcap_records import parse_mcap
-from dart_hal.recording.mcap_walk import MAGIC, MESSAGE, walk
+from dart_hal.recording import mcap_records
+from dart_hal.recording.mcap_records import MAGIC, PREFIX, McapFile, parse_mcap, records
 from dart_hal.recording.run import RunReader
-
-PREFIX = Struct("<BQ")
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +32,25 @@ def run_bytes(tmp_path_factory, request):
 
 
 @pytest.fixture(scope="module")
-def unsealed(run_bytes):
-    """The same file as a tool that drops private records would leave it (index not redone)."""
-    out, last = bytearray(MAGIC), len(MAGIC)
-    for record in walk(run_bytes).records:
-        last = record.end
-        if record.opcode != seals.OPCODE:
-            out += run_bytes[record.start - PREFIX.size:record.end]
-    return bytes(out + run_bytes[last:])
+def unchunked(run_bytes):
+    """The same as a tool that knows no chunks would write it: nothing has a checksum."""
+    out = bytearray(MAGIC)
+    for block in parse_mcap("run", run_bytes).blocks[1:]:  # the first repeats the channels
+        for opcode, start, end in records(block):
+            if opcode != Opcode.ATTACHMENT:
+                out += block[start - PREFIX.size:end]
+    return bytes(out)
+
+
+def messages(found: McapFile) -> list[mcap_records.Message]:
+    return list(found.messages())
+
+
+def chunks(data: bytes) -> list[tuple[int, int]]:
+    """(start, end) of every chunk record of a whole file."""
+    return [(s - PREFIX.size, e) for opcode, s, e in
+            ((o, s + len(MAGIC), e + len(MAGIC)) for o, s, e in records(
+                data[len(MAGIC):-len(MAGIC)])) if opcode == Opcode.CHUNK]
 
 
 def is_part(found, whole) -> bool:
@@ -61,14 +71,31 @@ def damage(data: bytes, at: int, size: int, kind: str, seed: int) -> bytes:
 KINDS = st.sampled_from(["removed", "zeros", "noise", "inserted", "flipped", "doubled"])
 
 
-def test_the_whole_file_is_sealed_and_undamaged(run_bytes, tmp_path):
+def test_the_whole_file_is_chunked_and_undamaged(run_bytes, tmp_path):
     found = parse_mcap(tmp_path, run_bytes)
     assert found.complete
     assert not found.damages
-    assert len(found.messages) == 60 * 4 + 12 * 4 + 1
-    blocks = seals.sealed_blocks(run_bytes)
-    assert [b.number for b in blocks] == list(range(len(blocks)))
-    assert len(blocks) >= 12
+    assert len(messages(found)) == found.count == 60 * 4 + 12 * 4 + 1
+    (tmp_path / "run.mcap").write_bytes(run_bytes)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    assert len(summary.chunk_indexes) == len(chunks(run_bytes)) >= 12
+    assert all(b.message_end_time - a.message_end_time <= 60_000_000
+               for a, b in pairwise(summary.chunk_indexes)), "one each 50 ms"
+    assert summary.statistics.message_count == found.count
+
+
+def test_the_strict_reader_of_the_library_refuses_what_ours_reads_around(run_bytes, tmp_path):
+    """Its checks are on: a flipped bit in a chunk, an attachment or between is an error there."""
+    path = tmp_path / "bit.mcap"
+    for at in (chunks(run_bytes)[4][0] + 200, 200, chunks(run_bytes)[4][1] + 16):
+        path.write_bytes(damage(run_bytes, at, 1, "flipped", 3))
+        with path.open("rb") as file, pytest.raises(ValueError, match="crc"):
+            list(StreamReader(file, validate_crcs=True).records)
+        assert RunReader(path).damaged
+    path.write_bytes(run_bytes)
+    with path.open("rb") as file:
+        assert list(StreamReader(file, validate_crcs=True).records)
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.integers(1, 4000), KINDS, st.integers(0, 999)),
@@ -80,7 +107,7 @@ def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
         at = len(MAGIC) + int(where * (len(data) - len(MAGIC) - 1))
         data = damage(data, at, size, kind, seed)
     found = parse_mcap(tmp_path_factory.getbasetemp(), data)
-    assert is_part(found.messages, whole.messages)
+    assert is_part(messages(found), messages(whole))
     assert all(whole.metadata[name] == values for name, values in found.metadata.items())
 
 
@@ -88,19 +115,19 @@ def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
 @pytest.mark.parametrize("size", [1, 40, 3000])
 def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
     whole = parse_mcap(tmp_path, run_bytes)
-    start = seals.sealed_blocks(run_bytes)[2].end
+    start = chunks(run_bytes)[2][1]
     most = size / 6000 * 24 + 2 * 32  # messages in the hole and in two blocks of 50 ms
-    for at in range(start, len(run_bytes) - 8000, 997):
+    for at in range(start, chunks(run_bytes)[-1][1] - size - 1000, 997):
         data = damage(run_bytes, at, size, kind, at)
         if data == run_bytes:  # zeros that were zeros
             continue
         found = parse_mcap(tmp_path, data)
-        lost = len(whole.messages) - len(found.messages)
+        lost = whole.count - found.count
         assert 0 <= lost <= most
-        assert is_part(found.messages, whole.messages)
+        assert is_part(messages(found), messages(whole))
         assert found.complete
         assert found.damages
-        assert all(d.at <= at + size for d in found.damages)
+        assert all(d.at <= at + size or not d.skipped for d in found.damages)
 
 
 def test_the_notice_says_damaged_and_not_that_the_end_is_missing(run_bytes, tmp_path):
@@ -128,73 +155,93 @@ def test_a_hole_and_a_missing_end_are_told_apart(run_bytes, tmp_path):
     assert "the end is missing" in second
 
 
-def test_a_missing_block_is_told_though_nothing_is_skipped(run_bytes, tmp_path):
+def test_a_missing_chunk_is_told_though_nothing_is_skipped(run_bytes, tmp_path):
     path = tmp_path / "block.mcap"
-    block = seals.sealed_blocks(run_bytes)[5]
-    path.write_bytes(run_bytes[:block.start] + run_bytes[block.end:])
-    assert f"damaged at byte {block.start}, 0 bytes skipped" in RunReader(path).notices[0]
+    all_chunks = chunks(run_bytes)
+    first, second = all_chunks[5][0], all_chunks[6][0]  # with its indexes
+    path.write_bytes(run_bytes[:first] + run_bytes[second:])
+    assert re.search(r"damaged before byte \d+, 0 bytes skipped", RunReader(path).notices[0])
 
 
-def test_without_its_channels_a_run_is_refused_by_name(run_bytes, tmp_path):
-    path = tmp_path / "channels.mcap"
-    at = seals.sealed_blocks(run_bytes)[1].start
-    path.write_bytes(damage(run_bytes, at + 20, 50, "zeros", 0))
-    with pytest.raises(RecordingError, match="damaged") as error:
-        RunReader(path)
-    assert str(path) in error.value.what
+def test_a_chunk_that_one_bit_makes_another_record_is_told(run_bytes, tmp_path):
+    """Even where no checksum of the whole is there yet."""
+    path = tmp_path / "bit.mcap"
+    first, _ = chunks(run_bytes)[5]
+    for bit in range(8):
+        path.write_bytes(damage(run_bytes, first, 1, "flipped", bit)[:-9000])
+        assert RunReader(path).damaged
 
 
-# -- files without seals ----------------------------------------------------------
+def test_one_bit_in_the_index_of_a_chunk_is_no_message(run_bytes, tmp_path):
+    whole = messages(parse_mcap(tmp_path, run_bytes))
+    _, end = chunks(run_bytes)[5]
+    assert run_bytes[end] == Opcode.MESSAGE_INDEX
+    for at in range(end, end + 40):
+        for bit in range(8):
+            found = parse_mcap(tmp_path, damage(run_bytes, at, 1, "flipped", bit))
+            assert messages(found) == whole
+            assert found.damages
 
 
-def messages_from(data: bytes) -> int:
-    """Where the first message begins."""
-    return next(r.start - PREFIX.size for r in walk(data).records if r.opcode == MESSAGE)
+def test_a_damaged_index_is_told(run_bytes, tmp_path):
+    whole = messages(parse_mcap(tmp_path, run_bytes))
+    found = parse_mcap(tmp_path, damage(run_bytes, len(run_bytes) - 3000, 1, "flipped", 1))
+    assert messages(found) == whole
+    assert found.damages
 
 
-def test_without_seals_the_file_still_reads(run_bytes, unsealed, tmp_path):
-    assert not seals.sealed_blocks(unsealed)
-    found = parse_mcap(tmp_path, unsealed)
-    assert found.messages == parse_mcap(tmp_path, run_bytes).messages
+def test_without_the_check_a_flipped_bit_is_data(run_bytes, tmp_path, monkeypatch):
+    """Negative control."""
+    hurt = damage(run_bytes, chunks(run_bytes)[5][0] + 900, 1, "flipped", 3)
+    whole = messages(parse_mcap(tmp_path, run_bytes))
+    assert is_part(messages(parse_mcap(tmp_path, hurt)), whole)
+    read = mcap_records.get_chunk_data_stream
+    monkeypatch.setattr(mcap_records, "get_chunk_data_stream",
+                        lambda chunk, validate_crc: read(chunk, validate_crc=False))
+    assert not is_part(messages(parse_mcap(tmp_path, hurt)), whole)
+
+
+# -- files without checksums ------------------------------------------------------
+
+
+def test_without_chunks_the_file_still_reads(run_bytes, unchunked, tmp_path):
+    found = parse_mcap(tmp_path, unchunked)
+    assert messages(found) == messages(parse_mcap(tmp_path, run_bytes))
     assert not found.damages
-    assert found.complete
 
 
 @pytest.mark.parametrize("size", [1, 100, 3000])
-def test_without_seals_reading_goes_on_behind_a_hole(unsealed, tmp_path, size):
-    whole = parse_mcap(tmp_path, unsealed).messages
-    first = messages_from(unsealed)
-    for at in range(first, len(unsealed) - 12_000, 251):
-        found = parse_mcap(tmp_path, unsealed[:at] + unsealed[at + size:])
+def test_without_checksums_reading_ends_before_a_hole(unchunked, tmp_path, size):
+    whole = messages(parse_mcap(tmp_path, unchunked))
+    for at in range(len(unchunked) // 4, len(unchunked) - size - 1000, 997):
+        found = messages(parse_mcap(tmp_path, unchunked[:at] + unchunked[at + size:]))
         # Two records of one size can be stitched by a hole of their distance: no seal, no way.
-        assert len(set(found.messages) - set(whole)) <= 1
-        assert found.messages[-1] == whole[-1]
-        assert len(whole) - len(found.messages) <= size / 6000 * 24 + 24
-        assert found.complete
-        assert sum(d.skipped for d in found.damages) < 3000
+        assert len(set(found) - set(whole)) <= 1
+        assert len(found) < len(whole)
 
 
-def test_without_seals_a_cut_is_no_damage(unsealed, tmp_path):
-    whole = parse_mcap(tmp_path, unsealed).messages
-    for size in range(messages_from(unsealed), len(unsealed) - 9000, 97):
-        found = parse_mcap(tmp_path, unsealed[:size])
-        assert found.messages == whole[:len(found.messages)]
+def test_without_chunks_a_cut_is_no_damage(unchunked, tmp_path):
+    whole = messages(parse_mcap(tmp_path, unchunked))
+    for size in range(len(unchunked) // 4, len(unchunked), 97):
+        found = parse_mcap(tmp_path, unchunked[:size])
+        assert messages(found) == whole[:found.count]
         assert not found.damages
         assert not found.complete
 
 
 @given(st.floats(0, 1), st.integers(1, 4000), KINDS, st.integers(0, 999))
-def test_without_seals_no_damage_is_a_crash(unsealed, tmp_path_factory, where, size, kind, seed):
-    at = len(MAGIC) + int(where * (len(unsealed) - len(MAGIC) - 1))
-    found = parse_mcap(tmp_path_factory.getbasetemp(), damage(unsealed, at, size, kind, seed))
+def test_without_checksums_no_damage_is_a_crash(unchunked, tmp_path_factory, where, size, kind,
+                                                seed):
+    at = len(MAGIC) + int(where * (len(unchunked) - len(MAGIC) - 1))
+    found = parse_mcap(tmp_path_factory.getbasetemp(), damage(unchunked, at, size, kind, seed))
     assert found.used <= found.length + size
 
 
-def test_a_tail_of_zeros_is_no_message(unsealed, run_bytes, tmp_path):
+def test_a_tail_of_zeros_is_no_message(unchunked, run_bytes, tmp_path):
     """What a power cut leaves on some file systems."""
-    for data in (unsealed, run_bytes):
-        whole = parse_mcap(tmp_path, data).messages
+    for data in (unchunked, run_bytes):
+        whole = messages(parse_mcap(tmp_path, data))
         found = parse_mcap(tmp_path, data[:20_000] + bytes(4096))
-        assert is_part(found.messages, whole)
-        assert found.messages
+        assert is_part(messages(found), whole)
+        assert found.count
         assert not found.complete

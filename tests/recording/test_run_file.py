@@ -87,16 +87,17 @@ def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     data = path.read_bytes()
     full = parse_mcap(path, data)
     assert full.complete
+    whole = list(full.messages())
     seen = set()
     for size in range(8, len(data), 3):
         found = parse_mcap(path, data[:size])
         assert not found.complete
         assert not found.damages
-        assert found.messages == full.messages[:len(found.messages)]
+        assert list(found.messages()) == whole[:found.count]
         assert found.used <= size
-        seen.add(len(found.messages))
-    ends = [full.messages[n - 1].ns for n in sorted(seen - {0})]
-    assert max(seen) == len(full.messages)
+        seen.add(found.count)
+    ends = [whole[n - 1].ns for n in sorted(seen - {0})]
+    assert max(seen) == len(whole)
     assert max(b - a for a, b in pairwise(ends)) <= 60_000_000
 
 
@@ -174,12 +175,24 @@ def test_a_foreign_mcap_is_refused_by_name(tmp_path):
     assert "/camera" in error.value.found
 
 
-def test_a_damaged_record_is_an_error_not_a_crash(run_file):
+def without_channels(run_file) -> bytes:
     data = bytearray(run_file.read_bytes())
     at = data.index(b"rx") - 4
     data[at:at + 4] = b"\xff\xff\xff\x7f"
-    run_file.write_bytes(data)
-    with pytest.raises(RecordingError) as error:
+    return bytes(data)
+
+
+def test_the_index_repeats_the_channels(run_file):
+    whole = list(RunReader(run_file).chunks())
+    run_file.write_bytes(without_channels(run_file))
+    run = RunReader(run_file)
+    assert run.damaged
+    assert list(run.chunks()) == whole[1:], "the first chunk is lost, and that alone"
+
+
+def test_without_any_channels_it_is_an_error_not_a_crash(run_file):
+    run_file.write_bytes(without_channels(run_file)[:-100])
+    with pytest.raises(RecordingError, match="damaged") as error:
         RunReader(run_file)
     assert str(run_file) in error.value.what
 
@@ -200,7 +213,7 @@ def test_any_damage_is_an_error_or_less_data(run_file, seed):
 
 
 def test_reads_what_another_tool_has_chunked(tmp_path, run_file):
-    """`mcap compress` and friends rewrite a file in chunks."""
+    """`mcap compress` and friends rewrite a file in chunks of their own."""
     from mcap.stream_reader import StreamReader
     from mcap.writer import Writer
 

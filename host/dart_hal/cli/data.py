@@ -1,4 +1,4 @@
-"""``dart-hal data``: look recordings through, or bring the published ones here."""
+"""``dart-hal data``: look recordings through, mend one, or bring the published ones here."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.data_show import show_checks, show_fetch
+from dart_hal.cli.data_show import show_checks, show_fetch, show_repair
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, progress_bar
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
+from dart_hal.recording.repair import repair
 
 
 @click.group("data")
 def command() -> None:
-    """Recordings: what is in them and what is wrong with them; fetch the published set."""
+    """Recordings: what is in them and what is wrong with them; repair; the published set."""
 
 
 @command.command("check")
@@ -72,6 +73,26 @@ def _plot(checks: list[Check], target: Path) -> list[Path]:
     if len(checks) > 1:
         pictures.append(plot_overview(checks, target / "overview.png"))
     return pictures
+
+
+@command.command("repair")
+@click.argument("files", nargs=-1, required=True, metavar="FILES...",
+                type=click.Path(path_type=Path))
+@json_option
+def repair_command(files: tuple[Path, ...], as_json: bool) -> int:
+    """Write the index of runs (.mcap) that were not closed, so that every tool opens them.
+
+    All that is whole is kept, what is damaged is left out; the old file is kept as NAME.old.
+    dart-hal reads such a run without this, too.
+    """
+    done = [repair(file) for file in files]
+    if as_json:
+        print_json({"files": [{"path": str(d.path), "repaired": d.old is not None,
+                               "messages": d.messages, "left_out": d.left_out,
+                               "old": d.old and str(d.old)} for d in done]})
+    else:
+        show_repair(done)
+    return 0
 
 
 @command.command("fetch")

@@ -13,6 +13,7 @@ from dart_hal.cli.output import results
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.published import BY_HAND
+from dart_hal.recording.repair import Repaired
 
 DETAILED = 3  # files; above it a table, and only what is serious
 FIRST = 5
@@ -146,6 +147,16 @@ def show_fetch(outcome: Outcome) -> None:
          "green" if outcome.complete else "yellow")
     if not outcome.complete:
         _say(f"to complete it: {BY_HAND}")
+
+
+def show_repair(done: Sequence[Repaired]) -> None:
+    """What was kept, what was left out, where the old file is."""
+    for d in done:
+        if d.old is None:
+            _say(f"{d.path}: whole, {d.messages} messages; left as it is")
+        else:
+            _say(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that were "
+                 f"not whole are left out; the old file is {d.old.name}", "green")
 
 
 def _span(values: tuple[float, float] | None, unit: str = "") -> str:

@@ -30,7 +30,7 @@ VERBS = {
     "replay": "run a recording through the same decoder again",
     "top": "live view of a car in the terminal",
     "sim": "serve the virtual car as a serial port, or reveal its hidden truth",
-    "data": "check recordings, or fetch the published ones",
+    "data": "check or repair recordings, or fetch the published ones",
     "flash": "write the firmware to a Nano and wait for its HELLO",
     "wire": "the frame table; regenerate what is made from the specification",
 }

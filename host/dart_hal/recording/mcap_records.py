@@ -1,33 +1,53 @@
 """Reads the records of an MCAP file: all that is whole, also behind a damage.
 
-A run that was killed has no footer and may end inside a record; a copy may
-have lost a sector in the middle. ``mcap_walk`` says which records to trust.
+A run that was killed has no index and may end inside a record; a copy may have
+lost a sector in the middle. Chunks and attachments carry a checksum: behind a
+damage reading goes on at the next one that holds. Runs of version 0.1 have
+``seals`` instead.
 """
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from struct import Struct, error
-from typing import NamedTuple
+from struct import Struct
+from struct import error as StructError  # noqa: N812
+from typing import Any, NamedTuple
+from zlib import crc32
 
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.stream_reader import get_chunk_data_stream
 
 from dart_hal.errors import RecordingError
-from dart_hal.recording.mcap_walk import (
-    CHANNEL,
-    CHUNK,
-    MAGIC,
-    MESSAGE,
-    METADATA,
-    PREFIX,
-    Damage,
-    walk,
-)
+from dart_hal.recording.seals import Block, sealed_blocks
 
-_MESSAGE = Struct("<HIQQ")
-_U16, _U32 = Struct("<H"), Struct("<I")
+MAGIC = b"\x89MCAP0\r\n"
+PREFIX = Struct("<BQ")  # opcode, length of what follows
+MESSAGE = Struct("<HIQQ")  # channel, sequence, log time, publish time
+_INDEX = Struct("<HI")  # channel, length of the entries
+_FOOTER = Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, CRC-32
+_U32 = Struct("<I")
+_CHECKED = re.compile(rb"(?=[\x06\x09].{5}\0{3})", re.DOTALL)
+"""Where a chunk or an attachment of less than 1 TB may begin."""
+
+PLAIN: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
+                         Opcode.METADATA: Metadata}
+JSON, TOML = "application/json", "application/toml"
+"""Media types of attachments: facts by name, and the files of the car."""
+
+
+class Damage(NamedTuple):
+    """``skipped`` bytes from ``at`` on were not read (0: something is missing there)."""
+
+    at: int
+    skipped: int
 
 
 class Message(NamedTuple):
@@ -41,21 +61,33 @@ class Message(NamedTuple):
 
 @dataclass
 class McapFile:
-    """Content of a file: messages in file order, metadata by name, channel topics.
+    """Content of a file: ``blocks`` of whole records, facts by name, channel topics by id.
 
     ``complete``: the footer and the closing magic are there; ``length``,
-    ``used``: bytes of the file and up to the last whole record; ``damages``:
-    what was skipped before that.
+    ``used``: bytes of the file and up to the last record that holds; ``damages``:
+    what was skipped before that; ``count`` of messages.
     """
 
     path: Path
     length: int
-    used: int = 0
-    complete: bool = False
+    complete: bool
+    used: int = len(MAGIC)
     damages: list[Damage] = field(default_factory=list)
+    blocks: list[bytes] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
-    messages: list[Message] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    count: int = 0
+
+    def messages(self, topics: Container[str] | None = None) -> Iterator[Message]:
+        """Messages of these topics (None: all) in file order."""
+        wanted = {n: t for n, t in self.topics.items() if topics is None or t in topics}
+        for block in self.blocks:
+            for opcode, start, end in records(block):
+                if opcode == Opcode.MESSAGE:
+                    channel, rest, ns, _ = MESSAGE.unpack_from(block, start)
+                    if channel in wanted:
+                        yield Message(wanted[channel], ns, rest,
+                                      block[start + MESSAGE.size:end])
 
 
 def read_mcap(path: Path) -> McapFile:
@@ -65,20 +97,39 @@ def read_mcap(path: Path) -> McapFile:
 
 def parse_mcap(path: Path, data: bytes) -> McapFile:
     """The same of bytes that begin with the magic; ``path`` is for messages."""
-    trusted = walk(data)
-    found = McapFile(path, len(data), trusted.used, trusted.complete, trusted.damages)
-    for record in trusted.records:
-        body = data[record.start:record.end]
-        try:
-            if record.opcode == CHUNK:
-                _chunk(found, body)
-            else:
-                _enter(found, record.opcode, body)
-        except (error, ValueError, LookupError, EOFError, McapError):
-            start = record.start - PREFIX.size
-            found.damages.append(Damage(start, record.end - start))
-    found.damages.sort()
+    found = McapFile(path, len(data), _has_end(data))
+    sealed = sealed_blocks(data)
+    if sealed:
+        _by_seals(data, sealed, found)
+    else:
+        _by_checksums(data, found)
+    for block in found.blocks:
+        for opcode, start, end in records(block):
+            if opcode == Opcode.MESSAGE:
+                found.count += 1
+            elif opcode == Opcode.CHANNEL:
+                channel = content(Channel, block[start:end])
+                found.topics[channel.id] = channel.topic
+            elif opcode == Opcode.METADATA:
+                noted = content(Metadata, block[start:end])
+                found.metadata[noted.name] = noted.metadata
+            elif opcode == Opcode.ATTACHMENT:
+                _attached(found, content(Attachment, block[start:end]))
     return found
+
+
+def records(block: bytes) -> Iterator[tuple[int, int, int]]:
+    """(opcode, start, end) of the content of each record of a block."""
+    at = 0
+    while at < len(block):
+        opcode, length = PREFIX.unpack_from(block, at)
+        start, at = at + PREFIX.size, at + PREFIX.size + length
+        yield opcode, start, at
+
+
+def content(kind: Any, body: bytes) -> Any:
+    """A record of mcap's type ``kind`` from its content."""
+    return kind.read(ReadDataStream(BytesIO(body)))
 
 
 def _bytes_of(path: Path) -> bytes:
@@ -96,45 +147,150 @@ def _bytes_of(path: Path) -> bytes:
     return data
 
 
-def _enter(found: McapFile, opcode: int, body: bytes) -> None:
-    if opcode == MESSAGE:
-        channel, rest, ns, _ = _MESSAGE.unpack_from(body)
-        found.messages.append(Message(found.topics[channel], ns, rest, body[_MESSAGE.size:]))
-    elif opcode == CHANNEL:
-        (ident,) = _U16.unpack_from(body)
-        found.topics[ident], _ = _string(body, 4)
-    elif opcode == METADATA:
-        name, at = _string(body, 0)
-        found.metadata[name] = _map(body, at)
+def _attached(found: McapFile, attachment: Attachment) -> None:
+    """A file of the car, or facts; what other tools attach is none of ours."""
+    text = attachment.data.decode(errors="replace")
+    if attachment.media_type == TOML:
+        found.metadata.setdefault("files", {})[attachment.name] = text
+    elif attachment.media_type == JSON:
+        try:
+            found.metadata[attachment.name] = dict(json.loads(text))
+        except (ValueError, TypeError):
+            return
 
 
-def _chunk(found: McapFile, body: bytes) -> None:
-    """Messages inside a chunk: files that another tool has rewritten."""
-    from mcap.data_stream import ReadDataStream, RecordBuilder
-    from mcap.records import Chunk
-    from mcap.stream_reader import breakup_chunk
-
-    for record in breakup_chunk(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True):
-        builder = RecordBuilder()
-        record.write(builder)
-        raw: bytes = builder.end()  # type: ignore[no-untyped-call]
-        _enter(found, raw[0], raw[PREFIX.size:])
+def _has_end(data: bytes) -> bool:
+    at = len(data) - len(MAGIC) - _FOOTER.size
+    return (at >= len(MAGIC) and data.endswith(MAGIC)
+            and PREFIX.unpack_from(data, at) == (Opcode.FOOTER, _FOOTER.size - PREFIX.size))
 
 
-def _string(body: bytes, at: int) -> tuple[str, int]:
-    (length,) = _U32.unpack_from(body, at)
-    end = at + 4 + length
-    if end > len(body):
-        raise ValueError(f"a text of {length} bytes in a record of {len(body)}")
-    return body[at + 4:end].decode(), end
+def _by_seals(data: bytes, sealed: list[Block], found: McapFile) -> None:
+    end, number = 0, 0
+    for block in sealed:
+        if block.start != end or block.number != number:
+            found.damages.append(Damage(end, block.start - end))
+        found.blocks.append(data[max(block.start, len(MAGIC)):block.end])
+        end, number = block.end, block.number + 1
+    found.used = end
+    if found.complete:
+        # Behind the last seal stands the index alone; nothing of it is used.
+        if PREFIX.unpack_from(data, end) != (Opcode.DATA_END, _U32.size):
+            found.damages.append(Damage(end, len(data) - end))
+        found.used = len(data)
 
 
-def _map(body: bytes, at: int) -> dict[str, str]:
-    (length,) = _U32.unpack_from(body, at)
-    at += 4
-    end = at + length
-    result = {}
-    while at < end:
-        key, at = _string(body, at)
-        result[key], at = _string(body, at)
-    return result
+def _by_checksums(data: bytes, found: McapFile) -> None:
+    """``sound``: end of what is trusted; what follows it counts when a checksum holds again."""
+    at = sound = len(MAGIC)
+    plain: set[int] = set()
+    while at < len(data):
+        opcode, start, end = _record(data, at)
+        block = _checked(data, at)
+        if opcode == Opcode.DATA_END and end == start + _U32.size:
+            _end(data, at, found)
+            return
+        if block is None and _is_plain(data, at, plain):
+            block = data[at:end]
+        if block is not None:
+            found.blocks.append(block)
+            at = sound = end
+        elif _is_index(data, at):
+            at = end
+        else:
+            again = next((m.start() for m in _CHECKED.finditer(data, sound)
+                          if _checked(data, m.start()) is not None), None)
+            if plain and found.blocks:  # what is missing may lie inside the record before
+                at = sound = sound - len(found.blocks.pop())
+                plain.clear()
+            if again is None:
+                break
+            found.damages.append(Damage(sound, again - sound))
+            at = again
+    found.used = at
+    if found.complete:
+        found.damages.append(Damage(at, len(data) - at))
+        found.used = len(data)
+
+
+def _record(data: bytes, at: int) -> tuple[int, int, int]:
+    """(opcode, start, end) of the record at ``at``; opcode 0 where there is none."""
+    if at + PREFIX.size > len(data):
+        return 0, at, at
+    opcode, length = PREFIX.unpack_from(data, at)
+    start = at + PREFIX.size
+    return (opcode, start, start + length) if length <= len(data) - start else (0, at, at)
+
+
+def _checked(data: bytes, at: int) -> bytes | None:
+    """Records of the chunk at ``at``, or the attachment there, if its checksum holds."""
+    opcode, start, end = _record(data, at)
+    body = data[start:end] if opcode in (Opcode.CHUNK, Opcode.ATTACHMENT) else b""
+    try:
+        if opcode == Opcode.ATTACHMENT:
+            (crc,) = _U32.unpack(body[-4:])
+            return data[at:end] if crc == crc32(body[:-4]) else None
+        if opcode == Opcode.CHUNK:
+            chunk = content(Chunk, body)
+            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+            whole = chunk.uncompressed_crc and as_written(chunk) == data[at:end]
+            return stream.read(size) if whole else None
+    except (StructError, ValueError, McapError, EOFError, MemoryError, OverflowError):
+        return None
+    return None
+
+
+def as_written(record: Any) -> bytes:
+    """The bytes of a record of mcap's."""
+    builder = RecordBuilder()
+    record.write(builder)
+    raw: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return raw
+
+
+def _is_plain(data: bytes, at: int, channels: set[int]) -> bool:
+    """Whether a record stands here that other tools write outside of chunks.
+
+    ``channels``: ids of those that stand there as well. A message counts in one of them only:
+    one changed bit makes a message out of the index behind a chunk.
+    """
+    opcode, start, end = _record(data, at)
+    if opcode == Opcode.MESSAGE:
+        return end >= start + MESSAGE.size and _INDEX.unpack_from(data, start)[0] in channels
+    if opcode not in PLAIN:
+        return False
+    try:
+        record = content(PLAIN[opcode], data[start:end])
+        exact = as_written(record) == data[at:end]
+    except (StructError, ValueError, McapError, EOFError, OverflowError, MemoryError):
+        return False
+    if exact and opcode == Opcode.CHANNEL:
+        channels.add(record.id)
+    return exact
+
+
+def _is_index(data: bytes, at: int) -> bool:
+    """Whether the header, or the index of one channel of a chunk, stands here."""
+    opcode, start, end = _record(data, at)
+    if opcode == Opcode.MESSAGE_INDEX and end >= start + _INDEX.size:
+        _, length = _INDEX.unpack_from(data, start)
+        return bool(end == start + _INDEX.size + length)
+    return opcode == Opcode.HEADER and at == len(MAGIC)
+
+
+def _end(data: bytes, at: int, found: McapFile) -> None:
+    """The data end at ``at``: is all there that was written, and the index behind it?"""
+    found.used = at
+    if not found.complete:
+        return
+    (crc,) = _U32.unpack_from(data, at + PREFIX.size)
+    footer = len(data) - len(MAGIC) - _FOOTER.size
+    _, _, summary, _, summary_crc = _FOOTER.unpack_from(data, footer)
+    behind = at + PREFIX.size + _U32.size
+    sound = not summary or (summary == behind and summary_crc in (
+        0, crc32(data[summary:footer + _FOOTER.size - 4])))
+    if not found.damages and not (sound and crc in (0, crc32(data[:at]))):
+        found.damages.append(Damage(at, 0))
+    if sound and summary:  # it repeats the channels: the chunk that held them may be lost
+        found.blocks.insert(0, data[summary:footer])
+    found.used = len(data)

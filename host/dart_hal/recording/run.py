@@ -1,9 +1,10 @@
 """A run: everything that passed between host and car, in one MCAP file.
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
-``command`` what was asked for, ``applied`` what the pins carried; metadata
-holds who the car was (HELLO), its files, the URL and the versions. No wall
-clock and no random number enters: the same run gives the same bytes.
+``command`` what was asked for, ``applied`` what the pins carried; attachments
+hold who the car was (HELLO), its files, the URL and the versions. Messages are
+in chunks, and chunks and attachments have checksums. No wall clock and no
+random number enters: the same run gives the same bytes.
 
 All times are host times of the backend's clock in s, >= 0.
 """
@@ -16,25 +17,24 @@ from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, cast
+from typing import Any, BinaryIO, NamedTuple
 
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from dart_hal.errors import RecordingError
 from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
-from dart_hal.recording.mcap_records import McapFile, read_mcap
+from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
-from dart_hal.recording.seals import SEAL_TEXT, SealedFile
 from dart_hal.types import Applied, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
-LIBRARY = "dart-hal recording 2"
+LIBRARY = "dart-hal recording 3"
 """Fixed: a version of a library here would change the bytes of a run."""
 
 FLUSH = 0.05
-"""s of recording time between flushes: a kill loses at most that."""
+"""s of recording time in a chunk: a kill loses at most that."""
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
 _CHANNELS = (
@@ -70,6 +70,13 @@ class AppliedAt(NamedTuple):
     applied: Applied
 
 
+def mcap_writer(file: BinaryIO) -> Writer:
+    """mcap's writer as runs use it: nothing compressed, a checksum on everything."""
+    writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
+    writer.start(profile="ros2", library=LIBRARY)
+    return writer
+
+
 class RunWriter:
     """Writes a run; a context manager. Methods may be called in any order.
 
@@ -82,21 +89,19 @@ class RunWriter:
                  files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
-        self._file = SealedFile(private(self.path.open("wb", buffering=1 << 16)))
-        self._writer = Writer(cast("BinaryIO", self._file), use_chunking=False)
-        self._writer.start(profile="ros2", library=LIBRARY)
+        self._file = private(self.path.open("wb", buffering=1 << 16))
+        self._writer = mcap_writer(self._file)
+        self._now, _ = stamp.split(start)
         schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))
                    for _, kind in _CHANNELS]
-        self._writer.add_metadata("seals", {"record": SEAL_TEXT})
-        self._file.seal()  # all that a damage up to here costs is text for other readers
         self._channels = {topic: int(self._writer.register_channel(topic, "cdr", schema))
                           for (topic, _), schema in zip(_CHANNELS, schemas, strict=True)}
-        self._writer.add_metadata("run", {
+        self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
             "proto": str(PROTO), **dict(versions or {})})
-        if files:
-            self._writer.add_metadata("files", dict(files))
-        self._file.seal()
+        for name, text in (files or {}).items():
+            self._attach(name, TOML, text)
+        self._writer.flush()  # type: ignore[no-untyped-call]
         self._flushed = float("-inf")
         self._closed = False
 
@@ -137,24 +142,26 @@ class RunWriter:
         self.note("hello", {"values": json.dumps(values, sort_keys=True)})
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """A metadata record; the newest of a name counts."""
-        self._writer.add_metadata(name, dict(values))
+        """Facts about the run; the newest of a name counts."""
+        self._attach(name, JSON, json.dumps(dict(values)))
+
+    def _attach(self, name: str, kind: str, text: str) -> None:
+        self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
 
     def _text(self, topic: str, t: float, values: Mapping[str, Any]) -> None:
         self._add(topic, cdr.string(json.dumps(values)), t)
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
-        ns, rest = stamp.split(t)
-        self._writer.add_message(self._channels[topic], ns, data, ns, rest)
-        if not self._flushed <= t < self._flushed + FLUSH:
-            self._file.seal()
+        self._now, rest = stamp.split(t)
+        self._writer.add_message(self._channels[topic], self._now, data, self._now, rest)
+        if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
+            self._writer.flush()  # type: ignore[no-untyped-call]
             self._flushed = t
 
     def close(self) -> None:
-        """Write the footer; idempotent."""
+        """Write the index; idempotent."""
         if not self._closed:
             self._closed = True
-            self._file.seal()
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close()
 
@@ -169,7 +176,7 @@ class RunWriter:
 class RunReader:
     """Reads a run. Raises RecordingError naming the file.
 
-    meta: the "run" metadata (url, car, start, schema, versions); files: texts
+    meta: the facts "run" (url, car, start, schema, versions); files: texts
     of the car's files; complete: False when the end is missing; damaged: True
     when something before the end was skipped; notices: sentences that the user
     must see.
@@ -209,7 +216,7 @@ class RunReader:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """All metadata records by name."""
+        """All that was noted, by name."""
         return self._mcap.metadata
 
     @property
@@ -251,12 +258,9 @@ class RunReader:
 
     def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""
-        for m in self._mcap.messages:
-            make = makers.get(m.topic)
-            if make is None:
-                continue
+        for m in self._mcap.messages(makers):
             try:
-                yield make(stamp.join(m.ns, m.rest), m.data)
+                yield makers[m.topic](stamp.join(m.ns, m.rest), m.data)
             except (StructError, ValueError, LookupError, TypeError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
                                      found=repr(why), read=str(self.path)) from why
@@ -264,12 +268,13 @@ class RunReader:
 
 def _notices(found: McapFile) -> tuple[str, ...]:
     """What the user must know about a file that is not as it was written."""
-    told, read = [], f"read {len(found.messages)} whole messages"
+    told, read = [], f"read {found.count} whole messages"
     if found.damages:
         places = len(found.damages)
         more = f" and at {places - 1} more place(s)" if places > 1 else ""
-        told.append(f"{found.path}: damaged at byte {found.damages[0].at}{more}, "
-                    f"{sum(d.skipped for d in found.damages)} bytes skipped; {read}")
+        skipped = sum(d.skipped for d in found.damages)
+        told.append(f"{found.path}: damaged {'at' if skipped else 'before'} byte "
+                    f"{found.damages[0].at}{more}, {skipped} bytes skipped; {read}")
     if not found.complete:
         told.append(f"{found.path}: the end is missing; {read}, "
                     f"{found.length - found.used} bytes were cut off")

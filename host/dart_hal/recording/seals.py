@@ -1,57 +1,18 @@
-"""Checksums inside a run, so that damage costs only the block that it hit.
+"""Runs of version 0.1, which had no chunks: blocks with checksums of their own.
 
-MCAP without chunks carries no checksum of its messages, and a record's length
-is all that leads to the next one. So a run writes, at each flush, a *seal*: a
-record of an opcode that MCAP leaves to applications (readers skip it), with
-the length and CRC-32 of the bytes since the seal before, and a running number.
+At each flush they have a *seal*: a record of an opcode that MCAP leaves to
+applications, with the length and CRC-32 of the bytes since the seal before, and
+a running number.
 """
 
 from __future__ import annotations
 
 from struct import Struct
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 from zlib import crc32
 
-OPCODE = 0x80
-SEAL_TEXT = ("opcode 0x80: u32 length and u32 CRC-32 of the bytes since the seal before, "
-             "u32 running number; little-endian")
-"""Stands in each run, for readers of other make."""
-_SEAL = Struct("<BQIII")  # opcode, 12, length, CRC-32, number
-_MARK = Struct("<BQ").pack(OPCODE, 12)
-SIZE = _SEAL.size
-
-
-class SealedFile:
-    """The output of an MCAP writer that can put a seal behind what was written."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._length = self._crc = self._number = 0
-
-    def write(self, data: bytes) -> int:
-        """Append."""
-        self._length += len(data)
-        self._crc = crc32(data, self._crc)
-        return self._file.write(data)
-
-    def tell(self) -> int:
-        """Bytes written."""
-        return self._file.tell()
-
-    def seal(self) -> None:
-        """Close the block and hand everything to the operating system."""
-        if self._length:
-            self._file.write(_SEAL.pack(OPCODE, 12, self._length, self._crc, self._number))
-            self._length, self._crc, self._number = 0, 0, self._number + 1
-        self.flush()
-
-    def flush(self) -> None:
-        """Hand everything to the operating system."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+_SEAL = Struct("<BQIII")  # opcode 0x80, 12, length, CRC-32, number
+_MARK = Struct("<BQ").pack(0x80, 12)
 
 
 class Block(NamedTuple):
@@ -67,11 +28,11 @@ def sealed_blocks(data: bytes) -> list[Block]:
     blocks: list[Block] = []
     last = 0
     at = data.find(_MARK)
-    while 0 <= at <= len(data) - SIZE:
+    while 0 <= at <= len(data) - _SEAL.size:
         _, _, length, crc, number = _SEAL.unpack_from(data, at)
         start = at - length
         if length and start >= last and crc32(memoryview(data)[start:at]) == crc:
-            last = at + SIZE
+            last = at + _SEAL.size
             blocks.append(Block(start, last, number))
         at = data.find(_MARK, max(at + 1, last))
     return blocks
