@@ -19,6 +19,8 @@ NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
 NOT_ITS_TASK = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
 """Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
+HUNG = 90.0
+"""s of one test, none of which takes ten on a busy machine: a mutant that waits for ever."""
 ENDLESS = 8.0
 """A room that takes this many times as long as without a mutant hangs: other work of the
 machine slows it by two or three."""
@@ -106,6 +108,7 @@ class Copy:
         without = [*(f"--ignore={t}" for t in NOT_ITS_TASK),
                    *(f"--deselect={t}" for t in self._left_out)]
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "--tb=no",
+                   "-o", f"faulthandler_timeout={HUNG}", "-o", "faulthandler_exit_on_timeout=true",
                    "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=0", *without,
                    *tests]
         environment = os.environ | {"PYTHONPATH": str(self.home / "host"), MARK: str(self.home),
@@ -123,6 +126,8 @@ class Copy:
             self._end_what_is_left()
         if run.returncode in (0, 5):          # 5: all there were are left out
             return ""
+        if "Timeout (" in said:
+            return "time limit"
         found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
         return found[1] if found else f"exit status {run.returncode}"
 
