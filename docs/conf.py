@@ -1,5 +1,8 @@
 """Handbook: Markdown pages in the furo theme."""
 
+import os
+import re
+
 import dart_hal
 
 project = "DART-HAL"
@@ -16,9 +19,13 @@ html_css_files = ["dart.css"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 
+HARDWARE = re.compile(r"\]\((?:\.\./)+hardware/README\.md(?=[#)])")
+
 
 def setup(app):
-    """In the handbook the page hardware.md stands for hardware/README.md, which it includes."""
-    app.connect("source-read", lambda app, page, source: source.__setitem__(
-        0, source[0].replace("../hardware/README.md#", "hardware.md#")
-        .replace("../hardware/README.md)", "hardware.md)")))
+    """In the handbook the page reference/hardware stands for hardware/README.md, which it includes."""
+    def hardware_page(app, page, source):
+        here = os.path.relpath("reference/hardware.md", os.path.dirname(page) or ".")
+        source[0] = HARDWARE.sub(f"]({here}", source[0])
+
+    app.connect("source-read", hardware_page)

@@ -1,4 +1,4 @@
-"""Bill of materials: reads bom.csv and tools.csv, checks them, writes docs/bom.md.
+"""Bill of materials: reads bom.csv and tools.csv, checks them, writes docs/reference/bom.md.
 
     python hardware/bom.py            write the page, and the table of screws in the guide
     python hardware/bom.py --check    exit 1 if a committed page differs
@@ -16,7 +16,7 @@ from bom_page import page
 from bom_table import BomError, load, load_tools
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "bom.md"
+PAGE = HERE.parent / "docs" / "reference" / "bom.md"
 DECK = HERE.parent / "docs" / "build_guide" / "05_deck.md"
 
 

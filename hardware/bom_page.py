@@ -86,7 +86,7 @@ HEAD = """\
 Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of
 the tier `paper` are those of the paper (2024). All others are **assumed**, rounded, without
 postage: whoever orders corrects them in the file. *in `kit`* and the like mean that another row
-pays for the part. Steps are those of the [build guide](build_guide/01_parts.md).
+pays for the part. Steps are those of the [build guide](../build_guide/01_parts.md).
 """
 
 SMALLEST = """\

@@ -86,7 +86,7 @@ def floors() -> list[str]:
 
 
 def test_the_drawing_shows_the_floors_of_the_contract():
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     drawn = text.partition("## Rooms and floors")[2].partition("```text\n")[2].partition("```")[0]
     lines = [line.partition("  ")[0] for line in drawn.splitlines()]
     assert [line for line in lines if line] == floors()

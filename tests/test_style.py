@@ -110,7 +110,7 @@ def test_every_class_is_in_the_catalogue_under_a_code_of_its_own():
 
 
 def test_every_error_is_documented():
-    page = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
     assert [code for code in CATALOGUE if code not in page] == []
 
 

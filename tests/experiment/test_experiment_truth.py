@@ -1,6 +1,6 @@
 """Experiments on hidden cars: the fits hold the truth within what they state.
 
-What is compared is what can be known (docs/experiments.md): throttle is the
+What is compared is what can be known (docs/how_to/experiments.md): throttle is the
 pulse of car.toml, forces hang on a scale of the workshop, speeds on the
 encoder's drawing, delays on the wait for a PWM frame.
 """

@@ -5,7 +5,7 @@
     make faults ARGS="--without guard"          without one safety layer: it goes red
     make faults ARGS="--layers"                 the layers and what removes them
     make faults ARGS="--hil serial:///dev/ttyUSB0?i2c=1"   a real car, wheels lifted
-    make faults ARGS="--write"                  keep the figures for docs/fault_table.md
+    make faults ARGS="--write"                  keep the figures for docs/results/fault_table.md
     make faults ARGS="--page"                   write that page again, measuring nothing
 """
 

@@ -36,7 +36,7 @@ PCA_HIGH, USUAL_PULL = 0.7, 10e3
 """Share of VDD that the PCA9685 takes for a high; Ohm by which many boards pull /OE low."""
 CLAMP, NANO = 0.02, 5.0
 """A that an input's clamp takes, V of the Nano."""
-PAGE = ROOT / "docs" / "safety.md"
+PAGE = ROOT / "docs" / "explanation" / "safety.md"
 
 
 def inputs(device: str) -> list[str]:

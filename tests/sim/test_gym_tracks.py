@@ -80,4 +80,4 @@ def test_refusals():
         track_of("open", [(1.0, 0.0)])
     with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
-    assert "docs/learning.md" in refused.value.remedy
+    assert "docs/how_to/learning.md" in refused.value.remedy

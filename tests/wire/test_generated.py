@@ -29,10 +29,10 @@ def test_drift_is_seen_and_mended(tmp_path):
     assert sorted(emit.drift(tmp_path)) == sorted(emit.FILES)
     emit.write_all(tmp_path)
     assert emit.drift(tmp_path) == []
-    stale = tmp_path / "docs/wire.md"
+    stale = tmp_path / "docs/reference/wire.md"
     stale.write_text(stale.read_text().replace("STATE", "STATUS", 1))
-    assert emit.drift(tmp_path) == ["docs/wire.md"]
-    assert emit.write_all(tmp_path) == ["docs/wire.md"]
+    assert emit.drift(tmp_path) == ["docs/reference/wire.md"]
+    assert emit.write_all(tmp_path) == ["docs/reference/wire.md"]
     assert emit.write_all(tmp_path) == []
 
 

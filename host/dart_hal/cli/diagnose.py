@@ -68,7 +68,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
             seed: int, suggest: bool, loose: tuple[str, ...], as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
-    A cause is an effect of the catalogue (docs/effects.md) that explains the training
+    A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
     recordings and lowers errors on recordings it has not seen. What cannot be told apart, and
     what no effect explains, is said. Exit status 0 whatever the verdict.
     """

@@ -14,7 +14,7 @@ from dart_hal.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 
-PAGES = {"docs/errors.md": render_errors, "docs/effects.md": render_effects}
+PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects}
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
 
 

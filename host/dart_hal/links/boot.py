@@ -2,7 +2,7 @@
 
 Meanwhile every pin is an input and the line is silent, so the cut-off sees
 released pins. Figures: data sheet of the ATmega328P, sources of both
-bootloaders, `docs/emulator.md`.
+bootloaders, `docs/explanation/emulator.md`.
 """
 
 from __future__ import annotations

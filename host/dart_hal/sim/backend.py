@@ -9,7 +9,7 @@ hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
 failures separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
 of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
 shipped set that the car really is, ``effect`` what it has beyond it, such as
-``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/effects.md).
+``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md).
 """
 
 from __future__ import annotations

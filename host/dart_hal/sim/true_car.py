@@ -95,7 +95,7 @@ def _refuse(base: Vehicle, a: ActiveEffect, model: str) -> None:
         raise UsageError(f"a simulated car cannot have {a.name}: sim:// has no motion capture",
                          found=a.name, expected="an effect on the car or on its own sensors",
                          remedy="the light simulation has a motion capture: dart_hal.sim.light, "
-                                "docs/learning.md")
+                                "docs/how_to/learning.md")
     early = [s for s in signals.values() if isinstance(s, Late) and s.seconds(*a.values) < 0.0]
     if early:
         raise UsageError(f"{a.name} of {a.values[0]} s would need the future",

@@ -21,8 +21,8 @@ VECTORS = "tests/wire/vectors.json"
 
 FILES: dict[str, Callable[[], str]] = {
     "firmware/src/core/messages.h": render_header,
-    "docs/wire.md": render_markdown,
-    "docs/wire.lua": render_lua,
+    "docs/reference/wire.md": render_markdown,
+    "docs/reference/wire.lua": render_lua,
     VECTORS: render_vectors,
 }
 """Generated files below the root of a checkout."""

@@ -94,7 +94,7 @@ DissectorTable.get("wtap_encap"):add(wtap.USER0, dart)
 
 
 def render_lua(messages: Sequence[Message] = spec.MESSAGES) -> str:
-    """Text of ``docs/wire.lua``."""
+    """Text of ``docs/reference/wire.lua``."""
     return "\n".join([_HEAD, *(_message(m) for m in messages), _TAIL])
 
 

@@ -19,9 +19,9 @@ _FRAME = """\
 
 One binary stream each way: framed, numbered, checked. The newest data win; only parameters
 and HELLO are asked for and answered. The definitions live in
-[`messages.py`](../host/dart_hal/wire/messages.py); this page, the firmware's
-[`messages.h`](../firmware/src/core/messages.h), the
-[golden vectors](../tests/wire/vectors.json) and a [Wireshark dissector](wire.lua) are
+[`messages.py`](../../host/dart_hal/wire/messages.py); this page, the firmware's
+[`messages.h`](../../firmware/src/core/messages.h), the
+[golden vectors](../../tests/wire/vectors.json) and a [Wireshark dissector](wire.lua) are
 generated from it by `dart-hal wire`, and `dart-hal wire --check` fails when one of them
 differs.
 
@@ -89,7 +89,7 @@ _REST = """\
 
 
 def render_markdown(messages: Sequence[Message] = spec.MESSAGES) -> str:
-    """Text of ``docs/wire.md``."""
+    """Text of ``docs/reference/wire.md``."""
     zeros = {"proto": 1, "schema": 0, "flags": 0}
     head = _FRAME.format(
         proto=spec.PROTO, schema=spec.SCHEMA, extra=HELLO_REQ.wire_size - HELLO_REQ.size,

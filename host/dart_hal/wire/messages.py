@@ -1,7 +1,7 @@
 """The wire protocol: every message between Nano and host, defined once.
 
 This file is the specification. The C++ header of the firmware, the table in
-``docs/wire.md``, the golden vectors and the decoders are generated from or
+``docs/reference/wire.md``, the golden vectors and the decoders are generated from or
 driven by the definitions below; a test fails when any of them drifts.
 
 A message's CRC is seeded with the hash of its definition, so two programs

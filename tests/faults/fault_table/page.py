@@ -1,4 +1,4 @@
-"""docs/fault_table.md: written from the rows, the layers and the figures that were kept."""
+"""docs/results/fault_table.md: written from the rows, the layers and the figures that were kept."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fault_table.row import Case, Row
 from fault_table.table import ROWS
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "fault_table.md"
+PAGE = ROOT / "docs" / "results" / "fault_table.md"
 FIGURES = Path(__file__).parent / "figures.json"
 
 HEAD = Path(__file__).parent / "page_head.md"

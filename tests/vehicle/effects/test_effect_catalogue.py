@@ -55,7 +55,7 @@ def test_an_effect_is_documented(of):
 
 
 def test_the_page_is_that_of_the_files():
-    page = Path(__file__).parents[3] / "docs" / "effects.md"
+    page = Path(__file__).parents[3] / "docs" / "reference" / "effects.md"
     assert page.read_text(encoding="utf-8") == render_effects(), "dart-hal wire --write"
     assert all(f"### {name}\n" in page.read_text(encoding="utf-8") for name in FIXED)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from .html import Html, el
 
 TERMS = {
-    "cause, effect": "One physical hypothesis of a fixed catalogue (docs/effects.md): an equation "
-                     "that enters at one place of the car, with parameters that change nothing "
-                     "at their null value.",
+    "cause, effect": "One physical hypothesis of a fixed catalogue (docs/reference/effects.md): an "
+                     "equation that enters at one place of the car, with parameters that change "
+                     "nothing at their null value.",
     "residual, error": "What the model says minus what was measured. Motion: the model starts at "
                        "the measured state and rolls out with the logged commands alone. Sensors: "
                        "what the sensor should read during the measured motion, minus what it "

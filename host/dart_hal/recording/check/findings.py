@@ -21,8 +21,9 @@ SOME_SLIP = 0.05  # of the driven time
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """kind: one word of the table in docs/recordings.md. effect: "dropped" (rows are gone),
-    "changed" (values or marks), "said" (nothing was done). serious: read it before a fit.
+    """kind: one word of the table in docs/reference/recordings.md. effect: "dropped" (rows
+    are gone), "changed" (values or marks), "said" (nothing was done). serious: read it before
+    a fit.
     """
 
     kind: str

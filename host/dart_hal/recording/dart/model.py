@@ -17,7 +17,7 @@ from dart_hal.types import BoolArray, FloatArray, IntArray
 class Note:
     """Something that was dropped or changed while reading: why, and how many rows.
 
-    kind: one word for programs, of the table in docs/recordings.md.
+    kind: one word for programs, of the table in docs/reference/recordings.md.
     """
 
     why: str

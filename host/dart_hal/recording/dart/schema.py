@@ -55,7 +55,8 @@ def detect(columns: Sequence[str], file: str) -> str:
             found=f"missing {_quoted(missing)} among {_quoted(columns[:24])}",
             expected=f"schema {schema}: {_quoted(USED[schema])}", read=file,
             likely="another kind of table, or a header that was edited",
-            remedy="name the columns as in docs/recordings.md; their order does not matter")
+            remedy="name the columns as in docs/reference/recordings.md; "
+                   "their order does not matter")
     return schema
 
 

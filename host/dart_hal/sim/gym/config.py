@@ -57,7 +57,7 @@ class GymConfig:
         if not 0.0 < self.period < math.inf:
             raise UsageError("the period of the environment makes no sense",
                              found=f"{self.period} s", expected="more than 0 s",
-                             remedy="docs/learning.md has every keyword")
+                             remedy="docs/how_to/learning.md has every keyword")
         steps_of(self.period, self.light.step, "the period of the environment")
         good = self.task in TASKS and self.light.sensors is not None and (
             self.light.dtype == "float64" and min(self.speed, self.half_width) > 0.0
@@ -68,7 +68,7 @@ class GymConfig:
                                    f"{self.half_width}, episode {self.episode}",
                              expected=f"a task of {', '.join(TASKS)}, sensors, float64, "
                                       "positive numbers",
-                             remedy="docs/learning.md has every keyword")
+                             remedy="docs/how_to/learning.md has every keyword")
 
     @property
     def frame(self) -> int:
@@ -96,7 +96,7 @@ def spread_of(wanted: bool | Mapping[str, float], p: Vehicle) -> dict[str, float
             raise UsageError(f"{name} cannot be drawn within +-{half}",
                              expected="a share of 0 to 1, of a parameter other than "
                                       + ", ".join(FIXED),
-                             remedy="docs/learning.md, DartCar-v0: randomise")
+                             remedy="docs/how_to/learning.md, DartCar-v0: randomise")
         for side in (1.0 - half, 1.0 + half):
             with_values(p, {name: side * value(p, name)})
     return spread

@@ -32,7 +32,7 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Action: (throttle, steering) in -1..1, +1 steering = full left, held over ``period``.
 
     Observation: float32, as ``names`` says; the numbers are listed in
-    docs/learning.md. Options by keyword are the fields of ``GymConfig``.
+    docs/how_to/learning.md. Options by keyword are the fields of ``GymConfig``.
     ``reset(options={"randomise": True})`` draws the car anew at this and every
     later reset. Raises UsageError and ConfigError for what makes no sense.
     """

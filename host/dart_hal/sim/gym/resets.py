@@ -24,7 +24,7 @@ def config_of(config: GymConfig | None, changes: Mapping[str, Any]) -> GymConfig
     except TypeError as err:
         raise UsageError(f"DartCar-v0 has no such option: {', '.join(changes)}",
                          expected=", ".join(GymConfig.__slots__),
-                         remedy="docs/learning.md has every keyword") from err
+                         remedy="docs/how_to/learning.md has every keyword") from err
 
 
 def box_of(task: Task) -> Any:
@@ -60,7 +60,7 @@ class Draws:
         unknown = [k for k in options or {} if k != "randomise"]
         if unknown:
             raise UsageError(f"a reset has no option {unknown[0]!r}", expected="randomise",
-                             remedy="docs/learning.md, DartCar-v0: randomise")
+                             remedy="docs/how_to/learning.md, DartCar-v0: randomise")
         if options and "randomise" in options:
             self.spread = spread_of(options["randomise"], self._p)
 

@@ -101,7 +101,7 @@ def track_named(track: Track | str) -> Track:
         return track
     if track not in TRACKS:
         raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS),
-                         remedy="docs/learning.md lists the tracks")
+                         remedy="docs/how_to/learning.md lists the tracks")
     return track_of(track, TRACKS[track])
 
 
