@@ -1,31 +1,46 @@
-"""Handbook: Markdown pages in the furo theme."""
+"""Handbook: Markdown pages in the furo theme, the Python reference by autodoc."""
 
 import os
 import re
+import sys
+from pathlib import Path
 
 import dart_hal
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import api_pages  # noqa: E402 - beside this file
 
 project = "DART-HAL"
 author = "The DART-HAL developers"
 copyright = "2026, The DART-HAL developers"
 version = release = dart_hal.__version__
-extensions = ["myst_parser"]
-source_suffix = {".md": "markdown"}
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["build"]
 html_theme = "furo"
 html_title = "DART-HAL"
 html_static_path = ["_static"]
 html_css_files = ["dart.css"]
-myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_inline"]
+myst_enable_extensions = ["colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
+autodoc_mock_imports = api_pages.missing()
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 80
+toc_object_entries = False
+suppress_warnings = ["ref.python"]  # rooms have types of the same name
 
 HARDWARE = re.compile(r"\]\((?:\.\./)+hardware/README\.md(?=[#)])")
 
 
 def setup(app):
-    """In the handbook the page reference/hardware stands for hardware/README.md, which it includes."""
+    """In the handbook reference/hardware.md stands for hardware/README.md, which it includes."""
     def hardware_page(app, page, source):
         here = os.path.relpath("reference/hardware.md", os.path.dirname(page) or ".")
         source[0] = HARDWARE.sub(f"]({here}", source[0])
 
     app.connect("source-read", hardware_page)
+    api_pages.connect(app, HERE, Path(dart_hal.__file__).parent)

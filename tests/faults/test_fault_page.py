@@ -22,4 +22,4 @@ def test_a_row_that_changes_is_seen():
 
 
 def test_the_handbook_links_it():
-    assert "\nfault_table\n" in (page.PAGE.parent / "index.md").read_text(encoding="utf-8")
+    assert "\nresults/fault_table\n" in (page.PAGE.parents[1] / "index.md").read_text(encoding="utf-8")

@@ -1,0 +1,69 @@
+"""The reference of the verbs, generated from their click definitions."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import click
+
+from dart_hal.cli.main import VERBS, cli
+
+HEAD = """# Verbs
+
+Every verb of the command `dart-hal`, with its options. `dart-hal VERB --help` prints the same.
+`--json` prints one JSON object on standard output. Notices go to standard error. The exit status is 0
+when the work is done, 1 when the answer is no, 2 for input that cannot be used, and 130 after Ctrl-C.
+This page is generated from the program (`dart-hal wire --write`).
+"""
+MARKUP = re.compile(r"([|*_$<\\`])")
+
+
+def render_verbs() -> str:
+    """Markdown page of all verbs, in the order of ``dart-hal --help``."""
+    top = click.Context(cli, info_name="dart-hal")
+    listed = "\n".join(f"- [`{name}`](#{anchor(f'dart-hal {name}')}): {plain(text)}"
+                       for name, text in VERBS.items())
+    return "\n".join([HEAD, listed, "", *(part for name in VERBS for part in _command(name, top))])
+
+
+def anchor(title: str) -> str:
+    """Of a heading, as GitHub and the handbook make it."""
+    return title.lower().replace(" ", "-")
+
+
+def plain(text: str) -> str:
+    """Text that Markdown must not read as markup; on one line."""
+    return MARKUP.sub(r"\\\1", " ".join(text.split()))
+
+
+def _command(name: str, parent: click.Context) -> list[str]:
+    """Sections of a verb and, below it, of its own commands."""
+    group = parent.command
+    assert isinstance(group, click.Group)
+    command = group.get_command(parent, name)
+    assert command is not None
+    here = click.Context(command, info_name=name, parent=parent)
+    level = "##" if parent.parent is None else "###"
+    out = [f"{level} {here.command_path}\n", *_help(command), _usage(command, here), *_options(here)]
+    for sub in command.list_commands(here) if isinstance(command, click.Group) else ():
+        out += _command(sub, here)
+    return out
+
+
+def _help(command: click.Command) -> list[str]:
+    paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
+    return [plain(p.replace("\b", "")) + "\n" for p in paragraphs if p.strip()]
+
+
+def _usage(command: click.Command, here: click.Context) -> str:
+    pieces = " ".join(p for p in command.collect_usage_pieces(here) if p)
+    return f"```text\n{here.command_path} {pieces}\n```\n"
+
+
+def _options(here: click.Context) -> list[str]:
+    records = [p.get_help_record(here) for p in here.command.params
+               if isinstance(p, click.Option)]
+    rows = [f"| `{r[0].replace('|', chr(92) + '|')}` | {plain(r[1])} |"
+            for r in records if r is not None]
+    return ["| option | meaning |\n|---|---|", *rows, ""] if rows else []
