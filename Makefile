@@ -37,7 +37,7 @@ lint: $(VENV)/.dev ## style, types and import floors
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
-bench: $(VENV)/.dev toolchain ## every figure of the README, measured here
+bench: $(VENV)/.dev toolchain ## every figure of docs/results/benchmarks.md, measured here
 	@$(BIN)/python benchmarks/run.py $(ARGS)
 
 campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (some hours)

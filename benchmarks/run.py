@@ -1,4 +1,4 @@
-"""Every figure of the README, measured here and now.
+"""Every figure of the benchmarks page, measured here and now.
 
     python benchmarks/run.py [--only NAME ...] [--quick] [--json] [--strict]
 """
@@ -81,7 +81,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description="Measure every figure of the README.")
+    parser = argparse.ArgumentParser(
+        description="Measure every figure of docs/results/benchmarks.md.")
     parser.add_argument("--only", nargs="+", choices=list(BENCHES), metavar="NAME",
                         help=f"some of: {', '.join(BENCHES)}")
     parser.add_argument("--quick", action="store_true", help="a fifth of the lengths")

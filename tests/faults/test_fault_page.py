@@ -22,4 +22,5 @@ def test_a_row_that_changes_is_seen():
 
 
 def test_the_handbook_links_it():
-    assert "\nresults/fault_table\n" in (page.PAGE.parents[1] / "index.md").read_text(encoding="utf-8")
+    index = page.PAGE.parents[1] / "index.md"
+    assert "\nresults/fault_table\n" in index.read_text(encoding="utf-8")

@@ -124,13 +124,14 @@ def test_the_page_prices_cars_and_counts_parts():
     assert "| smallest | 2 | 2 | 0 |" in text
 
 
-def readme_cars(text: str) -> list[tuple[str, str, str, str]]:
-    """(EUR, cut, printed, joints) of each car in the README's table."""
+def cars_of(text: str) -> list[tuple[str, str, str, str]]:
+    """(EUR, cut, printed, joints) of each car in the guide's table."""
     return re.findall(r"\| ([\d.]+) \| (\d+), (\d+) \| (\d+) \|$", text, re.MULTILINE)
 
 
-def test_the_readme_says_what_the_page_says():
-    told = readme_cars((ROOT / "README.md").read_text(encoding="utf-8"))
+def test_the_guide_says_what_the_page_says():
+    guide = ROOT / "docs" / "build_guide" / "01_parts.md"
+    told = cars_of(guide.read_text(encoding="utf-8"))
     text = page(bom_table.load(), bom_table.load_tools())
     sums = re.findall(r"^\| \**(?:smallest car|car of the paper|full car)[^|]* \| \**([\d.]+)",
                       text, re.MULTILINE)
@@ -138,7 +139,7 @@ def test_the_readme_says_what_the_page_says():
                        text, re.MULTILINE)
     assert told == [(s, *p) for s, p in zip(sums, parts, strict=True)]
     assert len(told) == 3
-    assert readme_cars("| a car | 574.00 | 2, 2 | 0 |")[0] not in told, "the control"
+    assert cars_of("| a car | 574.00 | 2, 2 | 0 |")[0] not in told, "the control"
 
 
 def test_gpl_stays_in_the_emulator():

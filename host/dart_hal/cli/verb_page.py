@@ -12,9 +12,9 @@ from dart_hal.cli.main import VERBS, cli
 HEAD = """# Verbs
 
 Every verb of the command `dart-hal`, with its options. `dart-hal VERB --help` prints the same.
-`--json` prints one JSON object on standard output. Notices go to standard error. The exit status is 0
-when the work is done, 1 when the answer is no, 2 for input that cannot be used, and 130 after Ctrl-C.
-This page is generated from the program (`dart-hal wire --write`).
+`--json` prints one JSON object on standard output. Notices go to standard error. The exit status
+is 0 when the work is done, 1 when the answer is no, 2 for input that cannot be used, and 130 after
+Ctrl-C. This page is generated from the program (`dart-hal wire --write`).
 """
 MARKUP = re.compile(r"([|*_$<\\`])")
 
@@ -45,7 +45,8 @@ def _command(name: str, parent: click.Context) -> list[str]:
     assert command is not None
     here = click.Context(command, info_name=name, parent=parent)
     level = "##" if parent.parent is None else "###"
-    out = [f"{level} {here.command_path}\n", *_help(command), _usage(command, here), *_options(here)]
+    out = [f"{level} {here.command_path}\n", *_help(command), _usage(command, here),
+           *_options(here)]
     for sub in command.list_commands(here) if isinstance(command, click.Group) else ():
         out += _command(sub, here)
     return out

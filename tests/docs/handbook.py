@@ -1,0 +1,103 @@
+"""The handbook as data: its pages, their code blocks, their links.
+
+A fenced block is run as it stands. A comment on the line above says otherwise:
+
+    <!-- run: slow -->               among the slow tests
+    <!-- run: no, WHY -->            not run; its commands and options must exist
+    <!-- file: NAME -->              a file that the reader saves
+    <!-- output -->                  what the block before prints, numbers apart; "..." = any lines
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
+                   re.MULTILINE | re.DOTALL)
+NUMBER = r"[-+]?\d+(?:\.\d+)?"
+CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+IMAGE = re.compile(r"^```\{image\} (\S+)", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """kind: sh, python, text..; mark: the comment above it, or nothing; line: where it begins."""
+
+    kind: str
+    mark: str
+    text: str
+    line: int
+
+    @property
+    def file(self) -> str:
+        """Name under which the reader saves it, or nothing."""
+        return self.mark.removeprefix("file: ") if self.mark.startswith("file: ") else ""
+
+    @property
+    def runs(self) -> bool:
+        return self.kind in ("sh", "python") and not self.mark.startswith("run: no")
+
+    @property
+    def slow(self) -> bool:
+        return self.mark == "run: slow"
+
+    def commands(self) -> list[str]:
+        """Lines of a shell block, continued ones joined, without comments."""
+        text = self.text.replace("\\\n", " ")
+        lines = (re.sub(r"\s+#.*", "", x).strip() for x in text.splitlines())
+        return [part.strip() for x in lines if x and not x.startswith("#")
+                for part in x.split("&&")]
+
+
+def blocks(text: str) -> list[Block]:
+    """Fenced blocks in reading order."""
+    return [Block(m["kind"], m["mark"] or "", m["text"], text[:m.start()].count("\n") + 1)
+            for m in BLOCK.finditer(text)]
+
+
+def pages() -> list[Path]:
+    """Every page that a reader may open: the handbook and the Markdown files beside it."""
+    built = DOCS / "build"
+    beside = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "hardware" / "README.md",
+              ROOT / "hardware" / "cad" / "README.md", ROOT / "firmware" / "emulator" / "README.md"]
+    return [p for p in sorted(DOCS.rglob("*.md")) if built not in p.parents] + beside
+
+
+def as_shown(shown: str, printed: str) -> bool:
+    """Whether the text of an output block stands in what was printed, whatever its numbers."""
+    pattern = ""
+    for line in filter(None, (x.strip() for x in shown.splitlines())):
+        if line == "...":
+            pattern += r"(?:.*\n)*?"
+            continue
+        words = [re.sub(r"\d+(?:\\\.\d+)?", lambda _: NUMBER, re.escape(w)) for w in line.split()]
+        pattern += r"[ \t]*" + r"\s+".join(words) + r"[ \t]*\n+"
+    return re.search(pattern, printed + "\n") is not None
+
+
+def anchors(text: str) -> set[str]:
+    """Of a page's headings, as GitHub and the handbook make them."""
+    heads = re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in heads}
+
+
+def broken_links(page: Path, text: str) -> list[str]:
+    """Links and pictures of a page that lead nowhere, anchors into other pages included."""
+    found = LINK.findall(CODE.sub("", text)) + IMAGE.findall(text)
+    out = []
+    for link in found:
+        name, _, anchor = link.partition("#")
+        if "://" in link:
+            continue
+        target = (page.parent / name).resolve() if name else page
+        there = target.exists() or (DOCS / "reference" / "api") in target.parents
+        if there and anchor and target.suffix == ".md":
+            there = anchor in anchors(target.read_text(encoding="utf-8") if name else text)
+        if not there:
+            out.append(link)
+    return out

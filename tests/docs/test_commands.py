@@ -1,0 +1,106 @@
+"""What README and tutorials tell the reader to type works, and prints what they show.
+
+Each page runs in a folder of its own that looks like a checkout, with a home of
+its own; among the quick tests on MockNano, among the slow ones as it stands.
+Blocks that are not run have commands, options and files that exist.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import handbook
+import pytest
+from handbook import DOCS, ROOT, Block
+from test_guide import unknown_command
+
+PAGES = [ROOT / "README.md", *sorted((DOCS / "tutorials").glob("*.md"))]
+READ = ("examples", "hardware", "host", "tests")
+"""Of the checkout; whatever a page writes stays in the test's own folder, with a copy of cars/."""
+
+
+def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
+    """Run the blocks of a page in order; those that ran. AssertionError at the first wrong one."""
+    for name in READ:
+        (folder / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "cars" / "dart-01", folder / "cars" / "dart-01")
+    home = folder / "home"
+    home.mkdir()
+    env = {k: v for k, v in os.environ.items() if not k.startswith("DART_")}
+    env |= {"HOME": str(home), "XDG_DATA_HOME": str(home),
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"}
+    if not slow:
+        env["DART_HAL_URL"] = "sim://?nano=mock"
+    ran, printed = [], ""
+    for block in handbook.blocks(page.read_text(encoding="utf-8")):
+        where = f"{page.name}, line {block.line}"
+        if block.file:
+            (folder / block.file).write_text(block.text, encoding="utf-8")
+        elif block.mark == "output":
+            if ran and printed:
+                assert handbook.as_shown(block.text, printed), f"{where}: printed\n{printed}"
+        elif block.runs and (slow or not block.slow):
+            text = block.text if slow else block.text.replace("sim://?", "sim://?nano=mock&")
+            words = [sys.executable, "-c", text] if block.kind == "python" else [
+                "bash", "-euo", "pipefail", "-c", text]
+            done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True,
+                                  check=False, timeout=600)
+            assert done.returncode == 0, f"{where}:\n{done.stdout}\n{done.stderr}"
+            printed = done.stdout
+            ran.append(block)
+        elif block.kind in ("sh", "python"):
+            printed = ""
+    return ran
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_what_a_page_tells_to_type_works(page, tmp_path):
+    assert play(page, tmp_path, slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_all_of_it_works_on_the_firmware(page, tmp_path):
+    assert play(page, tmp_path, slow=True)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_what_is_not_run_exists(page):
+    text = page.read_text(encoding="utf-8")
+    shown = [c for b in handbook.blocks(text) if b.kind == "sh" for c in b.commands()]
+    shown += re.findall(r"(?<!`)`((?:dart-hal|python|make) [^`\n]+)`(?!`)", text)
+    own = {b.file for b in handbook.blocks(text) if b.file}
+    wrong = [f"{c}: {why}" for c in shown if (why := unknown_command(c))
+             and c.split()[-1] not in own]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_marks_are_known(page):
+    known = re.compile(r"run: slow|run: no, .+|file: [\w.]+|output")
+    marks = [b.mark for b in handbook.blocks(page.read_text(encoding="utf-8")) if b.mark]
+    assert [m for m in marks if not known.fullmatch(m)] == []
+
+
+def test_a_command_that_fails_and_an_output_that_differs_are_seen(tmp_path):
+    """The controls."""
+    page = tmp_path / "page.md"
+    page.write_text("```sh\ndart-hal docter\n```\n")
+    (tmp_path / "a").mkdir()
+    with pytest.raises(AssertionError, match=r"page\.md, line 1"):
+        play(page, tmp_path / "a", slow=False)
+    page.write_text("```sh\necho 7 mm left\n```\n\n<!-- output -->\n```text\n9 mm right\n```\n")
+    (tmp_path / "b").mkdir()
+    with pytest.raises(AssertionError, match="7 mm left"):
+        play(page, tmp_path / "b", slow=False)
+
+
+def test_numbers_may_differ_and_lines_may_be_left_out():
+    assert handbook.as_shown("a 1.5 mm\n...\nend", "x\n  a -22 mm\nb\nc\nend\n")
+    assert not handbook.as_shown("a 1.5 mm\nend", "a 1.5 mm\nb\nend\n")
