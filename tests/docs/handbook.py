@@ -5,7 +5,7 @@ A fenced block is run as it stands. A comment on the line above says otherwise:
     <!-- run: slow -->               among the slow tests
     <!-- run: no, WHY -->            not run; its commands and options must exist
     <!-- file: NAME -->              a file that the reader saves
-    <!-- output -->                  what the block before prints, numbers apart; "..." = any lines
+    <!-- output -->                  what the block before prints, numbers apart; "..." = any rest, any lines
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ def as_shown(shown: str, printed: str) -> bool:
         if line == "...":
             pattern += r"(?:.*\n)*?"
             continue
-        words = [re.sub(r"\d+(?:\\\.\d+)?", lambda _: NUMBER, re.escape(w)) for w in line.split()]
+        words = [".*" if w == "..." else
+                 re.sub(r"\d+(?:\\\.\d+)?", lambda _: NUMBER, re.escape(w)) for w in line.split()]
         pattern += r"[ \t]*" + r"\s+".join(words) + r"[ \t]*\n+"
     return re.search(pattern, printed + "\n") is not None
 

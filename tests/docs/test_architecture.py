@@ -1,0 +1,61 @@
+"""The page of the architecture draws every room that stands, and none that does not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from handbook import DOCS, ROOT
+
+PAGE = DOCS / "explanation" / "architecture.md"
+HOST = ROOT / "host" / "dart_hal"
+SOURCES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
+LEAF = ("examples", "benchmarks", "tests", "docs", "cars")
+"""Drawn as one; every other top folder is drawn by its folders."""
+MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad, said on its line
+
+
+def drawing(title: str) -> list[str]:
+    """Lines of the first drawing below a heading."""
+    below = PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n", 1)[1]
+    match = re.search(r"```text\n(.*?)```", below, re.DOTALL)
+    assert match
+    return match[1].splitlines()
+
+
+def drawn_rooms(lines: list[str]) -> set[str]:
+    """Names in the first column, which ends where two blanks follow each other."""
+    return {word for line in lines if line[:1].isalpha()
+            for word in re.split(r"\s{2,}", line)[0].replace("|", " ").split()}
+
+
+def holds_sources(folder: Path) -> bool:
+    return any(p.suffix in SOURCES for p in folder.rglob("*") if "build" not in p.parts)
+
+
+def test_every_room_of_the_package_is_drawn():
+    standing = {p.name for p in HOST.iterdir()
+                if p.is_dir() and p.name not in ("__pycache__", "prebuilt", "cars")
+                and any(p.glob("*.py"))}
+    standing |= {p.stem for p in HOST.glob("*.py") if not p.stem.startswith("_")}
+    assert drawn_rooms(drawing("Rooms and floors")) == standing
+
+
+def test_every_folder_of_the_house_is_drawn():
+    drawn = {line.split()[0].rstrip("/") for line in drawing("The whole house")}
+    standing = set()
+    for top in sorted(p for p in ROOT.iterdir() if p.is_dir() and holds_sources(p)):
+        if top.name in LEAF:
+            standing.add(top.name)
+        elif top.name in ("host", "firmware", "hardware"):
+            standing |= {f"{top.name}/{p.name}" for p in top.iterdir()
+                         if p.is_dir() and holds_sources(p)}
+    standing -= MADE
+    standing -= {"firmware/src", "firmware/build"}
+    standing |= {f"firmware/src/{p.name}" for p in (ROOT / "firmware" / "src").iterdir()
+                 if p.is_dir()}
+    assert drawn == standing
+
+
+def test_a_room_that_is_not_drawn_is_seen():
+    assert drawn_rooms(["car links   the facade", "          more words"]) == {"car", "links"}
