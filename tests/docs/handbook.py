@@ -5,7 +5,8 @@ A fenced block is run as it stands. A comment on the line above says otherwise:
     <!-- run: slow -->               among the slow tests
     <!-- run: no, WHY -->            not run; its commands and options must exist
     <!-- file: NAME -->              a file that the reader saves
-    <!-- output -->                  what the block before prints, numbers apart; "..." = any rest, any lines
+    <!-- output -->                  what the block before prints, whatever its numbers;
+                                     "..." = any rest of a line, any lines
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def drawing(title: str) -> list[str]:
 def drawn_rooms(lines: list[str]) -> set[str]:
     """Names in the first column, which ends where two blanks follow each other."""
     return {word for line in lines if line[:1].isalpha()
-            for word in re.split(r"\s{2,}", line)[0].replace("|", " ").split()}
+            for word in re.split(r"\s{2,}", line)[0].split() if word not in "|:"}
 
 
 def holds_sources(folder: Path) -> bool:
@@ -58,4 +58,4 @@ def test_every_folder_of_the_house_is_drawn():
 
 
 def test_a_room_that_is_not_drawn_is_seen():
-    assert drawn_rooms(["car links   the facade", "          more words"]) == {"car", "links"}
+    assert drawn_rooms(["car | links   the facade", "   more words"]) == {"car", "links"}

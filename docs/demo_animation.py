@@ -1,0 +1,116 @@
+"""The picture of the demo in the README: a car drives, then a diagnosis names what changed.
+
+    dart-hal demo --out demo --json > demo.json
+    python docs/demo_animation.py demo demo.json docs/pictures/demo.gif
+
+The drive is the recorded figure of eight, replayed; the bars are what the diagnosis measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from math import cos, sin
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from PIL import Image
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.patches import Polygon
+
+from dart_hal import Car, State
+
+EVERY = 20  # frames of the firmware, 10 ms each, from picture to picture
+STEP_MS, STEPS_OF_ANSWER, LAST_MS = 60, 8, 4000
+SIZE, DPI = (7.2, 3.6), 100
+CAR = ((-0.06, -0.09), (0.24, -0.09), (0.24, 0.09), (-0.06, 0.09))  # m, from the rear axle
+WHEEL = ((-0.035, -0.015), (0.035, -0.015), (0.035, 0.015), (-0.035, 0.015))
+AXLES = ((0.0, 0.1), (0.0, -0.1), (0.175, 0.1), (0.175, -0.1))
+INK, PATH, BEFORE, AFTER = "#22313f", "#2a78b8", "#c0504d", "#2e8b57"
+
+
+def main() -> None:
+    """Read what the demo left, draw, write a GIF."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("demo", type=Path, help="folder that `dart-hal demo` wrote")
+    parser.add_argument("answer", type=Path, help="what it printed with --json")
+    parser.add_argument("out", type=Path, help="the GIF")
+    given = parser.parse_args()
+    answer = json.loads(given.answer.read_text(encoding="utf-8"))["summary"]
+    with Car.open(f"replay://{given.demo / 'eight.mcap'}") as car:
+        states = [s for i, s in enumerate(car.states()) if i % EVERY == 0]
+    pictures = [drawn(states[:i + 1], answer, 0.0) for i in range(len(states))]
+    pictures += [drawn(states, answer, (i + 1) / STEPS_OF_ANSWER) for i in range(STEPS_OF_ANSWER)]
+    palette = pictures[-1].quantize(64)
+    frames = [p.quantize(64, palette=palette, dither=Image.Dither.NONE) for p in pictures]
+    frames[0].save(given.out, save_all=True, append_images=frames[1:], loop=0, optimize=True,
+                   duration=[STEP_MS] * (len(frames) - 1) + [LAST_MS])
+
+
+def drawn(states: list[State], answer: dict[str, Any], share: float) -> Image.Image:
+    """One picture: the path so far, and ``share`` of the answer (0: it still drives)."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=SIZE, dpi=DPI,
+                                         gridspec_kw={"width_ratios": (1.5, 1.0)})
+    drive(left, states)
+    diagnosis(right, answer, share)
+    figure.tight_layout()
+    data = io.BytesIO()
+    figure.savefig(data, format="png")
+    plt.close(figure)
+    return Image.open(data).convert("RGB")
+
+
+def drive(axes: Any, states: list[State]) -> None:
+    """Path and car by the car's own odometry."""
+    last = states[-1]
+    x, y, yaw = last.pose.x, last.pose.y, last.pose.yaw
+    axes.plot([s.pose.x for s in states], [s.pose.y for s in states], color=PATH, lw=1.5)
+    axes.add_patch(Polygon(placed(CAR, x, y, yaw), closed=True, fc="#d9e4ec", ec=INK))
+    for at, side in AXLES:
+        wheel = yaw + (last.applied.steering if at else 0.0)
+        ((wx, wy),) = placed(((at, side),), x, y, yaw)
+        axes.add_patch(Polygon(placed(WHEEL, wx, wy, wheel), closed=True, fc=INK, ec=INK))
+    axes.set(xlim=(-1.3, 1.3), ylim=(-2.1, 2.1), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.set_title(f"firmware in the emulator: {last.speed:.2f} m/s", fontsize=10, color=INK)
+
+
+def placed(points: Any, x: float, y: float, yaw: float) -> list[tuple[float, float]]:
+    """Points of the car in the room."""
+    return [(x + cos(yaw) * a - sin(yaw) * b, y + sin(yaw) * a + cos(yaw) * b) for a, b in points]
+
+
+def diagnosis(axes: Any, answer: dict[str, Any], share: float) -> None:
+    """What was hidden, what was named, and the error that it takes away."""
+    axes.axis("off")
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    axes.text(0.0, 0.96, "what changed in the car?", fontsize=11, color=INK, va="top")
+    if not share:
+        axes.text(0.0, 0.86, "recording ...", fontsize=10, color="#7f8c8d", va="top")
+        return
+    told = answer["diagnosis"]
+    cause = told["causes"][0]
+    hidden, found = (sizes(told["hidden"][0]), sizes(cause))
+    gain = cause["gain"]["test"]
+    axes.text(0.0, 0.86, cause["effect"], fontsize=14, color=AFTER, weight="bold", va="top")
+    axes.text(0.0, 0.75, f"found   {found}\nhidden  {hidden}", fontsize=10, color=INK, va="top",
+              family="monospace")
+    for at, name, length, colour in ((0.42, "error before", 1.0, BEFORE),
+                                     (0.18, "with the cause", 1.0 - gain * share, AFTER)):
+        axes.barh(at, length, 0.09, color=colour)
+        axes.text(0.0, at + 0.065, name, fontsize=9, color=INK)
+    if share == 1.0:
+        axes.text(1.0 - gain + 0.03, 0.18, f"{100 * gain:.0f} % less", fontsize=10, color=INK,
+                  va="center")
+
+
+def sizes(entry: dict[str, Any]) -> str:
+    """Parameters of an effect with their units."""
+    return ", ".join(f"{v['value']:.3g} {v['unit']}" for v in entry["parameters"].values())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""The page of the URLs lists every option that a scheme takes, and no other."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from handbook import DOCS
+
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Url, open_backend
+
+PAGE = (DOCS / "reference" / "urls.md").read_text(encoding="utf-8")
+
+
+def options(title: str) -> set[str]:
+    """Names in the first table of options of a section."""
+    section = PAGE.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
+    rows = section.partition("| option |")[2].partition("\n\n")[0]
+    return set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE))
+
+
+def known(url: str) -> set[str]:
+    """Names that a scheme lists when it refuses one that it does not know."""
+    with pytest.raises(UsageError, match="has no option colour") as refused:
+        open_backend(Url.parse(f"{url}?colour=1"))
+    told = str(refused.value.expected)
+    return set() if told == "no options" else set(told.split(", "))
+
+
+@pytest.mark.parametrize(("title", "url"), [
+    ("sim", "sim://"), ("avr", "avr://default"), ("serial and hwgrep", "serial:///dev/none"),
+    ("serial and hwgrep", "hwgrep://1A86:7523"), ("replay", "replay://run.mcap")])
+def test_the_options_of_a_scheme(title, url):
+    assert options(title) == known(url)
+
+
+def test_an_option_that_is_not_listed_is_seen():
+    assert options("sim") != known("avr://default")
