@@ -24,9 +24,9 @@ from matplotlib.patches import Polygon
 
 from dart_hal import Car, State
 
-EVERY = 20  # frames of the firmware, 10 ms each, from picture to picture
+EVERY = 25  # frames of the firmware, 10 ms each, from picture to picture
 STEP_MS, STEPS_OF_ANSWER, LAST_MS = 60, 8, 4000
-SIZE, DPI = (7.2, 3.6), 100
+SIZE, DPI = (8.0, 3.2), 100
 CAR = ((-0.06, -0.09), (0.24, -0.09), (0.24, 0.09), (-0.06, 0.09))  # m, from the rear axle
 WHEEL = ((-0.035, -0.015), (0.035, -0.015), (0.035, 0.015), (-0.035, 0.015))
 AXLES = ((0.0, 0.1), (0.0, -0.1), (0.175, 0.1), (0.175, -0.1))
@@ -54,7 +54,7 @@ def main() -> None:
 def drawn(states: list[State], answer: dict[str, Any], share: float) -> Image.Image:
     """One picture: the path so far, and ``share`` of the answer (0: it still drives)."""
     figure, (left, right) = plt.subplots(1, 2, figsize=SIZE, dpi=DPI,
-                                         gridspec_kw={"width_ratios": (1.5, 1.0)})
+                                         gridspec_kw={"width_ratios": (1.9, 1.0)})
     drive(left, states)
     diagnosis(right, answer, share)
     figure.tight_layout()
@@ -65,32 +65,41 @@ def drawn(states: list[State], answer: dict[str, Any], share: float) -> Image.Im
 
 
 def drive(axes: Any, states: list[State]) -> None:
-    """Path and car by the car's own odometry."""
+    """Path and car by the car's own odometry; forward at the start is up."""
     last = states[-1]
+    axes.plot(*zip(*(seen(s.pose.x, s.pose.y) for s in states), strict=True), color=PATH, lw=1.5)
     x, y, yaw = last.pose.x, last.pose.y, last.pose.yaw
-    axes.plot([s.pose.x for s in states], [s.pose.y for s in states], color=PATH, lw=1.5)
-    axes.add_patch(Polygon(placed(CAR, x, y, yaw), closed=True, fc="#d9e4ec", ec=INK))
+    axes.add_patch(Polygon(placed(CAR, x, y, yaw), closed=True, fc="#d9e4ec", ec=INK, zorder=3))
     for at, side in AXLES:
         wheel = yaw + (last.applied.steering if at else 0.0)
-        ((wx, wy),) = placed(((at, side),), x, y, yaw)
-        axes.add_patch(Polygon(placed(WHEEL, wx, wy, wheel), closed=True, fc=INK, ec=INK))
-    axes.set(xlim=(-1.3, 1.3), ylim=(-2.1, 2.1), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(f"firmware in the emulator: {last.speed:.2f} m/s", fontsize=10, color=INK)
+        wx, wy = x + cos(yaw) * at - sin(yaw) * side, y + sin(yaw) * at + cos(yaw) * side
+        axes.add_patch(Polygon(placed(WHEEL, wx, wy, wheel), closed=True, fc=INK, zorder=4))
+    axes.plot((-0.5, 0.5), (-1.2, -1.2), color=INK, lw=2)
+    axes.text(0.0, -1.17, "1 m", ha="center", va="bottom", fontsize=9, color=INK)
+    axes.set(xlim=(-2.0, 2.0), ylim=(-1.3, 1.15), aspect="equal")
+    axes.axis("off")
+    axes.set_title(f"real firmware, simulated car: {last.speed:.1f} m/s", fontsize=10, color=INK)
+
+
+def seen(x: float, y: float) -> tuple[float, float]:
+    """Right and up in the picture, of a point with x forward and y to the left."""
+    return -y, x
 
 
 def placed(points: Any, x: float, y: float, yaw: float) -> list[tuple[float, float]]:
-    """Points of the car in the room."""
-    return [(x + cos(yaw) * a - sin(yaw) * b, y + sin(yaw) * a + cos(yaw) * b) for a, b in points]
+    """Points of the car in the picture."""
+    return [seen(x + cos(yaw) * a - sin(yaw) * b, y + sin(yaw) * a + cos(yaw) * b)
+            for a, b in points]
 
 
 def diagnosis(axes: Any, answer: dict[str, Any], share: float) -> None:
     """What was hidden, what was named, and the error that it takes away."""
     axes.axis("off")
     axes.set(xlim=(0, 1), ylim=(0, 1))
-    axes.text(0.0, 0.96, "what changed in the car?", fontsize=11, color=INK, va="top")
     if not share:
-        axes.text(0.0, 0.86, "recording ...", fontsize=10, color="#7f8c8d", va="top")
+        axes.text(0.0, 0.96, "calibrated, it drives by itself", fontsize=11, color=INK, va="top")
         return
+    axes.text(0.0, 0.96, "then something in the car changes", fontsize=11, color=INK, va="top")
     told = answer["diagnosis"]
     cause = told["causes"][0]
     hidden, found = (sizes(told["hidden"][0]), sizes(cause))
