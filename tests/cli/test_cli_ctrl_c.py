@@ -46,10 +46,18 @@ def press(verb, monkeypatch, tmp_path):
             world.watchers.append(finger)
 
         monkeypatch.setattr(World, "__init__", watched)
-        done = verb("calibrate", "steering", "--yes", "--json", "--url",
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            done = interrupted()
+        finally:
+            signal.signal(signal.SIGINT, before)
+        return done, finger
+
+    def interrupted():
+        """As a terminal runs it; a worker of the tests may ignore Ctrl-C."""
+        return verb("calibrate", "steering", "--yes", "--json", "--url",
                     "sim://?nano=mock&model=kinematic", "--car", "mine", "--cars",
                     tmp_path / "cars")
-        return done, finger
 
     return run
 
