@@ -80,6 +80,7 @@ def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
 
 @pytest.mark.parametrize("at", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
+@pytest.mark.few("off-while driving", "half-while driving")
 def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at):
     run = drive(tmp_path, fault, asked=1.0, at=at)
     assert run.said <= 0.5
@@ -90,6 +91,7 @@ def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at
 
 
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
+@pytest.mark.few("off")
 def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
     run = drive(tmp_path, fault, asked=1.0, at=0.0, believed=True)
     assert run.fastest > 1.3
@@ -98,6 +100,7 @@ def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
 
 @pytest.mark.parametrize(("fault", "fastest"), [(half, 0.9), (two_marks, 0.6), (off, 0.5)],
                          ids=["half", "two marks", "off"])
+@pytest.mark.few("off")
 def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
     run = drive(tmp_path, fault, asked=-0.5, at=0.0)
     assert run.said < 1.2

@@ -205,3 +205,35 @@ def test_the_last_word_to_the_nano_is_a_heartbeat_that_says_stop(lab):
     assert values["mode"] != next(v["mode"] for _, n, v in reversed(sent[:driven])
                                   if n == "HEARTBEAT")
     assert values["throttle"] == pytest.approx(15_000, abs=50)
+
+
+def test_a_heartbeat_says_which_way_the_car_is_driven(lab):
+    """1 forward, 2 backward, 0 neither: flags of the newest beat after each command."""
+    lab.car.arm()
+    sent, said = downward(lab.car), []
+    for throttle in (0.3, 0.0, -0.3):
+        for _ in lab.car.states(duration=0.2):
+            lab.car.drive(throttle=throttle)
+        said.append([values["flags"] for _, name, values in sent if name == "HEARTBEAT"][-1])
+    assert said == [1, 0, 2]
+
+
+def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
+    """Beats that do not arrive: from the frame that says so the State has no throttle."""
+    backend = open_backend(URL + "&cutoff=mux")
+    with Car.over(backend, cars=tmp_path) as car:
+        muted = False
+        car.on_bytes(lambda way, data, t: b"" if muted and way == "tx" else data)
+        car.arm()
+        seen = []
+        car.on_state(lambda state: seen.append(
+            ("OUTPUT_LIVE" in state.health.flags, state.applied.throttle)))
+        try:
+            for state in car.states(duration=1.0):
+                car.drive(throttle=0.3)
+                if len(seen) == 50:
+                    muted = True
+        except NotArmed:
+            pass
+        assert seen[49] == (True, pytest.approx(0.3, abs=0.01))
+        assert {throttle for live, throttle in seen[50:] if not live} == {0.0}

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 import wire_samples as samples
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.car import Car
@@ -102,7 +102,6 @@ def law(states):
 
 
 @given(st.integers(0, 2**64))
-@settings(max_examples=25)
 def test_no_frames_break_the_receiver(opened, seed):
     law(lied_to(opened, seed, 80))
 
@@ -123,7 +122,6 @@ answers = st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 255),
 
 
 @given(answers)
-@settings(max_examples=60)
 def test_only_an_answer_of_ok_is_a_parameter_and_the_last_counts(opened, answers):
     files, applied = opened
     ear = receiver(files)

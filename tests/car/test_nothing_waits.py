@@ -8,6 +8,7 @@ import threading
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.car.driver import Driver
 from dart_hal.cli.checks import examine
 from dart_hal.errors import BadCommand
 
@@ -107,3 +108,28 @@ def test_the_doctor_says_what_arm_warns_of(monkeypatch):
     assert found["cautions"].verdict == "warn"
     assert "FIRMWARE_DIRTY" in found["cautions"].found
     assert found["cautions"].remedy
+
+
+def neutral_after_a_boot(car: Car) -> bool:
+    """Whether the bus has neutral in the step in which the state loses its right to drive."""
+    engine = car._engine
+    for _ in car.states(duration=0.1):
+        car.drive(throttle=0.3)
+        if not engine._due:                          # between two PWM frames
+            break
+    assert not engine._due
+    with engine.lock:
+        engine.driver.on_boot()                      # as the receiver does with a new HELLO
+    engine.step(0.0)
+    assert car.mode == "DISARMED"
+    return engine.driver.actuator.applied.throttle == 0.0
+
+
+def test_a_boot_does_not_wait_for_the_next_pwm_frame(car):
+    assert neutral_after_a_boot(armed(car))
+
+
+def test_without_looking_at_what_is_overdue_it_would(car, monkeypatch):
+    """The negative control: the next PWM frame is up to 30 ms away."""
+    monkeypatch.setattr(Driver, "overdue", False)
+    assert not neutral_after_a_boot(armed(car))

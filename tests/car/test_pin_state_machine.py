@@ -290,7 +290,7 @@ class PinMachine(RuleBasedStateMachine):
             assert mode in ("FAULT", "CLOSED"), f"the bus is lost and the mode is {mode}"
 
 
-QUICK = settings(max_examples=25, stateful_step_count=20, deadline=None, derandomize=True,
+QUICK = settings(stateful_step_count=20, deadline=None, derandomize=True,
                  database=None, phases=[Phase.explicit, Phase.generate])
 
 
@@ -298,13 +298,16 @@ class FirmwareMachine(PinMachine):
     nano = "avr"
 
 
-def test_the_pin_does_what_the_mode_says():
-    run_state_machine_as_test(PinMachine, settings=QUICK)
+@pytest.mark.parametrize("examples", [4, pytest.param(25, marks=pytest.mark.more)])
+@pytest.mark.cpu(6)
+def test_the_pin_does_what_the_mode_says(examples):
+    run_state_machine_as_test(PinMachine, settings=settings(QUICK, max_examples=examples))
 
 
 @pytest.mark.emulator
-def test_the_pin_of_the_firmware_does_what_the_mode_says():
-    run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=6))
+@pytest.mark.parametrize("examples", [1, pytest.param(6, marks=pytest.mark.more)])
+def test_the_pin_of_the_firmware_does_what_the_mode_says(examples):
+    run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=examples))
 
 
 @pytest.mark.slow

@@ -64,6 +64,21 @@ def test_a_loop_that_stalls_in_raw_is_stopped(bench):
             bench.spin(0.1)
 
 
+def test_a_nano_that_boots_in_raw_ends_it(bench):
+    """Neutral on the pin from its boot message on, whatever the program goes on asking for."""
+    with bench.car.raw():
+        bench.spin(0.3)
+        assert bench.pulses[-1][1] > NEUTRAL_US + 5.0
+        bench.world.nano.reset("watchdog")
+        with pytest.raises(BadCommand, match="needs raw"):
+            bench.spin(6.0)
+        now = bench.car._engine.now
+        for _ in bench.car.states(duration=0.5):
+            pass
+        assert bench.car.mode == "DISARMED"
+    assert bench.last_above() < now + 0.04
+
+
 def test_on_the_floor_the_limits_of_the_car_hold(bench):
     span = bench.car.files.config.throttle.span_us
     with bench.car.raw():

@@ -43,6 +43,7 @@ def drive_through_a_reset(nano: str, boot: str, cars):
 
 
 @pytest.mark.parametrize(("nano", "boot"), KINDS)
+@pytest.mark.more
 def test_no_jump_of_more_than_one_edge(nano, boot, tmp_path):
     before, after, edge, speed = drive_through_a_reset(nano, boot, tmp_path)
     assert speed > 0.7, "the wheel turns at the reset"

@@ -24,6 +24,12 @@ def parameters(fast: bool):
                                    id=f"{row.number}-{case.world}-{case.what}")
 
 
+QUICK = ("1-wire-* lost", "2-wire-not*", "4-mock*", "12-elf*", "15-*", "18-mock*", "25-mock-oe",
+         "26-mock*", "27-mock*", "28-mock*", "29-mock-time*", "34-mock*", "35-mock*", "42-mock*",
+         "45-mock*")
+"""Cases of a CPU second or less: line, board, bus, sensors, guard, cut-off, expiry."""
+
+
 def check(case: Case, full: bool) -> None:
     if case.world == "elf":
         try:
@@ -36,6 +42,8 @@ def check(case: Case, full: bool) -> None:
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=True)))
+@pytest.mark.few(*QUICK)
+@pytest.mark.cpu(6)  # the first one builds a firmware without its layer
 def test_a_case_holds_and_its_control_does_not(case):
     check(case, full=False)
 

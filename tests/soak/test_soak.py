@@ -38,6 +38,7 @@ def check(report):
     assert report.damaged > 0
 
 
+@pytest.mark.more
 def test_five_minutes_without_the_firmware():
     check(soak.soak(60.0 * MINUTES, "mock", "mux"))
 

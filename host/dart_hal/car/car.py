@@ -28,12 +28,10 @@ from dart_hal.errors import EndOfRecording, LinkLost, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import Applied, Limit, State
+from dart_hal.types import SAMPLE, Applied, Limit, State
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
-PERIOD = 0.01
-"""s between two STATE frames."""
 FIRST_PULSES = 0.1
 """s until the ESC has seen the first neutral of a car that has just been opened."""
 RAW_PATIENCE = 1.0
@@ -171,7 +169,7 @@ class Car:
                 return
             start = state.t if start is None else start
             yield state
-            if state.t - start >= duration - 1.5 * PERIOD:
+            if state.t - start >= duration - 1.5 * SAMPLE:
                 return
 
     def _next(self, timeout: float) -> State:

@@ -63,7 +63,11 @@ class Driver:
     @property
     def applied(self) -> Applied:
         """What the ESC gets: the actuator's pulses, unless the Nano has cut them off."""
-        applied, observer = self.actuator.applied, self.observer
+        return self.passed(self.actuator.applied)
+
+    def passed(self, applied: Applied) -> Applied:
+        """What is left of pulses behind the cut-off, as the newest State says."""
+        observer = self.observer
         if applied.throttle == 0.0 or observer.passing:
             return applied
         pulse = OWN_NEUTRAL_US if observer.cutoff == "mux" else 0.0

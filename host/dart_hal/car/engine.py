@@ -14,6 +14,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -123,18 +124,23 @@ class Engine:
     def _take(self, data: bytes, t: float) -> list[State]:
         """Bytes that came: States for whoever listens, and every second one is a PWM frame."""
         with self.lock:
-            states = self.receiver.feed(self.hooks.rx(data, t), t, self.applied)
-            for state in states:
-                self._frames += 1
-                self.driver.seen(state, t)
-                if self._frames % 2 == 0:
-                    self._due, self._due_since = True, t
+            states = [self._seen(state, t) for state in self.receiver.feed(
+                self.hooks.rx(data, t), t, self.applied)]
             if self.driver.overdue:
                 self._write(self.now)
         for state in states:        # without the lock: one that blocks holds up nobody's stop
             for listener in self.listeners:
                 listener(state)
         return states
+
+    def _seen(self, state: State, t: float) -> State:
+        """The State, without the throttle that it says is cut off; counts PWM frames."""
+        self._frames += 1
+        self.driver.seen(state, t)
+        if self._frames % 2 == 0:
+            self._due, self._due_since = True, t
+        applied = self.driver.passed(state.applied)
+        return state if applied is state.applied else replace(state, applied=applied)
 
     def answer(self) -> bool:
         """A command came: write it now if this is its PWM frame; True if it was."""

@@ -7,8 +7,8 @@ from contextlib import ExitStack
 from math import inf
 from types import TracebackType
 
-from dart_hal.car.car import PERIOD, Car
-from dart_hal.types import State
+from dart_hal.car.car import Car
+from dart_hal.types import SAMPLE, State
 
 
 class Fleet:
@@ -48,10 +48,10 @@ class Fleet:
             while now:
                 yield tuple(now)
                 passed = now[0].t - start[0]
-                if passed >= duration - 1.5 * PERIOD:
+                if passed >= duration - 1.5 * SAMPLE:
                     return
                 now[0] = next(streams[0])
-                tick = now[0].t - start[0] - PERIOD / 2
+                tick = now[0].t - start[0] - SAMPLE / 2
                 for n in range(1, len(now)):
                     while now[n].t - start[n] < tick:
                         now[n] = next(streams[n])
