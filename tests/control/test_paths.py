@@ -9,6 +9,7 @@ import pytest
 
 from dart_hal.control.paths import Path, figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
+from dart_hal.errors import UsageError
 from dart_hal.types import Pose
 
 WHEELBASE = 0.175
@@ -17,7 +18,6 @@ WHEELBASE = 0.175
 def test_a_circle_has_its_radius_and_closes():
     circle = Path([(2 * pi * 1.5, 1 / 1.5)], closed=True)
     assert circle.length == pytest.approx(2 * pi * 1.5)
-    assert circle.min_radius == pytest.approx(1.5)
     assert np.hypot(circle.x, circle.y - 1.5) == pytest.approx(np.full(len(circle.x), 1.5),
                                                               abs=1e-9)
     assert circle.point(circle.length) == circle.point(0.0)
@@ -25,7 +25,6 @@ def test_a_circle_has_its_radius_and_closes():
 
 def test_a_straight_has_no_radius_and_an_end():
     straight = Path([(2.0, 0.0)], closed=False, start=(1.0, 2.0, pi / 2))
-    assert straight.min_radius == float("inf")
     assert straight.point(99.0)[1] == pytest.approx(4.0, abs=0.03)
     assert straight.point(-1.0) == pytest.approx((1.0, 2.0))
 
@@ -35,6 +34,21 @@ def test_the_eight_is_symmetric():
     half = len(eight.x) // 2
     assert eight.y[:half] == pytest.approx(-eight.y[half:], abs=1e-9)
     assert eight.y[:half].min() > -1e-9
+
+
+def test_points_are_equidistant_and_the_curvature_changes_where_a_segment_ends():
+    path = Path([(1.01, 0.0), (0.5 * pi, 1.0)], closed=False)
+    assert np.diff(path.s) == pytest.approx(path.spacing)
+    assert path.curvature.tolist() == [float(s >= 1.01) for s in path.s]
+    late = path.s >= 1.01
+    assert np.hypot(path.x[late] - 1.01, path.y[late] - 1.0) == pytest.approx(1.0)
+
+
+def test_a_closed_path_has_no_gap():
+    with pytest.raises(UsageError, match="not closed"):
+        Path([(1.0, 0.0)], closed=True)
+    with pytest.raises(UsageError, match="not closed"):
+        Path([(2.0 * pi, 1.0), (0.5 * pi, 1.0), (0.5 * pi, -1.0)], closed=True)
 
 
 def test_left_of_the_path_is_positive():

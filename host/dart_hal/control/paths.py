@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, pi, sin
+from math import cos, hypot, pi, sin
+from typing import Any
 
 import numpy as np
 
+from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
 
 STEP = 0.02
@@ -14,38 +16,42 @@ STEP = 0.02
 AHEAD, BEHIND = 1.0, 0.2
 """m of the path that are searched around the last closest point: never a global
 jump, so a path may cross itself."""
+GAP = 1e-6
+"""m between end and start of a closed path (and half the angle in rad): rounding."""
+
+Segment = tuple[float, float]
+"""(length [m], curvature [1/m], left positive)."""
 
 
 class Path:
-    """A closed or open path, evaluated every ``STEP`` metres.
+    """A closed or open path of arcs and straights, evaluated about every ``STEP`` metres.
 
-    x, y [m], heading [rad, unwrapped], curvature [1/m, left positive]: shape (n,).
+    x, y [m], heading [rad, unwrapped], curvature [1/m, left positive] at the
+    equidistant arc lengths s [m]: shape (n,).
     """
 
-    def __init__(self, segments: Sequence[tuple[float, float]], *, closed: bool,
+    def __init__(self, segments: Sequence[Segment], *, closed: bool,
                  start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """``segments``: (length [m], curvature [1/m]) pieces joined without a kink."""
-        counts = [max(1, round(length / STEP)) for length, _ in segments]
-        ds = np.repeat([length / n for (length, _), n in zip(segments, counts, strict=True)],
-                       counts)
-        self.closed = closed
-        self.curvature: FloatArray = np.repeat([k for _, k in segments], counts)
-        x0, y0, yaw0 = start
-        turn = ds * self.curvature
-        heading = yaw0 + np.concatenate([[0.0], np.cumsum(turn)])
-        middle = heading[:-1] + turn / 2
-        chord = ds * np.sinc(turn / 2 / pi)
-        self.heading: FloatArray = heading[:-1]
-        self.x: FloatArray = x0 + np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))])[:-1]
-        self.y: FloatArray = y0 + np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))])[:-1]
-        self.s: FloatArray = np.concatenate([[0.0], np.cumsum(ds)])[:-1]
-        self.length = float(ds.sum())
-
-    @property
-    def min_radius(self) -> float:
-        """Tightest turn [m]; inf on a straight."""
-        k = float(np.abs(self.curvature).max())
-        return 1.0 / k if k else float("inf")
+        """Segments are joined without a kink. Raises UsageError if a closed path has a gap."""
+        length, k = np.array(segments, dtype=float).T
+        end = np.cumsum(length)
+        n = sum(max(1, round(part / STEP)) for part in length)
+        self.closed, self.length = closed, float(end[-1])
+        self.spacing = self.length / n
+        """Distance between two points [m]."""
+        x, y, yaw = (np.array([v]) for v in start)
+        for part, bend in zip(length, k, strict=True):
+            pose = _along(x[-1], y[-1], yaw[-1], part, bend)
+            x, y, yaw = (np.append(v, new) for v, new in zip((x, y, yaw), pose, strict=True))
+        gap = hypot(x[-1] - x[0], y[-1] - y[0]), abs(sin(0.5 * (yaw[-1] - yaw[0])))
+        if closed and max(gap) > GAP:
+            raise UsageError("the path is not closed",
+                             found=f"it ends at {x[-1]:.3f}, {y[-1]:.3f} m, {yaw[-1]:.3f} rad",
+                             expected="the start, and whole turns")
+        self.s: FloatArray = self.spacing * np.arange(n)
+        i = np.searchsorted(end[:-1] - GAP, self.s, side="right")
+        self.curvature: FloatArray = k[i]
+        self.x, self.y, self.heading = _along(x[i], y[i], yaw[i], self.s - (end - length)[i], k[i])
 
     def closest(self, x: float, y: float, near: float) -> float:
         """Arc length of the closest point, searched around ``near`` [m]."""
@@ -68,6 +74,13 @@ class Path:
         i = int(s / self.length * len(self.x)) % len(self.x)
         dx, dy = x - self.x[i], y - self.y[i]
         return float(-sin(self.heading[i]) * dx + cos(self.heading[i]) * dy)
+
+
+def _along(x: Any, y: Any, yaw: Any, s: Any, k: Any) -> tuple[Any, Any, Any]:
+    """Poses at distance s [m] from poses, on arcs of curvature k [1/m]."""
+    half = 0.5 * k * s
+    chord = s * np.sinc(half / pi)
+    return x + chord * np.cos(yaw + half), y + chord * np.sin(yaw + half), yaw + k * s
 
 
 def figure_of_eight(radius: float) -> Path:

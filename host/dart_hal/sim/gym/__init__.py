@@ -17,11 +17,10 @@ except ImportError as err:
 
 from dart_hal.sim.gym.config import SPREAD, GymConfig
 from dart_hal.sim.gym.env import DartCarEnv
-from dart_hal.sim.gym.tracks import TRACKS, Track, track_of
+from dart_hal.sim.gym.tracks import TRACKS
 from dart_hal.sim.gym.vector import DartCarVectorEnv
 
-__all__ = ["ENV_ID", "SPREAD", "TRACKS", "DartCarEnv", "DartCarVectorEnv", "GymConfig", "Track",
-           "track_of"]
+__all__ = ["ENV_ID", "SPREAD", "TRACKS", "DartCarEnv", "DartCarVectorEnv", "GymConfig"]
 
 ENV_ID = "DartCar-v0"
 

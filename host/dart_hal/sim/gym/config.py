@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dart_hal.control import paths
 from dart_hal.errors import UsageError
-from dart_hal.sim.gym.tracks import Track
 from dart_hal.sim.light.car import DEFAULT
 from dart_hal.sim.light.config import DART_ACTUATORS, FIRMWARE, Disturbance, LightConfig, steps_of
 from dart_hal.vehicle import Vehicle
@@ -36,7 +36,7 @@ FIXED = ("body.wheelbase", "body.l_f", "body.l_r", "body.front_share", "delay.st
 class GymConfig:
     """One environment.
 
-    ``track``: a Track or a name of ``tracks.TRACKS``; ``period`` [s] of one
+    ``track``: a closed ``control.paths.Path`` or a name of ``tracks.TRACKS``; ``period`` [s] of one
     environment step; ``episode`` [s] until truncation; ``speed`` [m/s]: the
     reference on a path, the largest one of the speed task; ``half_width`` [m]
     of the track; ``randomise``: half widths by name, see ``SPREAD``; empty =
@@ -45,7 +45,7 @@ class GymConfig:
 
     vehicle: Vehicle | str | Path = DEFAULT
     task: str = "path"
-    track: Track | str = "vicon"
+    track: paths.Path | str = "vicon"
     light: LightConfig = REALISTIC
     period: float = 0.05
     episode: float = 20.0
