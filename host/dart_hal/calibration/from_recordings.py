@@ -14,11 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.notes import FileNote, grouped
 from dart_hal.identify.runs import read_any
 from dart_hal.identify.submodels.groups import Group, cautions, groups_of
 from dart_hal.identify.submodels.samples import Samples, concatenate
-from dart_hal.identify.submodels.steering_rows import (
+from dart_hal.recording.dart import Recording
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.sets import PAPER
+
+from .loop import KAPPA_PRIOR
+from .notes import FileNote, grouped
+from .result import SteeringResult
+from .run_pulses import servo_of
+from .steering_fit import SteeringFit, fit_steering
+from .steering_rows import (
     MAX_LATERAL,
     MAX_LATERAL_RUN,
     SLIPPING,
@@ -26,14 +34,6 @@ from dart_hal.identify.submodels.steering_rows import (
     STANDING,
     samples_of,
 )
-from dart_hal.recording.dart import Recording
-from dart_hal.types import FloatArray
-from dart_hal.vehicle.sets import PAPER
-
-from .loop import KAPPA_PRIOR
-from .result import SteeringResult
-from .run_pulses import servo_of
-from .steering_fit import SteeringFit, fit_steering
 
 # kinds of notes that the sentence on dropped samples sums up
 COUNTED = (STANDING, SLIPPING.format(MAX_LATERAL), SLIPPING.format(MAX_LATERAL_RUN))

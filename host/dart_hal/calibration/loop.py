@@ -23,13 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.submodels.samples import IntArray
-from dart_hal.types import Estimate, FloatArray
+from dart_hal.identify.submodels.understeer import KAPPA_STD
+from dart_hal.types import Estimate, FloatArray, IntArray
 
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
-KAPPA_PRIOR = (0.0, 0.06)  # s2/m2, mean and sigma: 1:10 cars under- or oversteer
+KAPPA_PRIOR = (0.0, KAPPA_STD)  # s2/m2, mean and sigma
 STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
-REST_PRIOR = (1.0, 3.0)  # us, one sigma of where a servo comes to rest, and its worth in windows
+REST_PRIOR = (1.0, 3.0)  # us, one sigma of where a servo comes to rest, and its weight in windows
 ROUNDS = 8
 
 
@@ -184,11 +184,11 @@ def _solve(design: FloatArray, angle: FloatArray, std: FloatArray
 def _rest(residual: FloatArray, measured: FloatArray, slope: FloatArray, rest: float,
           parameters: int) -> float:
     """Next estimate of the servo's spread [us]: residuals should weigh one each."""
-    size, worth = REST_PRIOR
+    size, weight_of_prior = REST_PRIOR
     weight = 1.0 / (measured**2 + (rest * slope) ** 2)
     freedom = max(len(residual) - parameters, 1)
-    excess = float(weight @ residual**2) + worth * size**2 / rest**2
-    return float(np.clip(rest * np.sqrt(excess / (freedom + worth)), 0.05, 10.0))
+    excess = float(weight @ residual**2) + weight_of_prior * size**2 / rest**2
+    return float(np.clip(rest * np.sqrt(excess / (freedom + weight_of_prior)), 0.05, 10.0))
 
 
 def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,7 +1,6 @@
 """One figure of a steering calibration: map, data of both approaches, residuals.
 
-Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and
-nowhere else in this room.
+Needs matplotlib (``pip install dart-hal[plot]``).
 """
 
 from __future__ import annotations
@@ -11,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.report.figures import new_figure, save_figure
+from dart_hal.report.figures import (
+    BLUE,
+    GREY,
+    INK,
+    NINETY,
+    ORANGE,
+    band,
+    finish,
+    new_figure,
+    save_figure,
+)
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
@@ -19,9 +28,8 @@ from dart_hal.vehicle.steering import make_steering
 
 from .result import SteeringResult
 
-NINETY = 1.645  # standard errors of a 90 % interval
-RISING, FALLING, FIRST = "#0072b2", "#d55e00", "#888888"
-MAP, PAPER_LINE, FORM_LINE = "#222222", "#56d364", "#ff4fc3"
+RISING, FALLING, FIRST = BLUE, ORANGE, GREY
+PAPER_LINE, FORM_LINE = "#56d364", "#ff4fc3"
 FORM_IS_MAP = 1e-9  # rad; out of recordings the form is the map
 MANY = 500  # points; above it they are drawn small and pale
 
@@ -42,33 +50,26 @@ def plot_steering(result: SteeringResult, path: str | Path) -> Path:
 
 def _draw_map(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, np.zeros_like, labelled=True)
-    axes.plot(result.command, np.degrees(result.angle), color=MAP, lw=2.4,
-              label="this car, middle of the backlash")
-    band = NINETY * result.angle_std
-    axes.fill_between(result.command, np.degrees(result.angle - band),
-                      np.degrees(result.angle + band), color=MAP, alpha=0.18, lw=0,
-                      label="90 % interval")
+    angle, reach = np.degrees(result.angle), np.degrees(NINETY * result.angle_std)
+    axes.plot(result.command, angle, color=INK, lw=2.4, label="this car, middle of the backlash")
+    band(axes, result.command, angle, reach, INK, "90 % interval")
     fine = np.linspace(result.command[0], result.command[-1], 201)
     axes.plot(fine, np.degrees(make_steering(PAPER.steering, np)(fine)), color=PAPER_LINE,
               lw=1.1, dashes=(6, 4), zorder=5, label="map of the paper's code")
-    axes.set_ylabel("road-wheel angle [deg], + = left")
-    axes.set_title(_title(result), loc="left", fontsize=10)
-    axes.grid(alpha=0.3)
+    finish(axes, "", "road-wheel angle [deg], + = left", _title(result), legend=False)
 
 
 def _draw_residuals(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, lambda s: np.interp(s, result.command, result.angle))
-    band = np.degrees(NINETY * result.angle_std)
-    axes.fill_between(result.command, -band, band, color=MAP, alpha=0.18, lw=0)
+    reach = np.degrees(NINETY * result.angle_std)
+    band(axes, result.command, np.zeros_like(reach), reach, INK)
     form = make_steering(Steering(**result.paper_form), np)(result.command)
     same = np.abs(form - result.angle).max() < FORM_IS_MAP
-    axes.axhline(0.0, color=MAP, lw=2.0)
+    axes.axhline(0.0, color=INK, lw=2.0)
     axes.plot(result.command, np.degrees(form - result.angle), color=FORM_LINE, lw=1.3,
               dashes=(3, 3), zorder=5,
               label="five-parameter form" + (" (is the map)" if same else ""))
-    axes.set_xlabel("steering command, +1 = full left")
-    axes.set_ylabel("data - map [deg]")
-    axes.grid(alpha=0.3)
+    finish(axes, "steering command, +1 = full left", "data - map [deg]", legend=False)
 
 
 def _points(axes: Any, result: SteeringResult, baseline: Any,

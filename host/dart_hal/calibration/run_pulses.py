@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from dart_hal.config import parse_config
-from dart_hal.identify.runs import RUN
-from dart_hal.recording.dart import Recording
+from dart_hal.recording.dart import RUN, Recording
 from dart_hal.recording.run import RunReader
 from dart_hal.types import FloatArray
 

@@ -85,8 +85,8 @@ def make_steps(*, center_us: float, span_us: float, direction: int, count: float
     at = 0.0
     for rising, speed in ((True, speeds[0]), (False, speeds[1])):
         for command, pulse in spots if rising else spots[::-1]:
-            way = (command > at) - (command < at) or (steps[-1].direction if steps else 0)
-            steps.append(Step(command, pulse, way, speed))
+            direction = (command > at) - (command < at) or (steps[-1].direction if steps else 0)
+            steps.append(Step(command, pulse, direction, speed))
             at = command
     return tuple(steps)
 

@@ -27,8 +27,8 @@ from dart_hal.config import (
 )
 from dart_hal.config.calibration import SteeringCalibration
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.submodels import paper_form
 from dart_hal.identify.submodels.samples import Samples
+from dart_hal.identify.submodels.steering_map import fit_map
 from dart_hal.types import Estimate, FloatArray, State
 
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
@@ -229,8 +229,8 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
     command = np.linspace(-1.0, 1.0, len(fit.command))
     pulse, angle, covariance = resample(fit, command)
     std = np.sqrt(np.diag(covariance))
-    form = paper_form.fit(Samples(command, angle, np.zeros_like(angle), np.ones_like(angle),
-                                  np.ones_like(angle), np.arange(len(angle))))
+    form = fit_map(Samples(command, angle, np.zeros_like(angle), np.ones_like(angle),
+                           np.ones_like(angle), np.arange(len(angle))))
     metres = files.metres_per_edge
     notes = (
         f"tyre slip: understeer {fit.kappa.value:.4f} +- {fit.kappa.std:.4f} s2/m2, removed",

@@ -12,14 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.submodels.paper_form import PaperFit, fit
-from dart_hal.identify.submodels.samples import SETTLED, Samples
+from dart_hal.identify.submodels.samples import LEVEL, SETTLED, Samples
+from dart_hal.identify.submodels.steering_map import (
+    MIN_LEVELS,
+    MIN_SPAN,
+    SteeringMap,
+    coverage,
+    fit_map,
+)
 from dart_hal.types import Estimate, FloatArray
 
 POINT_SPACING = 0.05
 MIN_POINTS = 9
-MIN_SPAN = 0.2
-LEVEL = 0.025  # commands closer than half of this are one level
 MIN_LEVEL_SAMPLES = 5
 
 
@@ -30,7 +34,7 @@ class SteeringFit:
     command: FloatArray
     angle: FloatArray
     angle_std: FloatArray
-    form: PaperFit
+    form: SteeringMap
     residual: FloatArray
     residual_rms: float
     misfit: float
@@ -43,17 +47,17 @@ def fit_steering(samples: Samples) -> SteeringFit:
     Errors: CalibrationFailed when the commands span too little or the fitted
     map does not increase.
     """
-    levels = np.unique(np.round(samples.command / LEVEL))
+    levels, span, rising = coverage(samples)
     low, high = float(samples.command.min()), float(samples.command.max())
-    if len(levels) < 4 or high - low < MIN_SPAN:
+    if levels < MIN_LEVELS or span < MIN_SPAN:
         raise CalibrationFailed(
             "the commands cover too little for a steering map",
-            found=f"{len(levels)} level(s) from {low:+.2f} to {high:+.2f}",
-            expected=f"at least 4 levels over a span of {MIN_SPAN}",
+            found=f"{levels} level(s) from {low:+.2f} to {high:+.2f}",
+            expected=f"at least {MIN_LEVELS} levels over a span of {MIN_SPAN}",
             remedy="add recordings with other steering commands")
-    if np.cov(samples.command, samples.angle, aweights=samples.weight)[0, 1] <= 0.0:
+    if not rising:
         raise _falling()
-    form = fit(samples)
+    form = fit_map(samples)
     residual = samples.angle - form.angle(samples.command)
     misfit = level_misfit(samples, residual)
     points = max(MIN_POINTS, round((high - low) / POINT_SPACING) + 1)

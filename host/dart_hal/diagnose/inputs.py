@@ -14,16 +14,11 @@ from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.effects import catalogue, effect
 from dart_hal.vehicle.parameters import Vehicle
 
-from .agreement import check_model, check_units, without_dead_gyro
-from .motion import driving_seconds, has_sensors
-from .split import hold_out
+from .evidence.agreement import check_model, check_units, without_dead_gyro
+from .evidence.motion import driving_seconds, has_sensors
+from .evidence.split import hold_out
+from .policy import USUAL, InputPolicy
 
-LEAST, FEW = 8.0, 40.0
-"""s of driving in the training recordings: below the first nothing is diagnosed, below the
-second it is said that only what is large can show."""
-LEAST_TEST = 4.0  # s
-SHARE = 0.4
-"""Of each training recording, held out at its end where there are no test recordings."""
 NEVER_SEEN = ("position, side slip, the mocap's own errors and whatever shows in them "
               "cannot be known")
 
@@ -52,10 +47,10 @@ def effects_named(only: Sequence[str], exclude: Sequence[str]) -> tuple[str, ...
 
 
 def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
-            fitted_to: Collection[str] = ()) -> Inputs:
+            fitted_to: Collection[str] = (), policy: InputPolicy = USUAL.inputs) -> Inputs:
     """Recordings that a diagnosis of the model p may use.
 
-    test empty: the last SHARE of each training recording is held out. fitted_to:
+    test empty: the last ``test_share`` of each training recording is held out. fitted_to:
     SHA-256 of the files that the model was fitted to. Errors: UsageError for
     recordings on both sides, RecordingError where nothing can be diagnosed,
     OtherCar for a model that steers the other way.
@@ -64,20 +59,21 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
     notes: list[str] = []
     sides = [_once(side, notes) for side in (train, test)]
     for r in (*sides[0], *sides[1]):
-        check_units(r)
-    sides = [[without_dead_gyro(r, notes) for r in side] for side in sides]
+        check_units(r, policy)
+    sides = [[without_dead_gyro(r, notes, policy) for r in side] for side in sides]
     sides = _of_one_kind(sides, notes)
     sides = [_that_drive(side, notes) for side in sides]
-    _long_enough(sides[0], LEAST, "train")
+    _long_enough(sides[0], policy.train_s, "train")
     if test:
-        _long_enough(sides[1], LEAST_TEST, "test")
+        _long_enough(sides[1], policy.test_s, "test")
     else:
-        sides = list(hold_out(sides[0], SHARE))
-        notes.append(f"no test recordings: the last {100 * SHARE:.0f} % of each training recording "
-                     "is held out and only used to measure the gain; other days would tell more")
-    notes += check_model(sides[0], p)
+        sides = list(hold_out(sides[0], policy.test_share))
+        notes.append(f"no test recordings: the last {100 * policy.test_share:.0f} % of each "
+                     "training recording is held out and only used to measure the gain; other "
+                     "days would tell more")
+    notes += check_model(sides[0], p, policy)
     seconds = sum(map(driving_seconds, sides[0]))
-    if seconds < FEW:
+    if seconds < policy.small_train_s:
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen")
     notes += fitted_before(sides[1], fitted_to)
     return Inputs(tuple(sides[0]), tuple(sides[1]), tuple(notes))

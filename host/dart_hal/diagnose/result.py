@@ -8,7 +8,7 @@ from typing import Any
 
 from dart_hal.vehicle.parameters import Vehicle
 
-from .residuals import Evidence, Residuals
+from .evidence.residuals import Evidence, Residuals
 
 VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "parameters_only")
 

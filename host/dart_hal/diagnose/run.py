@@ -7,21 +7,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dart_hal.config import ModelFile, Quantity
-from dart_hal.identify.evaluation.cases import prepare as prepare_cases
+from dart_hal.evaluate.cases import prepare as prepare_cases
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import Recording, Reference
+from dart_hal.types import SAMPLE
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 
-from .drive import APART, EVERY, MANY, READ, STEP, prepare
+from .conclude import Question, conclude
+from .evidence.drive import APART, EVERY, READ, prepare
+from .evidence.residuals import Evidence
 from .gains import Side, side_of
-from .residuals import Evidence
+from .policy import USUAL, EvidencePolicy, Policy
 from .result import Diagnosis
-from .scan import Progress
-from .search import Search
-from .selection import Settings
-from .telling import Question, told
+from .search.forward import Search
+from .search.scan import Progress
+from .search.selection import Settings
 
 SEARCHING = 0.85  # of the time, about
 
@@ -29,7 +31,7 @@ SEARCHING = 0.85  # of the time, about
 def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
              test: Sequence[Recording], *, refit: bool = True, only: Sequence[str] = (),
              false_alarm: float = 0.01, max_causes: int = 12, jobs: int = 1,
-             reference: Reference | None = None, seed: int = 0,
+             reference: Reference | None = None, seed: int = 0, policy: Policy = USUAL,
              progress: Progress | None = None) -> Diagnosis:
     """Find what the model lacks in the training recordings, and measure it on the test ones.
 
@@ -41,18 +43,19 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     false_alarm: probability that anything is named where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
-    of the mocap; None = by date, else fitted. progress(share, what).
+    of the mocap; None = by date, else fitted. policy: its thresholds. progress(share, what).
     Errors: RecordingError for recordings that hold nothing to predict.
     """
     began = time.monotonic()
     l_r = settled(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
     files: dict[str, dict[str, Any]] = {}
-    sides = [_side(role, recordings, l_r, reference, files)
+    sides = [_side(role, recordings, l_r, reference, policy.evidence, files)
              for role, recordings in (("train", train), ("test", test))]
     free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
-                        max_causes=max_causes, jobs=jobs, seed=seed)
+                        max_causes=max_causes, jobs=jobs, seed=seed,
+                        policy=policy)
 
     def tell(share: float, what: str) -> None:
         if progress is not None:
@@ -62,7 +65,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     found = search.run()
     if progress is not None:
         progress(SEARCHING, "measuring the gain")
-    return told(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search),
+    return conclude(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search),
                 found, files, began)
 
 
@@ -87,10 +90,10 @@ def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tup
 
 
 def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,
-          files: dict[str, dict[str, Any]]) -> Side:
+          policy: EvidencePolicy, files: dict[str, dict[str, Any]]) -> Side:
     # by content: sums in another order end a descent elsewhere, and that may change a name
     ordered = sorted(recordings, key=lambda r: r.sha256)
-    evidence, windows = evidence_of(ordered, l_r, reference)
+    evidence, windows = evidence_of(ordered, l_r, reference, policy)
     count = {r.sha256: n for r, n in zip(ordered, windows, strict=True)}
     for r in recordings:
         entry: Mapping[str, Any] = {"role": role, "windows": count[r.sha256], "sha256": r.sha256,
@@ -100,20 +103,21 @@ def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Ref
     return side_of(evidence, ordered, l_r, reference)
 
 
-def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None
-                ) -> tuple[Evidence, list[int]]:
+def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None,
+                policy: EvidencePolicy = USUAL.evidence) -> tuple[Evidence, list[int]]:
     """(evidence, number of windows of each recording); all with motion capture, or all without."""
     if any(r.mocap is None for r in recordings):
-        from .onboard import OnboardEvidence
-        from .onboard_drive import outings
+        from .evidence.onboard import OnboardEvidence
+        from .evidence.onboard_drive import sessions
 
-        parts = [outings(r) for r in recordings]
+        parts = [sessions(r, policy) for r in recordings]
         return (OnboardEvidence([o for part in parts for o in part], l_r),
                 [sum(len(o.starts) for o in part) for part in parts])
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
-    seconds = sum(len(c.grid) for c in cases.cases) * STEP
-    every = APART if seconds > MANY else EVERY
-    drives = [prepare(r, l_r, frames[r.sha256], every) for r in recordings if r.sha256 in frames]
+    seconds = sum(len(c.grid) for c in cases.cases) * SAMPLE
+    every = APART if seconds > policy.whole_s else EVERY
+    drives = [prepare(r, l_r, frames[r.sha256], every, policy)
+              for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
     return Evidence(drives, l_r, READ[-1] / every), [windows.get(r.sha256, 0) for r in recordings]

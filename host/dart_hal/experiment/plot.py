@@ -1,7 +1,6 @@
 """One picture of a drive: where it went on the floor, and what was commanded.
 
-Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and
-nowhere else in this room.
+Needs matplotlib (``pip install dart-hal[plot]``).
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.report.figures import new_figure, save_figure
+from dart_hal.report.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
 
 from .runner import Drive
 
-PATH, WAY, FENCE, FLOOR = "#0072b2", "#bbbbbb", "#d55e00", "#888888"
-STEERING, THROTTLE, SPEED = "#0072b2", "#d55e00", "#222222"
+PATH, WAY, FENCE, FLOOR = BLUE, "#bbbbbb", ORANGE, GREY
+STEERING, THROTTLE, SPEED = BLUE, ORANGE, INK
 
 
 def plot_drive(drive: Drive, path: str | Path) -> Path:
@@ -51,11 +50,8 @@ def _draw_path(axes: Any, drive: Drive) -> None:
         seen.add(measured)
     axes.plot(0.0, 0.0, ">", color=SPEED, ms=8, zorder=5, label="start")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_title(f"{plan.name}: {drive.frames[-1].t:.0f} s on {floor}"
-                   + (", ended early" if drive.stopped else ""), loc="left", fontsize=10)
-    axes.grid(alpha=0.3)
+    finish(axes, "x [m]", "y [m]", f"{plan.name}: {drive.frames[-1].t:.0f} s on {floor}"
+           + (", ended early" if drive.stopped else ""), legend=False)
 
 
 def _box(axes: Any, x0: float, x1: float, y0: float, y1: float, color: str, style: str,
@@ -76,8 +72,7 @@ def _draw_commands(rows: list[Any], drive: Drive) -> None:
         low, high = axes.get_ylim()
         axes.fill_between(t, low, high, where=measured, color=PATH, alpha=0.08, lw=0)
         axes.set_ylim(low, high)
-        axes.set_ylabel(label, fontsize=9)
-        axes.grid(alpha=0.3)
+        finish(axes, "", label, legend=False)
     for axes in rows[:2]:
         axes.tick_params(labelbottom=False)
     rows[2].set_xlabel("time [s]")

@@ -61,7 +61,7 @@ class Watch:
             return
         aside = math.hypot(pose.x - lane.x, pose.y - lane.y)
         if aside > ASIDE or abs(math.remainder(pose.yaw - lane.yaw, 2.0 * math.pi)) > ASKEW:
-            raise Stopped(f"it did not keep its lane: {aside:.2f} m beside it at "
+            raise Stopped(f"it left its lane: {aside:.2f} m off at "
                           f"{state.speed:.2f} m/s")
         if not stays_inside(self._fence, lane, 0.0, self._rolling(state.speed)):
             raise _leaves(state, pose)

@@ -8,14 +8,19 @@ seconds) that are taken as independent, however their inside is correlated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.fitting.least_squares import Solution
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 LEAST_FREE = 0.1
 """Share of a residual that a block cannot have pulled away, however alone it is."""
+RECORDINGS = 8
+"""From which on a recording is a block: with fewer a sandwich over them has no degrees left."""
+LARGEST_SHARE = 0.35
+"""Of all samples in one recording; with more the others are no comparison."""
 NULL = 1e-11
 """Eigenvalue of the scaled normal matrix (about 1) below which a direction is undetermined."""
 
@@ -24,10 +29,10 @@ def plain_covariance(s: Solution) -> FloatArray:
     """Covariance (k, k) that takes the residuals as independent, as the paper's would."""
     n, k = s.jacobian.shape
     variance = float(s.residual @ s.residual) / max(n - k, 1)
-    return _infinite_where_undetermined(variance * _inverse(s.jacobian.T @ s.jacobian), s)
+    return _infinite_where_undetermined(variance * scaled_inverse(s.jacobian.T @ s.jacobian), s)
 
 
-def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) -> FloatArray:
+def block_covariance(s: Solution, block: IntArray, prior: float = 0.0) -> FloatArray:
     """Covariance (k, k) by the sandwich over independent blocks (n,) of samples.
 
     H^-1 (sum over blocks of g g') H^-1 with g the block's gradient and the
@@ -37,7 +42,7 @@ def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) 
     """
     k = s.jacobian.shape[1]
     weighted = s.jacobian * s.weight[:, None]
-    hessian = _inverse(weighted.T @ s.jacobian + prior * np.eye(k))
+    hessian = scaled_inverse(weighted.T @ s.jacobian + prior * np.eye(k))
     labels, index = np.unique(block, return_inverse=True)
     if len(labels) < 2:
         return np.full((k, k), np.inf)
@@ -49,7 +54,7 @@ def block_covariance(s: Solution, block: NDArray[np.int64], prior: float = 0.0) 
     return covariance if prior else _infinite_where_undetermined(covariance, s)
 
 
-def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
+def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
     """Covariance (k, k) by the sandwich with residuals corrected for the pull of their block.
 
     With few blocks, or where a few of them carry the fit, ``block_covariance``
@@ -65,7 +70,7 @@ def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
         return np.full((k, k), np.inf)
     root = np.sqrt(s.weight)
     jac, left = s.jacobian * root[:, None], s.residual * root
-    inverse = _inverse(jac.T @ jac)
+    inverse = scaled_inverse(jac.T @ jac)
     value, vector = np.linalg.eigh(inverse)
     half = vector * np.sqrt(np.maximum(value, 0.0))
     meat = np.zeros((k, k))
@@ -80,7 +85,7 @@ def leverage_covariance(s: Solution, block: NDArray[np.int64]) -> FloatArray:
     return _infinite_where_undetermined(np.asarray(share * inverse @ meat @ inverse), s)
 
 
-def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray[np.int64]:
+def blocks_of(t: FloatArray, group: IntArray, length: float) -> IntArray:
     """Block (n,) of each sample: stretches of ``length`` [s], never across groups."""
     out = np.zeros(len(t), dtype=np.int64)
     count = 0
@@ -92,7 +97,31 @@ def blocks_of(t: FloatArray, group: NDArray[np.int64], length: float) -> NDArray
     return out
 
 
-def undetermined(s: Solution) -> NDArray[np.bool_]:
+def pooled_blocks(parts: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+    """(part (n,) of each sample, block (n,) of each): the blocks of all parts, kept apart."""
+    owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    inside = np.concatenate([np.unique(part, return_inverse=True)[1] for part in parts])
+    return owner, np.unique(np.stack([owner, inside]), axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def independent_blocks(owner: IntArray, fine: IntArray) -> IntArray:
+    """owner (n,): recording of each sample, if there are 8 and none holds most; else fine (n,)."""
+    _, count = np.unique(owner, return_counts=True)
+    enough = len(count) >= RECORDINGS and count.max() < LARGEST_SHARE * count.sum()
+    return np.asarray(owner if enough else fine, dtype=np.int64)
+
+
+def wider(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The smallest covariance (k, k) that in no direction is narrower than either."""
+    if not (np.isfinite(first).all() and np.isfinite(second).all()):
+        return first
+    size = np.sqrt(np.maximum(np.diag(first), 1e-300))
+    unit = np.outer(size, size)
+    value, vector = np.linalg.eigh((second - first) / unit)
+    return np.asarray(first + (vector * np.maximum(value, 0.0)) @ vector.T * unit)
+
+
+def undetermined(s: Solution) -> BoolArray:
     """Parameters (k,) that can be changed, alone or with others, without changing any residual."""
     jac = s.jacobian * np.sqrt(s.weight)[:, None]
     size = np.linalg.norm(jac, axis=0)
@@ -110,7 +139,7 @@ def _infinite_where_undetermined(covariance: FloatArray, s: Solution) -> FloatAr
     return covariance
 
 
-def _inverse(matrix: FloatArray) -> FloatArray:
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
     """Pseudo-inverse scaled to unit diagonal first: units must not decide the rank."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inner = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12, hermitian=True)
@@ -125,6 +154,6 @@ def collinearity(s: Solution) -> FloatArray:
     """
     jac = s.jacobian * np.sqrt(s.weight)[:, None]
     gram = jac.T @ jac
-    inverse = np.diag(_inverse(gram))
+    inverse = np.diag(scaled_inverse(gram))
     alone = np.sqrt(1.0 / np.maximum(np.diag(gram) * inverse, 1.0))
     return np.asarray(np.where(undetermined(s), 0.0, alone))

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.fitting.robust import soft_l1_weight
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 EDGE = 1e-6
 """Share of the interval at whose ends a parameter counts as stopped there."""
@@ -27,7 +26,7 @@ class Solution:
     jacobian: FloatArray
     weight: FloatArray
     converged: bool
-    at_bound: NDArray[np.bool_]
+    at_bound: BoolArray
 
     @property
     def rmse(self) -> float:
@@ -55,10 +54,32 @@ def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[flo
     jac = np.asarray(jacobian(result.x) if jacobian
                      else _differences(residual, result.x, low, high))
     weight = np.ones(len(r)) if robust is None else soft_l1_weight(r, robust)
-    span = high - low
-    edge = (result.x - low < EDGE * span) | (high - result.x < EDGE * span)
     return Solution(np.asarray(result.x), r, jac, weight, bool(result.status > 0),
-                    np.asarray(edge))
+                    at_bound(result.x, low, high))
+
+
+def fit_curve(curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], target: FloatArray,
+              x0: Sequence[float], bounds: tuple[Sequence[float], Sequence[float]], *,
+              robust: float | None = None, tolerance: float = 1e-12) -> Solution:
+    """The same for curve(x) -> (values (n,), slopes (n, k)), found together, and target (n,)."""
+    known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+    def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = x.tobytes()
+        if key not in known:  # the solver asks for both at the same x, one after the other
+            known.clear()
+            known[key] = curve(x)
+        return known[key]
+
+    return least_squares(lambda x: at(x)[0] - target, x0, bounds, jacobian=lambda x: at(x)[1],
+                         robust=robust, tolerance=tolerance)
+
+
+def at_bound(x: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Which parameters (k,) stopped at an end of their interval."""
+    span = high - low
+    near = EDGE * np.where(np.isfinite(span), span, 1.0)
+    return np.asarray((x - low < near) | (high - x < near))
 
 
 def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray,

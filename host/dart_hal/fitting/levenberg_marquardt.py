@@ -3,45 +3,38 @@
 A general solver spends most of its rollouts at the bounds where delays and
 lags like to end, and scales its steps without knowing the priors. Parameters
 here are in units of their prior, so that damping and prior are the same thing.
+scipy's ``trf`` needs twice the rollouts for the same joint fit
+(``benchmarks/bench_solver.py``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.fitting.least_squares import Solution, at_bound
 from dart_hal.fitting.robust import soft_l1, soft_l1_weight
 from dart_hal.types import BoolArray, FloatArray
 
 ROUNDS = 40
-DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6
+DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6  # of the diagonal: first, factors, end
 CONVERGED = 1e-4  # of the cost
 EDGES = 3  # times the number of parameters: edges of the box that a step may meet
 SMALL = 1e-9  # of a parameter's unit
 STUCK = 1e-2  # of the cost; a larger gain was promised where no step gained anything
 
 
-@dataclass(frozen=True, slots=True)
-class Descent:
-    """x (k,), residual (n,) and Jacobian (n, k) of the data there, robust weight (n,)."""
-
-    x: FloatArray
-    residual: FloatArray
-    jacobian: FloatArray
-    weight: FloatArray
-    converged: bool
-
-
 def descend(residual: Callable[[FloatArray], FloatArray],
             jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
             low: FloatArray, high: FloatArray, *, robust: float | FloatArray, prior: float,
-            rounds: int = ROUNDS, reach: float | FloatArray = np.inf) -> Descent:
+            rounds: int = ROUNDS, reach: float | FloatArray = np.inf,
+            gain: float = CONVERGED) -> Solution:
     """Minimise the soft L1 of residual(x) beyond ``robust`` (a number or (n,)), plus prior * |x|^2.
 
     jacobian(x, r) (n, k) at x, where the residual is r. reach: how far a slope is
-    believed, a number or (k,); no step goes further.
+    believed, a number or (k,); no step goes further. gain: share of the cost below
+    which the fit has converged.
     """
     x = np.clip(x, low, high)
     r = residual(x)
@@ -56,8 +49,8 @@ def descend(residual: Callable[[FloatArray], FloatArray],
             trial = _step(x, hessian, slope, damping, np.maximum(low, x - reach),
                           np.minimum(high, x + reach))
             r_trial = residual(trial)
-            gain = cost - _cost(r_trial, trial, robust, prior)
-            if gain > 0.0:
+            gained = cost - _cost(r_trial, trial, robust, prior)
+            if gained > 0.0:
                 x, r, moved = trial, r_trial, True
                 damping *= EASIER
                 break
@@ -66,10 +59,11 @@ def descend(residual: Callable[[FloatArray], FloatArray],
             # at the bottom, or stuck where the Jacobian promises what no step keeps
             free = _free(x, slope, low, high)
             promised = slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
-            return Descent(x, r, jac, weight, bool(promised < STUCK * cost))
-        if gain < CONVERGED * cost and damping < 1.0:
-            return Descent(x, r, jac, weight, True)
-    return Descent(x, r, jac, weight, False)
+            return Solution(x, r, jac, weight, bool(promised < STUCK * cost),
+                            at_bound(x, low, high))
+        if gained < gain * cost and damping < 1.0:
+            return Solution(x, r, jac, weight, True, at_bound(x, low, high))
+    return Solution(x, r, jac, weight, False, at_bound(x, low, high))
 
 
 def _cost(r: FloatArray, x: FloatArray, robust: float | FloatArray, prior: float) -> float:
@@ -100,21 +94,22 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
     for _ in range(EDGES * len(slope)):
         g = slope + normal @ move
         free = ~(((move <= low) & (g > 0.0)) | ((move >= high) & (g < 0.0)))
-        way = np.zeros(len(slope))
+        direction = np.zeros(len(slope))
         while free.any():
-            way[~free] = 0.0
-            way[free] = -np.linalg.solve(normal[np.ix_(free, free)], g[free])
-            stopped = ((move <= low) & (way < 0.0)) | ((move >= high) & (way > 0.0))
+            direction[~free] = 0.0
+            direction[free] = -np.linalg.solve(normal[np.ix_(free, free)], g[free])
+            stopped = ((move <= low) & (direction < 0.0)) | ((move >= high) & (direction > 0.0))
             if not stopped.any():
                 break
             free &= ~stopped
-        edge = np.where(way > 0.0, high, low)
-        share = np.divide(edge - move, way, out=np.full(len(way), np.inf), where=way != 0.0)
+        edge = np.where(direction > 0.0, high, low)
+        share = np.divide(edge - move, direction, out=np.full(len(move), np.inf),
+                          where=direction != 0.0)
         nearest = float(share.min(initial=np.inf))
-        move = np.clip(move + min(nearest, 1.0) * way, low, high)
+        move = np.clip(move + min(nearest, 1.0) * direction, low, high)
         if nearest < 1.0:
             met = share <= nearest * (1.0 + 1e-12)
             move[met] = edge[met]
-        elif np.abs(way).max(initial=0.0) < SMALL:
+        elif np.abs(direction).max(initial=0.0) < SMALL:
             break
     return move

@@ -8,6 +8,8 @@ from dart_hal.types import FloatArray
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of a normal variable: 1 / 0.67449."""
+ROBUST = 3.0
+"""Times the scatter: a residual beyond it counts less than its square; normal ones never do."""
 
 
 def scatter(x: FloatArray) -> float:
@@ -19,8 +21,11 @@ def soft_l1(x: FloatArray, beyond: float | FloatArray) -> FloatArray:
     """Soft L1 loss: x^2 for |x| << beyond, 2 beyond |x| for |x| >> beyond.
 
     2 b^2 (sqrt(1 + (x / b)^2) - 1), scipy's ``soft_l1`` scaled so that it is
-    the square near zero; ``beyond`` in the unit of x, a number or one per value.
+    the square near zero; ``beyond`` in the unit of x, a number (infinite: the
+    square) or one per value.
     """
+    if np.all(np.isinf(beyond)):
+        return np.square(x)
     return np.asarray(2.0 * beyond**2 * (np.sqrt(1.0 + (x / beyond)**2) - 1.0))
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from dart_hal.types import FloatArray
 
-TIME_TOLD = 0.02
-"""s; a delay or lag counts as told below this standard error: a time may be 0, so no share
+TIME_KNOWN = 0.02
+"""s; a delay or lag counts as identified below this standard error: a time may be 0, so no share
 of the value can be asked for, and 0.02 s is one frame of the PWM."""
 
 

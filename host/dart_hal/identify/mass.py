@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.identify.fit import Estimate
-from dart_hal.identify.runs import RUN
-from dart_hal.recording.dart import Recording
+from dart_hal.recording.dart import RUN, Recording
 from dart_hal.vehicle import Vehicle
 
 AGREE = 3.0  # standard errors; masses farther apart are loads, not errors of a scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -23,15 +23,11 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 
-if TYPE_CHECKING:
-    from dart_hal.identify.as_paper import AsPaper
-
-
 Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Identification:
     """fits by sub-model (as_paper: also rows of its comparison), report by file.
 
     published: the paper's values beside them; derived: what the data do tell
@@ -84,20 +80,9 @@ def published_values(section: str) -> Published:
                       for name in flat_names(PAPER) if name.startswith(start)})
 
 
-def as_paper(root: Path, names: Sequence[str], command: str
-             ) -> tuple[Outcome, AsPaper]:
-    """The paper's own way on its folders below root; also what was fitted, for pictures."""
-    from dart_hal.identify.as_paper import fit_as_paper
-
-    made = fit_as_paper(root, names)
-    digests = {file: report.sha256 for file, report in made.files.items() if report.used}
-    source = Source(digests, command, method="preprocessing of the paper, plain least squares")
-    return Outcome(made.fits, made.files, made.published, source, made.derived), made
-
-
 def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, command: str,
             reference: Reference | None = None, progress: Progress | None = None
-            ) -> tuple[Outcome, list[Recording]]:
+            ) -> tuple[Identification, list[Recording]]:
     """All sub-models in one fit on rollouts, from the recordings that have motion capture.
 
     Standard errors of the base are its prior, unless some of these recordings
@@ -124,7 +109,7 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, comman
                     "one fit of all sub-models by multiple shooting, errors over blocks")
     published = {name: published_values(name) for name in made.fits}
     joint = Covariance(made.names, rounded(made.covariance))
-    return Outcome(made.fits, files, published, source, joint=joint), recordings
+    return Identification(made.fits, files, published, source, joint=joint), recordings
 
 
 def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -138,7 +123,7 @@ def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]
 
 def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
                   reference: Reference | None = None, progress: Progress | None = None
-                  ) -> tuple[Outcome, list[Recording]]:
+                  ) -> tuple[Identification, list[Recording]]:
     """Every recording for itself, robust; also the recordings, for pictures.
 
     Errors: RecordingError when a file named by itself, or all of them, cannot
@@ -167,4 +152,4 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "per recording, robust, errors over blocks")
     published = {name: published_values(name) for name in fits}
-    return Outcome(fits, files, published, source, mass=mass), recordings
+    return Identification(fits, files, published, source, mass=mass), recordings

@@ -19,19 +19,17 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
-from dart_hal.recording.dart import Messages, Note, Recording, read
+from dart_hal.recording.dart import RUN, Messages, Note, Recording, read
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
-from dart_hal.types import FloatArray, IntArray, State
+from dart_hal.types import SAMPLE, FloatArray, IntArray, State
 
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
 SHORTEST = 100  # frames: 1 s
-FRAME = 0.01  # s
 ACCEL_LATENCY = 0.0075  # s; as GYRO_LATENCY, with the 62.5 Hz filter of the accelerometer
 MASS = "mass"  # metadata of a run: kg and std, as weighed
-RUN = "run"  # Recording.schema of our own runs
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
@@ -72,7 +70,7 @@ def finer(recording: Recording) -> Recording:
     if recording.schema != RUN or len(recording.messages) < 2:
         return recording
     step = float(np.median(np.diff(recording.messages.t)))
-    return read_run(recording.path, FINE) if step > 1.5 * FINE * FRAME else recording
+    return read_run(recording.path, FINE) if step > 1.5 * FINE * SAMPLE else recording
 
 
 def _weighed(path: Path) -> tuple[float, float] | None:
@@ -174,7 +172,7 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
     if not known.any():
         return value
     taken, first = np.unique((t - age)[known], return_index=True)
-    middle = np.interp(t - 0.5 * FRAME, taken - latency, value[known][first])
+    middle = np.interp(t - 0.5 * SAMPLE, taken - latency, value[known][first])
     return np.where(known, middle, np.nan)
 
 

@@ -1,1 +1,1 @@
-"""This process among others: what a forked child lets go of, and locks that end with a process."""
+"""This process among others: forked children, locks that end with a process, work on all cores."""

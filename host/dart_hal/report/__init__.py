@@ -1,1 +1,1 @@
-"""Pictures as files, and what several rooms draw of recordings."""
+"""The kit of all reports: page builder, charts and pictures. What a page says, its room knows."""

@@ -1,16 +1,35 @@
-"""Pictures as files: one check of the library and the suffix, one way to save."""
+"""Matplotlib pictures in one style: size, colours, axes, captions, and where they go.
+
+Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and nowhere else.
+"""
 
 from __future__ import annotations
 
+import base64
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dart_hal.errors import UsageError
+from dart_hal.types import FloatArray
+
+from .html import Html, el
 
 FORMATS = (".png", ".svg", ".pdf")
+INK, BLUE, ORANGE, GREEN, GREY = "#222222", "#0072b2", "#d55e00", "#009e73", "#888888"
+"""Colours that are told apart in print and by the colour-blind (Okabe and Ito, 2008)."""
+ABOVE: dict[str, Any] = {"frameon": False, "loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+"""Where a legend stands that must not hide data."""
+PX_PER_INCH, LEAST_PX_PER_INCH = 88, 52
+"""Size of a picture on a page, and the smallest with legible words: below it, it scrolls."""
+NINETY = 1.645  # standard errors of a 90 % interval
+MANY = 400
+"""Points; above it they are drawn small and pale."""
 
 
-def new_figure(size: tuple[float, float], path: str | Path | None = None) -> Any:
+def new_figure(size: tuple[float, float] = (7.2, 4.6), path: str | Path | None = None) -> Any:
     """An empty figure of ``size`` [inch], for ``path`` where it is known.
 
     Errors: UsageError when matplotlib is missing or the suffix is unknown.
@@ -30,3 +49,46 @@ def save_figure(figure: Any, path: str | Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     return path
+
+
+def image(figure: Any, name: str) -> Html:
+    """The figure inside of a page; name: what a screen reader says."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    wide, least = (round(figure.get_figwidth() * px) for px in (PX_PER_INCH, LEAST_PX_PER_INCH))
+    return el("div", el("img", alt=name, src=f"data:image/png;base64,{data}",
+                        style=f"width:{wide}px;min-width:{least}px"), class_="wide", tabindex="0")
+
+
+def finish(axes: Any, x: str = "", y: str = "", title: str = "", *, legend: bool = True,
+           **placed: Any) -> None:
+    """Labels, grid and, where something has a label, the legend, ``placed`` as matplotlib says."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title, loc="left", fontsize=10)
+    axes.grid(alpha=0.3)
+    if legend and axes.get_legend_handles_labels()[0]:
+        axes.legend(**{"fontsize": 8, "loc": "best", **placed})
+
+
+def scatter(axes: Any, x: FloatArray, y: FloatArray, label: str, color: str = BLUE) -> None:
+    """Data points, rasterised so that many of them stay a small file."""
+    many = len(x) > MANY
+    axes.plot(x, y, ".", ms=2.5 if many else 4.5, alpha=0.25 if many else 0.7, color=color,
+              lw=0, rasterized=True, zorder=1)
+    axes.plot([], [], ".", ms=7, color=color, lw=0, label=label)  # a legible entry of the legend
+
+
+def band(axes: Any, x: FloatArray, middle: FloatArray, reach: FloatArray, color: str = BLUE,
+         label: str | None = None) -> None:
+    """What lies within ``reach`` of ``middle`` (n,), shaded."""
+    axes.fill_between(x, middle - reach, middle + reach, color=color, alpha=0.2, lw=0, label=label)
+
+
+def limits(*parts: FloatArray, share: float = 0.002) -> tuple[float, float]:
+    """Interval of the data without its few wildest points, with a margin."""
+    together = np.concatenate(parts)
+    low, high = np.quantile(together[np.isfinite(together)], [share, 1.0 - share])
+    margin = 0.08 * max(float(high - low), 1e-9)
+    return float(low) - margin, float(high) + margin

@@ -1,7 +1,6 @@
 """Pictures of recordings: path, speeds, throttle, steering, yaw rate; bad samples in orange.
 
-Needs matplotlib (``pip install dart-hal[plot]``), imported here inside the
-functions. The first is one figure per recording, the second all at a glance.
+The first is one figure per recording, the second all at a glance.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from dart_hal.recording.check import Check, folder_of, stem_of
-from dart_hal.report.figures import new_figure, save_figure
 from dart_hal.types import FloatArray
 
-WHEEL, GROUND, BAD, GATED, RAW, STEER = ("#0072b2", "#222222", "#d55e00", "#56b4e9", "#888888",
-                                         "#009e73")
+from .figures import ABOVE, BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
+
+WHEEL, GROUND, BAD, GATED, RAW, STEER = BLUE, INK, ORANGE, "#56b4e9", GREY, GREEN
 COLUMNS = 6
 MOST = 120  # recordings in one overview
 
@@ -89,11 +88,7 @@ def _path(axes: Any, c: Check) -> None:
         axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD, ms=2.5, label="bad samples")
     axes.plot(g.x[:1], g.y[:1], "o", color=STEER, ms=6, label="start")
     axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3,
-                frameon=False)
+    finish(axes, "x [m]", "y [m]", fontsize=7, ncols=3, **ABOVE)
 
 
 def _speed(axes: Any, c: Check) -> None:

@@ -16,9 +16,10 @@ import numpy as np
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.motion import Felt, Motion
 from dart_hal.sim.servo import Servo, ServoParams
-from dart_hal.vehicle import Vehicle, make_friction, make_motor
+from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.channels import Stepper
 from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.motor import make_drive
 
 
 class Sensed(NamedTuple):
@@ -42,7 +43,7 @@ class Injected:
         self._throttle = Stepper(p, "throttle", dt)
         self._wheel, self._gyro, self._accel = (
             Stepper(p, channel, dt) for channel in ("wheel", "gyro", "accel"))
-        self._motor, self._friction = make_motor(p.motor), make_friction(p.friction)
+        self._drive = make_drive(p.motor, p.friction)
         self._per_turn = 1.0 / car.gear_revolution
         self._turns = 0.0
         self._dt = dt
@@ -58,7 +59,7 @@ class Injected:
     def sensed(self, felt: Felt, motion: Motion, throttle: float, brake: float) -> Sensed:
         """What the sensors take for the motion of the last tick; throttle behind ``throttle``."""
         self._turns += felt.v_x * self._per_turn * self._dt
-        drive = self._motor(throttle, felt.v_x) + self._friction(felt.v_x, brake)
+        drive = self._drive(throttle, felt.v_x, brake)
         self.now = now = Now(self.now.t + self._dt, felt.v_x, motion.v_y, felt.omega, motion.eta,
                              felt.a_x, felt.a_y, felt.omega_dot, drive, self._turns)
         a_x, a_y = self._accel((felt.a_x, felt.a_y), now)

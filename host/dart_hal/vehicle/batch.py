@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dart_hal.errors import UsageError
+from dart_hal.types import SAMPLE
 from dart_hal.vehicle.flat import values
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile
@@ -24,8 +25,8 @@ from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 Array = NDArray[Any]
 Step = Callable[..., tuple[Any, ...]]
-SAMPLE, SUBSTEPS = 0.01, 4
-"""s between held inputs of an open-loop rollout, and RK4 steps in between."""
+SUBSTEPS = 4
+"""RK4 steps between held inputs of an open-loop rollout."""
 ENGINES = ("auto", "numpy", "native")
 
 

@@ -1,9 +1,36 @@
-"""Equations of motion of the bicycle, reference point: centre of mass.
+"""Dynamic and kinematic bicycle; reference point: centre of mass, axes of ISO 8855.
 
-State x, y [m], eta [rad], v_x, v_y [m/s] in body axes, omega [rad/s]. What an
-actuator holds over an integration step enters as coefficients: the drive
-(k0, k1, brake) of ``make_motor_gains`` and cosine and sine of the road-wheel
-angle, so that the inner loop evaluates only what changes with the state.
+The state is x = [x, y, eta, v_x, v_y, omega]: position [m] and yaw angle [rad]
+in the plane, velocity [m/s] in body axes, yaw rate [rad/s]. The input is
+u = [tau, delta]: throttle and road-wheel angle [rad], positive to the left.
+
+The dynamic bicycle is defined by
+
+    x'     = v_x cos(eta) - v_y sin(eta)
+    y'     = v_x sin(eta) + v_y cos(eta)
+    eta'   = omega
+    v_x'   = (F_xr + F_xf cos(delta) - F_yf sin(delta)) / m   + omega v_y
+    v_y'   = (F_yr + F_yf cos(delta) + F_xf sin(delta)) / m   - omega v_x
+    omega' = (l_f (F_yf cos(delta) + F_xf sin(delta)) - l_r F_yr) / I_z
+
+    F_x  = motor(tau, v_x) + friction(v_x),  F_xf = share F_x,  F_xr = (1 - share) F_x
+    F_yf = front(alpha_f),  F_yr = rear(alpha_r)
+
+and about straight driving at a speed v, with C = dF_y / d alpha of an axle, by
+
+    d/dt [v_y, omega] = A [v_y, omega] + B delta
+
+    A = [[-(C_f + C_r) / (m v),              (l_r C_r - l_f C_f) / (m v) - v     ],
+         [ (l_r C_r - l_f C_f) / (I_z v),   -(l_f^2 C_f + l_r^2 C_r) / (I_z v)  ]]
+    B = [C_f / m,  l_f C_f / I_z]
+
+The kinematic bicycle has no slip: omega = v tan(delta) / (l_f + l_r), v of the
+rear axle. Parameters are those of a ``Vehicle``; motor, friction and tyres have
+a module each. An effect enters as forces (``effect.Forces``).
+
+Source: L. Lyons, T. Niesten, L. Ferranti, "DART: A Compact Platform for
+Autonomous Driving Research" (2024); A and B as in R. Rajamani, "Vehicle
+Dynamics and Control" (2012), section 2.3.
 """
 
 from __future__ import annotations
@@ -12,13 +39,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from dart_hal.vehicle.compose import Hook, force_hooks, settled
+from dart_hal.vehicle.compose import force_hooks, settled
 from dart_hal.vehicle.effect import Forces
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor_gains
-from dart_hal.vehicle.namespace import Namespace, Value, adapt
+from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.tyres import Force, Slip, make_slip, make_tyres
+from dart_hal.vehicle.tyres import make_slip, make_tyres
 
 Rates = tuple[Value, Value, Value, Value, Value, Value]
 
@@ -26,9 +53,11 @@ Rates = tuple[Value, Value, Value, Value, Value, Value]
 def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callable[..., Rates]:
     """``rates(eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d)``: d(state)/dt.
 
-    Returns (x', y', eta', v_x', v_y', omega'). Body-frame accelerations are
-    v_x' - omega v_y and v_y' + omega v_x. slip: form of the slip angles, None
-    = the vehicle's own.
+    Returns (x', y', eta', v_x', v_y', omega'). What an actuator holds over an
+    integration step enters as coefficients: the drive (k0, k1, brake) of
+    ``make_motor_gains``, cosine and sine of the road-wheel angle. Accelerations
+    in body axes are v_x' - omega v_y and v_y' + omega v_x. slip: form of the
+    slip angles, None = the vehicle's own.
     """
     f = adapt(xp)
     sin, cos = f.sin, f.cos
@@ -39,46 +68,26 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callabl
     angles = make_slip(p.body, f, slip or p.slip)
     front, rear = make_tyres(p.tyres, p.body, f)
     hooks = force_hooks(p, f)
-    if hooks:
-        return _extended(p, f, hooks, friction, angles, front, rear)
 
     def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
               cd: Value, sd: Value) -> Rates:
         alpha_f, alpha_r = angles(vx, vy, om, cd, sd)
         f_w = k0 - k1 * vx + friction(vx, brake)
-        f_xf, f_yf, f_yr = share_f * f_w, front(alpha_f), rear(alpha_r)
+        f_xf, f_xr, f_yf, f_yr = share_f * f_w, share_r * f_w, front(alpha_f), rear(alpha_r)
+        if hooks:  # of the vehicle, never of the state: nothing here branches on a value
+            q = Forces(eta, vx, vy, om, cd, sd, alpha_f, alpha_r, f_xf, f_xr, f_yf, f_yr,
+                       0.0, 0.0, 0.0)
+            for hook in hooks:
+                q = hook(q)
+            cd, sd, f_xf, f_xr, f_yf, f_yr = q.cos_d, q.sin_d, q.f_xf, q.f_xr, q.f_yf, q.f_yr
         f_left = f_yf * cd + f_xf * sd
+        f_x, f_y = f_xr + f_xf * cd - f_yf * sd, f_yr + f_left
+        m_z = l_f * f_left - l_r * f_yr
+        if hooks:
+            f_x, f_y, m_z = f_x + q.f_x, f_y + q.f_y, m_z + q.m_z
         ce, se = cos(eta), sin(eta)
-        return (vx * ce - vy * se, vx * se + vy * ce, om,
-                (share_r * f_w + f_xf * cd - f_yf * sd) * per_mass + om * vy,
-                (f_yr + f_left) * per_mass - om * vx,
-                (l_f * f_left - l_r * f_yr) * per_inertia)
-
-    return rates
-
-
-def _extended(p: Vehicle, f: Namespace, hooks: tuple[Hook, ...], friction: Callable[..., Value],
-              angles: Slip, front: Force, rear: Force) -> Callable[..., Rates]:
-    """The same motion with the forces passed through the effects of the vehicle."""
-    sin, cos = f.sin, f.cos
-    l_f, l_r = p.body.l_f, p.body.l_r
-    per_mass, per_inertia = 1.0 / p.body.mass, 1.0 / p.body.yaw_inertia
-    share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
-
-    def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
-              cd: Value, sd: Value) -> Rates:
-        alpha_f, alpha_r = angles(vx, vy, om, cd, sd)
-        f_w = k0 - k1 * vx + friction(vx, brake)
-        q = Forces(eta, vx, vy, om, cd, sd, alpha_f, alpha_r, share_f * f_w, share_r * f_w,
-                   front(alpha_f), rear(alpha_r), 0.0, 0.0, 0.0)
-        for hook in hooks:
-            q = hook(q)
-        f_left = q.f_yf * q.cos_d + q.f_xf * q.sin_d
-        ce, se = cos(eta), sin(eta)
-        return (vx * ce - vy * se, vx * se + vy * ce, om,
-                (q.f_xr + q.f_xf * q.cos_d - q.f_yf * q.sin_d + q.f_x) * per_mass + om * vy,
-                (q.f_yr + f_left + q.f_y) * per_mass - om * vx,
-                (l_f * f_left - l_r * q.f_yr + q.m_z) * per_inertia)
+        return (vx * ce - vy * se, vx * se + vy * ce, om, f_x * per_mass + om * vy,
+                f_y * per_mass - om * vx, m_z * per_inertia)
 
     return rates
 

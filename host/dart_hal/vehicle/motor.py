@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.namespace import Value, adapt
-from dart_hal.vehicle.parameters import Motor
+from dart_hal.vehicle.parameters import Friction, Motor
 
 SHARPNESS = 100.0
 """Of the smooth max(0, u): the blend is about 0.02 of throttle wide."""
@@ -50,3 +51,13 @@ def make_motor(p: Motor, xp: Any = math) -> Callable[[Value, Value], Value]:
         return k0 - k1 * v
 
     return motor
+
+
+def make_drive(p: Motor, resistance: Friction, xp: Any = math) -> Callable[..., Value]:
+    """``drive(tau, v, brake=0) -> F`` [N] at the wheels: motor and friction together."""
+    motor, friction = make_motor(p, xp), make_friction(resistance, xp)
+
+    def drive(tau: Value, v: Value, brake: Value = 0.0) -> Value:
+        return motor(tau, v) + friction(v, brake)
+
+    return drive

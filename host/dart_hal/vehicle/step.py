@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dart_hal.errors import UsageError
+from dart_hal.types import SAMPLE
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import (
@@ -40,7 +41,7 @@ Body6 = Callable[..., State6]
 """``body(x, y, eta, v_x, v_y, omega, dt, start, middle, end)``; each (tau, delta)."""
 
 
-def make_car_step(p: Vehicle, xp: Any = math, dt: Value = 0.01,
+def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,
                   method: str = "rk4") -> Callable[..., State8]:
     """``step(x, y, eta, v_x, v_y, omega, tau, s, tau_command, s_command) -> state``.
 
@@ -54,7 +55,7 @@ def make_car_step(p: Vehicle, xp: Any = math, dt: Value = 0.01,
     body = _body(p, f, method)
     steering = make_steering(p.steering, f)
     (start_t, half_t), (start_s, half_s) = (
-        _decay(lag, dt, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s))
+        decay(lag, dt, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s))
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, tau: Value,
              s: Value, tau_command: Value, s_command: Value) -> State8:
@@ -96,8 +97,8 @@ def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: i
     return rolled if kinematic else step
 
 
-def _decay(lag: Value, dt: Value, f: Namespace) -> tuple[Value, Value]:
-    """(1 with a lag and 0 without, decay over half a step); 0, 0 for a lag of 0."""
+def decay(lag: Value, dt: Value, f: Namespace) -> tuple[Value, Value]:
+    """(1 with a lag and 0 without, share of a step that is left after dt/2 [s]); 0, 0 for 0 s."""
     return 1.0 - f.exp(-lag / NO_LAG), f.exp(-0.5 * dt / f.fmax(lag, NO_LAG))
 
 

@@ -13,15 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.diagnose.drive import READ, STEP
-from dart_hal.diagnose.features import UNITS, Features, message_features, window_features
-from dart_hal.diagnose.onboard import MOTION as ONBOARD
-from dart_hal.diagnose.onboard import OnboardEvidence
-from dart_hal.diagnose.onboard_drive import COUNTED, READS
-from dart_hal.diagnose.readings import SENSORS
-from dart_hal.diagnose.residuals import MOTION, Evidence, Residuals
+from dart_hal.diagnose.evidence.drive import READ
+from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
+from dart_hal.diagnose.evidence.onboard import OnboardEvidence
+from dart_hal.diagnose.evidence.onboard_drive import COUNTED, READS
+from dart_hal.diagnose.evidence.readings import SENSORS
+from dart_hal.diagnose.evidence.residuals import MOTION, Evidence, Residuals
 from dart_hal.diagnose.result import Diagnosis, Stage, added
-from dart_hal.types import FloatArray
+from dart_hal.diagnose.unexplained.features import (
+    UNITS,
+    Features,
+    message_features,
+    window_features,
+)
+from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .words import CHANNELS
@@ -64,9 +69,9 @@ class Column:
     def unit(self) -> str:
         return CHANNELS[self.channel][1]
 
-    def of(self, r: Residuals, louder: FloatArray) -> FloatArray:
-        """Its residuals (rows,) in SI units, not folded; louder: as ``Evidence.louder``."""
-        of = r.motion if self.after else r.sensors / louder
+    def of(self, r: Residuals, noise_scale: FloatArray) -> FloatArray:
+        """Its residuals (rows,) in SI units, not folded; noise_scale: as of ``Evidence``."""
+        of = r.motion if self.after else r.sensors / noise_scale
         return np.asarray(of[:, self.index])
 
 
@@ -100,14 +105,14 @@ class Rows:
     def __init__(self, evidence: Evidence, p: Vehicle) -> None:
         self._evidence, self._p = evidence, p
         self._motion, self._sensor = evidence.blocks(STRETCH)
-        self._louder = evidence.louder
+        self._noise_scale = evidence.noise_scale
         self._features: dict[float, Features] = {}
 
     def features(self, column: Column) -> Features:
         """(rows,) each, of the time over which this residual came about."""
         if column.after not in self._features:
             self._features[column.after] = (
-                window_features(self._evidence, self._p, round(column.after / STEP))
+                window_features(self._evidence, self._p, round(column.after / SAMPLE))
                 if column.after else message_features(self._evidence, self._p))
         return self._features[column.after]
 
@@ -117,7 +122,7 @@ class Rows:
 
     def values(self, column: Column, r: Residuals) -> FloatArray:
         """Residuals (rows,), folded where the column says so; NaN where there is none."""
-        values = column.of(r, self._louder)
+        values = column.of(r, self._noise_scale)
         return values * self.features(column)["direction"] if column.folded else values
 
     def means(self, column: Column, variable: str, r: Residuals, period: float = 0.0
@@ -147,7 +152,7 @@ class Rows:
 
     def sides(self, column: Column, r: Residuals) -> Means | None:
         """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
-        y, direction = column.of(r, self._louder), self.features(column)["direction"]
+        y, direction = column.of(r, self._noise_scale), self.features(column)["direction"]
         good = np.isfinite(y)
         if good.sum() < FEWEST:
             return None
@@ -172,7 +177,7 @@ def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
     """Channels of a prediction, and its read-outs [s] from the start: with mocap, and without."""
     if isinstance(evidence, OnboardEvidence):
         return ONBOARD, [round((i + 1) * COUNTED, 6) for i in range(READS)]
-    return MOTION, [r * STEP for r in READ]
+    return MOTION, [r * SAMPLE for r in READ]
 
 
 def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | None = None

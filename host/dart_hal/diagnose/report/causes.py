@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from dart_hal.diagnose.result import Cause, Diagnosis, Unexplained
+from dart_hal.diagnose.unexplained.features import UNITS
+from dart_hal.report import charts, page, svg
+from dart_hal.report.html import Html, el, join, table
+from dart_hal.report.numbers import listed, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue
 
-from . import svg
-from .along import Along, Rows, along, columns, most, stages_of
-from .charts import before_after, share_gone, sides
-from .html import Html, el, join, table
-from .words import (
-    channel,
-    interval,
-    listed,
-    p_value,
-    percent,
-    quantity,
-    sentence,
-    significant,
-    structure,
-    variable,
-)
+from .along import SIDES, Along, Column, Means, Rows, along, columns, most, stages_of
+from .words import channel, interval, quantity, sentence, structure, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
-KEY = (("before", "before"), ("after", "with the cause in the model"))
+TWO = 2.0
+"""Standard errors that a whisker reaches to each side."""
+BESIDE = 0.08
+"""Half the distance of two marks of one side of the turn, whose sides are 1 apart."""
+KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])
 
 
 def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
@@ -34,16 +29,18 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
     cause = d.causes[i]
     known = catalogue().get(cause.effect)
     like = listed(cause.cannot_be_told_from, "and") or "nothing in the catalogue"
-    facts = [el("li", text) for text in cause.evidence]
+    drawn = list(cause_pictures(d, i, rows))
     return el(
         "section", el("h3", f"{i + 1}. {cause.effect}"),
-        el("div", el("p", sentence(cause), class_="big"),
-           class_="cause good" if cause.gain.low > 0.0 else "cause bad"),
+        page.card(el("p", sentence(cause), class_="big"), good=cause.gain.low > 0.0, kind="cause"),
         el("p", known.physics) if known is not None else Html(),
         _figures(cause), el("p", f"Enters at: {cause.enters}. Cannot be told from, with these "
                                  f"data: {like}."),
         _decides(cause),
-        el("ul", *facts) if facts else Html(), _pictures(d, i, rows), id=f"cause-{i + 1}")
+        page.items(cause.evidence),
+        join([page.figures(drawn), KEY]) if drawn else page.soft(
+            "The test recordings are too short for a picture of the residuals, or none of them "
+            "became smaller."), id=f"cause-{i + 1}")
 
 
 def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
@@ -54,14 +51,13 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
                        "where these recordings did not go.")
     parts: list[Html] = []
     for u in d.unexplained:
-        parts.append(el("div", el("p", structure(u)), class_="cause bad"))
-        picture = _left(d, u, rows)
-        if picture is not None:
+        parts.append(page.card(el("p", structure(u)), good=False, kind="cause"))
+        left = _left(d, u, rows)
+        if left is not None:
             again = f", from 0 again every {u.period:.2f} m" if u.period else ""
-            words = (f"{picture.column.words}, along {variable(picture.variable)}{again}: the last "
+            words = (f"{left.column.words}, along {variable(left.variable)}{again}: the last "
                      "model on the test recordings (found on the training recordings)")
-            parts.append(el("figure", el("figcaption", words),
-                            before_after(picture, u.channel, only_before=True)))
+            parts.append(page.figure(words, _drawn(left, [(left.before, "before")])))
     head = ("channel", "structure", "with", "p", "share of the rest")
     return join([*parts, table(head, [
         (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
@@ -86,31 +82,46 @@ def _figures(cause: Cause) -> Html:
                 significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure)])
 
 
-def _pictures(d: Diagnosis, i: int, rows: Rows) -> Html:
-    cause = d.causes[i]
+def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
+    """Where the cause number i shows, before and after it is in the model; the clearest first."""
     before, after = stages_of(d, i)
-    first = most(rows, columns(d.evidence, cause.gain.channel), before, after)
-    others = [c for c in columns(d.evidence)
-              if first is None or c.channel != first.column.channel]
-    second = most(rows, others, before, after)
-    drawn = [_captioned(a, cause.effect) for a in (first, second)
-             if a is not None and (a is first or a.score > VISIBLE)]
+    effect, gained = d.causes[i].effect, d.causes[i].gain.channel
+    first = most(rows, columns(d.evidence, gained), before, after)
+    if first is not None:
+        yield _captioned(first, effect)
+    second = most(rows, [c for c in columns(d.evidence)
+                         if first is None or c.channel != first.column.channel], before, after)
+    if second is not None and second.score > VISIBLE:
+        yield _captioned(second, effect)
     if first is not None:
         plain = replace(first.column, folded=False)
         was, now = (rows.sides(plain, s.residuals) for s in (before, after))
         if was is not None and now is not None:
-            drawn.append(el("figure", el("figcaption", f"{plain.words}: left against right"),
-                            sides(was, now, plain, cause.effect)))
-    if not drawn:
-        return el("p", "The test recordings are too short for a picture of the residuals, or none "
-                       "of them became smaller.", class_="soft")
-    return join([el("div", *drawn, class_="figures"), svg.legend(KEY)])
+            yield page.figure(f"{plain.words}: left against right", _sides(was, now, plain, effect))
 
 
-def _captioned(a: Along, what: str) -> Html:
-    words = (f"{a.column.words}, along {variable(a.variable)}: {share_gone(a)} of its mean square "
-             "went with this structure")
-    return el("figure", el("figcaption", words), before_after(a, what))
+def _captioned(a: Along, effect: str) -> Html:
+    gone = percent(min(max(a.score, 0.0), 1.0))
+    return page.figure(f"{effect}: {a.column.words}, along {variable(a.variable)}; {gone} of its "
+                       "mean square went with this structure",
+                       _drawn(a, [(a.before, "before"), (a.after, "after")]))
+
+
+def _drawn(a: Along, shown: list[tuple[Means, str]]) -> Html:
+    """Mean residual along a variable, with two standard errors."""
+    name, unit = variable(a.variable), UNITS[a.variable]
+    return charts.lines(f"{a.column.words} along {name}",
+                        name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
+                        [charts.Series(m.x, m.mean, TWO * m.error, style) for m, style in shown])
+
+
+def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
+    """Mean residual in left turns, straight on and in right turns."""
+    return charts.lines(f"{effect}: {column.words}, left against right", "direction of the turn",
+                        f"error [{column.unit}]",
+                        [charts.Series(m.x + shift, m.mean, TWO * m.error, style, joined=False)
+                         for m, shift, style in ((before, -BESIDE, "before"),
+                                                 (after, BESIDE, "after"))], SIDES)
 
 
 def _left(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:

@@ -1,4 +1,4 @@
-"""The parts of the page that are tables: errors, effects considered, parameters, files."""
+"""The parts of the page that are figures and tables: errors, effects, parameters, files."""
 
 from __future__ import annotations
 
@@ -6,20 +6,64 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.result import Considered, Diagnosis, Number
-from dart_hal.identify.evaluation import CHANNELS as PREDICTED
-from dart_hal.identify.evaluation import UNITS
+import numpy as np
 
-from .charts import pooled
-from .html import Html, el, join, table
-from .words import HORIZONS, channel, interval, p_value, percent, quantity, significant, title
+from dart_hal.diagnose.evidence.onboard import OnboardEvidence
+from dart_hal.diagnose.result import Considered, Diagnosis, Number
+from dart_hal.evaluate import CHANNELS as PREDICTED
+from dart_hal.evaluate import UNITS
+from dart_hal.report import charts, page, svg
+from dart_hal.report.html import Html, el, join, table
+from dart_hal.report.numbers import p_value, percent, significant
+
+from .words import CHANNELS, HORIZONS, channel, interval, pooled, quantity, title
+
+MOST = 24
+"""Bars of the ranking; the table below it holds all."""
+
+
+def step_by_step(d: Diagnosis, horizon: str = "1.0") -> Html:
+    """By channel, the error of the base, of the refitted base and with each cause."""
+    drawn = []
+    for name in PREDICTED:
+        errors = np.array([pooled(s.horizons, horizon, name) for s in d.stages])
+        if np.isfinite(errors).any():
+            drawn.append(page.figure(channel(name), charts.steps(
+                f"RMSE of the {channel(name)} step by step",
+                f"RMSE at {float(horizon):g} s [{CHANNELS[name][1]}]", errors,
+                pooled(d.ctrv, horizon, name), "CTRV")))
+    labels = page.items((s.label for s in d.stages), "ol", start="0", class_="soft")
+    return join([labels, page.figures(drawn)])
+
+
+def ranking(d: Diagnosis) -> Html:
+    """Drop of the loss of every effect alone; without a ranking what is known of it."""
+    found = d.ranking or {**{c.effect: c.loss for c in d.considered},
+                          **{c.effect: c.loss for c in d.causes}}
+    if not (d.causes or d.considered):
+        return el("p", "No effect was tried.")
+    named = {c.effect for c in d.causes}
+    shown = sorted(((name, loss) for name, loss in found.items() if math.isfinite(loss)),
+                   key=lambda e: (-e[1], e[0]))[:MOST]
+    said = ("Each effect alone, before anything was named: relatives of a cause gain nearly as "
+            "much, until it is in the model. " if d.ranking else "")
+    return join([
+        charts.bars("Drop of the loss by effect", "drop of the loss (logarithmic scale)",
+                    [(name, loss, "after" if name in named else "other") for name, loss in shown]),
+        svg.legend([("after", "named"), ("other", "not named")]),
+        page.soft(said + "How much counts differs from effect to effect, see the p-values below.")])
 
 
 def errors(d: Diagnosis) -> Html:
-    """Every stage and CTRV, by horizon and channel: RMSE, in brackets the median."""
+    """Pictures, gains, then every stage and CTRV by horizon and channel: RMSE (median)."""
     steps = [(f"{i}. {s.label}", s.horizons) for i, s in enumerate(d.stages)]
     head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
-    out = []
+    out = [step_by_step(d)]
+    if isinstance(d.evidence, OnboardEvidence):
+        out.append(page.soft("Without motion capture: speed as the encoder reads it and yaw rate "
+                             "as the gyro reads it; nothing else can be judged."))
+    out.append(gains(d))
+    known = len(out)
     for horizon in HORIZONS:
         rows = [(label, *(_pair(of, horizon, c) for c in PREDICTED))
                 for label, of in [*steps, ("CTRV", d.ctrv)]]
@@ -27,8 +71,10 @@ def errors(d: Diagnosis) -> Html:
             n = pooled(d.stages[0].horizons, horizon, "n")
             out.append(table(head, rows, 1, f"after {float(horizon):g} s: RMSE (median) of "
                              f"{significant(n, 9)} windows of the test recordings"))
-    return join(out) if out else el("p", "No prediction could be judged: the test recordings have "
-                                         "no motion capture.")
+    if len(out) == known:
+        out.append(el("p", "No prediction could be judged: the test recordings have no motion "
+                           "capture."))
+    return join(out)
 
 
 def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
@@ -42,8 +88,6 @@ def gains(d: Diagnosis) -> Html:
     """The extended model against the base, by channel."""
     rows = [(channel(name), percent(g.test), interval(g), percent(g.train))
             for name, g in d.gain.items()]
-    if not rows:
-        return Html()
     measures = "; ".join(dict.fromkeys(g.measure for g in d.gain.values()))
     return table(("channel", "gain on test data", "95 %", "on training data"), rows,
                  caption=f"extended model against the model as it was given: {measures}")
@@ -59,9 +103,9 @@ def considered(d: Diagnosis) -> Html:
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
     head = ("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
             "why it was not named")
-    shown = [table(head, rows)] if rows else []
-    return join([*shown, *(el("p", f"Drop of the loss below 1 ({why}): {', '.join(names)}.",
-                              class_="soft") for why, names in idle.items())])
+    return join([table(head, rows), *(
+        page.soft(f"Drop of the loss below 1 ({why}): {', '.join(names)}.")
+        for why, names in idle.items())])
 
 
 def _nothing(c: Considered) -> bool:

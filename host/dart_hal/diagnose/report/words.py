@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any
 
 from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Unexplained
+from dart_hal.report.numbers import listed, p_value, percent, significant, with_error
 from dart_hal.vehicle.effects import catalogue
 
 CHANNELS = {
@@ -19,8 +21,6 @@ CHANNELS = {
 HORIZONS = ("0.5", "1.0", "2.0")
 UNIT_WORDS = {"": "", "-": "", "relative": " (relative)"}
 NO_INTERVAL = "too little data for an interval"
-SURE = 1e-4
-"""p-values below it are not written out: the tail of a null has no more digits."""
 
 
 def channel(name: str) -> str:
@@ -87,6 +87,13 @@ def _between(low: float, high: float) -> str:
     return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
 
 
+def overall(d: Diagnosis) -> str:
+    """The extended model against the one that was given; "" where nothing could be compared."""
+    gains = [share_of(g) for g in d.gain.values()]
+    return ("Against the model as it was given, at 1 s, on recordings it has not seen, the "
+            f"extended model {listed(gains, 'and')}.") if gains else ""
+
+
 def interval(gain: Gained) -> str:
     """Its 95 % interval for a table."""
     known = math.isfinite(gain.low) and math.isfinite(gain.high)
@@ -101,6 +108,12 @@ def structure(u: Unexplained) -> str:
             f"{along} ({p_value(u.p_value)})")
 
 
+def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:
+    """One figure of an error table of ``evaluate``; NaN where there is none."""
+    value = horizons.get(horizon, {}).get(kind, {}).get(name)
+    return float(value) if value is not None else math.nan
+
+
 def moved(name: str, m: Moved) -> str:
     """One base parameter that the refit changed."""
     doubt = f"; hard to believe: {m.doubt}" if m.doubt else ""
@@ -110,32 +123,9 @@ def moved(name: str, m: Moved) -> str:
 
 def quantity(number: Number) -> str:
     """"0.060 +- 0.004 s"; the standard error has two digits, the value as many decimals."""
-    unit = UNIT_WORDS.get(number.unit, f" {number.unit}")
-    if not (math.isfinite(number.std) and number.std > 0.0):
-        return f"{significant(number.value)}{unit}"
-    decimals = max(0, 1 - math.floor(math.log10(number.std)))
-    if decimals > 9:
-        return f"{number.value:.3g} +- {number.std:.1g}{unit}"
-    return f"{number.value:.{decimals}f} +- {number.std:.{decimals}f}{unit}"
-
-
-def significant(value: float | None, digits: int = 3) -> str:
-    """A number for a table; "-" where there is none."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
-
-
-def percent(share: float) -> str:
-    """A share as whole per cent; "-" where there is none."""
-    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
-
-
-def p_value(p: float | None) -> str:
-    """"p = 0.012", "p < 0.0001"; "p unknown" where there is none."""
-    if p is None or not math.isfinite(p):
-        return "p unknown"
-    return f"p < {SURE:g}" if p < SURE else f"p = {p:.2g}"
+    known = math.isfinite(number.std) and number.std > 0.0
+    value = with_error(number.value, number.std) if known else significant(number.value)
+    return value + UNIT_WORDS.get(number.unit, f" {number.unit}")
 
 
 def variable(name: str) -> str:
@@ -144,11 +134,6 @@ def variable(name: str) -> str:
             "revolution_angle": "angle of the encoder's gear",
             "direction": "direction of the turn",
             "way": "way since the start"}.get(name, name.replace("_", " "))
-
-
-def listed(names: Sequence[str], word: str) -> str:
-    """"a", "a or b", "a, b or c"."""
-    return f" {word} ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def title(effect: str) -> str:

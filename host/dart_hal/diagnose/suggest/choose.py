@@ -9,30 +9,26 @@ from dart_hal.config import ModelFile
 from dart_hal.experiment.floor import Floor
 from dart_hal.vehicle.effects import catalogue
 
+from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
 from .library import CHOICES, Rehearsed, rehearsed
 from .predict import predict
 from .question import Question, ask
 from .race import Race
-from .result import ENOUGH, Pair, Suggestion, Tried
+from .result import Pair, Suggestion, Tried
 
 FLOOR = Floor(10.0, 10.0)
-ALONE = 6.0
-"""Standard deviations that on-board sensors must promise where there was motion capture: they
-start every window themselves, so their noise belongs to the drive more than to the car."""
-SURE = 0.95
-"""Of the simulated repeats must name the truth: noise with long tails is worse than its size."""
 Progress = Callable[[float, str], None]
 
 
 def suggest(diagnosis: Diagnosis, *, floor: Floor = FLOOR, seed: int = 0,
-            progress: Progress | None = None, model: ModelFile | None = None
-            ) -> tuple[Suggestion, ...]:
+            progress: Progress | None = None, model: ModelFile | None = None,
+            policy: Policy = USUAL) -> tuple[Suggestion, ...]:
     """For each cause that cannot be told from others: the drive that would separate them.
 
     floor: what there is to drive on; seed: of the simulated repeats; model: of
-    the car that would drive (None: the paper's), for the rehearsal. Empty when
-    every cause stands for itself.
+    the car that would drive (None: the paper's), for the rehearsal; policy: thresholds.
+    Empty when every cause stands for itself.
     """
     open_ = [cause for cause in diagnosis.causes if cause.cannot_be_told_from]
     if not open_:
@@ -44,7 +40,7 @@ def suggest(diagnosis: Diagnosis, *, floor: Floor = FLOOR, seed: int = 0,
             if progress is not None:
                 progress((done + share) / len(open_), text)
 
-        out.append(_answer(ask(diagnosis, cause), cause, drives, floor, seed, tell))
+        out.append(_answer(ask(diagnosis, cause, policy), cause, drives, floor, seed, tell))
     return tuple(out)
 
 
@@ -63,8 +59,8 @@ class _Kept:
 
 def _answer(q: Question, cause: Cause, drives: Iterable[Rehearsed], floor: Floor, seed: int,
             tell: Progress) -> Suggestion:
-    rivals = q.names[1:]
-    if not rivals:  # none of them could stand for it on the data at hand
+    confounders = q.names[1:]
+    if not confounders:  # none of them could stand for it on the data at hand
         return Suggestion(cause.effect, cause.cannot_be_told_from, "", "", (), 0.0, str(floor), "",
                           True, (), q.values, "", ())
     tried: list[Tried] = []
@@ -75,8 +71,9 @@ def _answer(q: Question, cause: Cause, drives: Iterable[Rehearsed], floor: Floor
         for setting in q.settings:
             race = Race(q, drive, setting, seed)
             tried.append(Tried(drive.choice.name, drive.seconds, setting.needs, race.least))
-            least = ENOUGH if setting is q.settings[-1] else ALONE
-            enough = race.least >= least and race.surest() >= SURE
+            policy = q.policy.suggest  # on-board sensors start every window themselves
+            least = policy.separation if setting is q.settings[-1] else policy.alone
+            enough = race.least >= least and race.surest() >= policy.right
             if enough or best is None or (race.separated, race.least) > (best.separated,
                                                                          best.least):
                 best = race
@@ -86,11 +83,12 @@ def _answer(q: Question, cause: Cause, drives: Iterable[Rehearsed], floor: Floor
             break
     by_hand = catalogue()[cause.effect].experiment
     if best is None:
-        return Suggestion(cause.effect, rivals, "", "", (), 0.0, str(floor), "", False, (),
+        return Suggestion(cause.effect, confounders, "", "", (), 0.0, str(floor), "", False, (),
                           q.values, by_hand, tuple(tried))
     pairs = tuple(Pair(a, b, min(q.before[a, b], q.before[b, a]), best.between(a, b),
-                       best.right(a, b)) for a, b in combinations(q.names, 2))
+                       best.right(a, b), q.policy.suggest.separation)
+                  for a, b in combinations(q.names, 2))
     choice = best.drive.choice
-    return Suggestion(cause.effect, rivals, choice.name, choice.description, best.drive.typed,
+    return Suggestion(cause.effect, confounders, choice.name, choice.description, best.drive.typed,
                       best.drive.seconds, str(floor), best.setting.needs, enough,
                       pairs, q.values, by_hand, tuple(tried), predict(best, pairs))

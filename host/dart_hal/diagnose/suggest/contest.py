@@ -1,6 +1,6 @@
 """Two hypotheses on one drive: how well can the wrong one pretend to be the right one?
 
-The truth's predictions are the data. The rival may have any size that suits the
+The truth's predictions are the data. The confounder may have any size that suits the
 data at hand, and base parameters and timing follow it, to first order; what loss
 is left is what a diagnosis of both would see on average, whatever the noise.
 """
@@ -19,14 +19,13 @@ from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..residuals import Residuals
-from ..scan import scanned
+from ..evidence.residuals import Residuals
+from ..search.scan import scanned
 from .side import Side
 
 LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size
 TOLERANCE = 0.01  # of the medium size
 ROUNDS = 12
-REPEATS = 200
 FLAT = 1e-3  # of loss
 Size = Callable[[str, str, float], float]
 """(effect, parameter, value) -> robust loss that this size costs on other data."""
@@ -34,10 +33,10 @@ Size = Callable[[str, str, float], float]
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A rival at its best. loss: robust loss that the truth saves.
+    """A confounder at its best. loss: robust loss that the truth saves.
 
     values: its size, on the first side where each has its own; car: the base
-    as it follows, with the rival; differences: (N,) of each side, before
+    as it follows, with the confounder; differences: (N,) of each side, before
     anything follows; elsewhere: part of the loss that its size costs on other data.
     """
 
@@ -74,17 +73,17 @@ class Contest:
                          tuple(d for m in parts for d in m.differences))
         return self._best(name)
 
-    def right(self, mimic: Mimic, draw: Callable[[Side], Residuals]) -> float:
+    def right(self, mimic: Mimic, draw: Callable[[Side], Residuals], repeats: int) -> float:
         """Share of simulated repeats of the drive in which the truth fits better.
 
         draw: noise for a side. What is free follows it under both hypotheses.
         """
         won = 0
-        for _ in range(REPEATS):
+        for _ in range(repeats):
             won += sum(side.worse(draw(side), d)
                        for side, d in zip(self.sides, mimic.differences, strict=True)
                        ) + mimic.elsewhere > 0.0
-        return won / REPEATS
+        return won / repeats
 
     def _best(self, name: str) -> Mimic:
         found = [self._along(name, q) for q in scanned(catalogue()[name])]

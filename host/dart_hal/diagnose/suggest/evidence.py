@@ -12,23 +12,20 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..drive import prepare
-from ..noise import Noise, loss, measure
-from ..onboard import OnboardEvidence
-from ..onboard_drive import outings
-from ..residuals import Evidence, Residuals
-from ..space import Timing
-from .virtual import AHEAD
+from ..evidence.drive import prepare
+from ..evidence.noise import Noise, measure
+from ..evidence.onboard import OnboardEvidence
+from ..evidence.onboard_drive import sessions
+from ..evidence.residuals import Evidence, Residuals
+from ..evidence.space import Timing
+from ..policy import Policy
+from .virtual import COMMAND_AGE
 
 Labels = NDArray[np.int64]
-BLOCK = 2.0  # s
 FURTHER = 10**9  # added to labels of blocks, so that they are others
-RUN = 4  # rows in a row that noise is drawn in: it has a memory
 MOCAP, ONBOARD = "motion capture", "on-board sensors"
-MIDDLE = Timing(0.0, AHEAD)
+MIDDLE = Timing(0.0, COMMAND_AGE)
 """How ``virtual.record`` stamps."""
-AT_REST = 0.004
-"""rad/s, a reading of the gyro of a standing car, where the data at hand never stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +34,8 @@ class Setting:
 
     rest, lacking: residuals of the data at hand in SI units, of their best model
     (what no hypothesis explains, to be drawn from) and of the base; blocks: as
-    ``Evidence.blocks``; noise: as a diagnosis of these data measures it; felt:
-    as ``Outing.felt``, which a drive without noise cannot tell.
+    ``Evidence.blocks``; noise: as a diagnosis of these data measures it; noise_scale:
+    as ``Session.noise_scale``, which a drive without noise cannot tell.
     """
 
     needs: str
@@ -48,19 +45,22 @@ class Setting:
     lacking: Residuals
     blocks: tuple[Labels, Labels]
     noise: Noise
-    felt: FloatArray
+    noise_scale: FloatArray
+    policy: Policy
 
     def of(self, recordings: Sequence[Recording]) -> Evidence:
         """Evidence or OnboardEvidence of recordings; it may be empty."""
         if self.needs == MOCAP:
-            return Evidence([prepare(r, self.l_r, self.reference) for r in recordings], self.l_r)
-        return OnboardEvidence([replace(o, felt=self.felt)
-                                for r in recordings for o in outings(r)], self.l_r)
+            return Evidence([prepare(r, self.l_r, self.reference, policy=self.policy.evidence)
+                             for r in recordings], self.l_r)
+        return OnboardEvidence([replace(o, noise_scale=self.noise_scale) for r in recordings
+                                for o in sessions(r, self.policy.evidence)], self.l_r)
 
     def drawn(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
         """Noise for every row of an evidence."""
-        return Residuals(_runs(self.rest.motion, len(evidence.motion_drive), rng),
-                         _runs(self.rest.sensors, len(evidence.sensor_drive), rng))
+        run = self.policy.suggest.run
+        return Residuals(_runs(self.rest.motion, len(evidence.motion_drive), rng, run),
+                         _runs(self.rest.sensors, len(evidence.sensor_drive), rng, run))
 
     def together(self, evidence: Evidence, base: Vehicle, truth: Vehicle,
                  rng: np.random.Generator) -> Noise:
@@ -73,53 +73,54 @@ class Setting:
         new = (ours.motion - theirs.motion + drawn.motion,
                ours.sensors - theirs.sensors + drawn.sensors)
         blocks = tuple(np.concatenate([was, FURTHER + is_]) for was, is_ in zip(
-            self.blocks, evidence.blocks(BLOCK), strict=True))
+            self.blocks, evidence.blocks(self.policy.blocks.seconds), strict=True))
         return measure(Residuals(np.concatenate([old.motion, new[0]]),
-                                 np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]))
+                                 np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]),
+                       policy=self.policy.noise)
 
     def share(self, noise: Noise) -> float:
         """Of what the data at hand say of the cause, that other noise leaves."""
         cause = Residuals(self.lacking.motion - self.rest.motion,
                           self.lacking.sensors - self.rest.sensors)
-        own, other = (float(worth @ loss(x)) for x, worth in (
+        own, other = (float(weight @ self.noise.loss(x)) for x, weight in (
             self.noise.stacked(cause), noise.stacked(cause)))
         return min(other / own, 1.0) if own > 0.0 else 0.0
 
 
 def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Timing,
-            reference: Reference) -> Setting:
+            reference: Reference, policy: Policy) -> Setting:
     """From the data at hand; full is the best model of them, base lacks the cause."""
     r, lacking = (evidence.residuals(p, timing) for p in (full, base))
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
     if needs == ONBOARD and not any(drive.still.any() for drive in evidence.drives):
-        quiet = AT_REST * np.random.default_rng(0).normal(size=len(r.sensors))
+        quiet = policy.suggest.gyro_noise * np.random.default_rng(0).normal(size=len(r.sensors))
         for residuals in (r, lacking):
             residuals.sensors[:, 1] = quiet
-    blocks = evidence.blocks(BLOCK)
-    return Setting(needs, evidence.l_r, reference, r, lacking, blocks, measure(lacking, blocks),
-                   _felt(evidence))
+    blocks = evidence.blocks(policy.blocks.seconds)
+    return Setting(needs, evidence.l_r, reference, r, lacking, blocks,
+                   measure(lacking, blocks, policy=policy.noise), _noise_scale(evidence), policy)
 
 
-def without_mocap(evidence: Evidence) -> OnboardEvidence | None:
+def without_mocap(evidence: Evidence, policy: Policy) -> OnboardEvidence | None:
     """The same recordings by their own sensors alone; None where that says nothing, or is all."""
     if isinstance(evidence, OnboardEvidence):
         return None
-    alone = OnboardEvidence([o for d in evidence.drives for o in outings(d.recording)],
-                            evidence.l_r)
+    alone = OnboardEvidence([o for d in evidence.drives for o in sessions(
+        d.recording, policy.evidence)], evidence.l_r)
     return alone if len(alone.motion_drive) else None
 
 
-def _felt(evidence: Evidence) -> FloatArray:
+def _noise_scale(evidence: Evidence) -> FloatArray:
     if not isinstance(evidence, OnboardEvidence):
         return np.ones(2)
-    return np.asarray(np.median([drive.felt for drive in evidence.drives], axis=0))
+    return np.asarray(np.median([drive.noise_scale for drive in evidence.drives], axis=0))
 
 
-def _runs(rows: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-    """n rows in runs of RUN out of (m, c), each mirrored or not."""
+def _runs(rows: FloatArray, n: int, rng: np.random.Generator, run: int) -> FloatArray:
+    """n rows in runs, for noise has a memory, out of (m, c), each mirrored or not."""
     if not n or not len(rows):
         return np.zeros((n, rows.shape[1]))
-    starts = rng.integers(0, max(len(rows) - RUN, 1), n // RUN + 1)
-    index = np.minimum(starts[:, None] + np.arange(RUN), len(rows) - 1)
+    starts = rng.integers(0, max(len(rows) - run, 1), n // run + 1)
+    index = np.minimum(starts[:, None] + np.arange(run), len(rows) - 1)
     sign = rng.choice([-1.0, 1.0], len(starts))
     return np.asarray((rows[index] * sign[:, None, None]).reshape(-1, rows.shape[1])[:n])

@@ -11,9 +11,8 @@ import numpy as np
 from dart_hal.config import CarFiles, ModelFile, parse_car
 from dart_hal.errors import ExperimentFailed
 from dart_hal.experiment.floor import Floor
-from dart_hal.types import FloatArray
+from dart_hal.types import SAMPLE, FloatArray
 
-from ..drive import STEP
 from .virtual import Commands
 
 REST = 0.5  # s of standing before and after
@@ -135,11 +134,11 @@ def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
     except ExperimentFailed:
         return None
     t = np.array([f.t for f in drive.frames])
-    grid = np.arange(0.0, t[-1], STEP)
+    grid = np.arange(0.0, t[-1], SAMPLE)
     index = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 1)
 
     def series(values: list[float]) -> FloatArray:
-        rest = np.zeros(round(REST / STEP))
+        rest = np.zeros(round(REST / SAMPLE))
         return np.concatenate([rest, np.array(values)[index], rest])
 
     return Commands(series([f.throttle for f in drive.frames]),

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.fitting.robust import MAD_TO_SIGMA
-from dart_hal.types import FloatArray
+from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..drive import STEP, prepare
-from ..onboard import MOTION as READ
-from ..readings import SENSORS
-from ..residuals import MOTION, Residuals
+from ..evidence.drive import prepare
+from ..evidence.onboard import MOTION as READ
+from ..evidence.readings import SENSORS
+from ..evidence.residuals import MOTION, Residuals
 from .evidence import MOCAP
 from .race import Race
 from .result import Pair, Prediction
@@ -29,26 +29,26 @@ def predict(race: Race, pairs: Sequence[Pair]) -> Prediction | None:
     if not pairs:
         return None
     hardest = min(pairs, key=lambda pair: pair.after)
-    mimic = race.mimic(hardest.effect, hardest.rival)
+    mimic = race.mimic(hardest.effect, hardest.confounder)
     if mimic is None:
         return None
-    truth, rival = (_curves(race, p) for p in (race.question.cars[hardest.effect], mimic.car))
-    channel, noise = _channel(race, truth, rival)
+    truth, confounder = (_curves(race, p) for p in (race.question.cars[hardest.effect], mimic.car))
+    channel, noise = _channel(race, truth, confounder)
     commands = race.drive.commands[0]
-    t = np.asarray(np.arange(len(commands.throttle)) * STEP, dtype=np.float64)
-    says = {hardest.effect: truth[channel][1], hardest.rival: rival[channel][1]}
+    t = np.asarray(np.arange(len(commands.throttle)) * SAMPLE, dtype=np.float64)
+    says = {hardest.effect: truth[channel][1], hardest.confounder: confounder[channel][1]}
     return Prediction(t, commands.throttle, commands.steering, channel, UNITS[channel],
                       truth[channel][0], says, noise)
 
 
-def _channel(race: Race, truth: Curves, rival: Curves) -> tuple[str, float]:
+def _channel(race: Race, truth: Curves, confounder: Curves) -> tuple[str, float]:
     """(the channel in which two cars differ most, in units of its noise; that noise)."""
     motion = MOTION if race.setting.needs == MOCAP else READ
     found = list(zip((*motion, *SENSORS), _sizes(race.setting.rest, len(motion)).tolist(),
                      strict=True))
     # on board, encoder and gyro are motion: that noise counts, unless the car stands
     sizes = dict(found if not race.moves else reversed(found))
-    far = {name: float(np.sqrt(np.mean((truth[name][1] - rival[name][1])**2))) / size
+    far = {name: float(np.sqrt(np.mean((truth[name][1] - confounder[name][1])**2))) / size
            for name, size in sizes.items()}
     best = max(far, key=lambda name: far[name])
     return best, sizes[best]

@@ -14,7 +14,6 @@ from dart_hal.vehicle.parameters import Vehicle
 from .contest import Contest, Mimic, per_recording
 from .evidence import MIDDLE, Setting
 from .library import Rehearsed
-from .result import ENOUGH
 from .side import Side
 from .virtual import record
 
@@ -33,11 +32,11 @@ class Race:
         names = question.names
         self._contests = {truth: self._contest(truth) for truth in names}
         self._mimics: dict[tuple[str, str], Mimic | None] = {}
-        for truth, rival in ((a, b) for a in names for b in names if a != b):
-            self._mimics[truth, rival] = self._contests[truth].mimic(rival)
+        for truth, confounder in ((a, b) for a in names for b in names if a != b):
+            self._mimics[truth, confounder] = self._contests[truth].mimic(confounder)
         pairs = [self.between(a, b) for a, b in combinations(names, 2)]
         self.least = min(pairs, default=0.0)
-        self.separated = sum(sd >= ENOUGH for sd in pairs)
+        self.separated = sum(sd >= question.policy.suggest.separation for sd in pairs)
 
     def between(self, a: str, b: str) -> float:
         """Standard deviations between two, whichever is the truth: the smaller one."""
@@ -50,9 +49,9 @@ class Race:
         return any(len(side.evidence.motion_drive)
                    for contest in self._contests.values() for side in contest.sides)
 
-    def mimic(self, truth: str, rival: str) -> Mimic | None:
-        """The rival at its best; None where the drive tells nothing at all."""
-        return self._mimics[truth, rival]
+    def mimic(self, truth: str, confounder: str) -> Mimic | None:
+        """The confounder at its best; None where the drive tells nothing at all."""
+        return self._mimics[truth, confounder]
 
     def surest(self) -> float:
         """The smallest share of ``right`` of any pair."""
@@ -67,10 +66,11 @@ class Race:
 
     def _simulated(self, a: str, b: str) -> float:
         shares = []
-        for truth, rival in ((a, b), (b, a)):
-            mimic = self._mimics[truth, rival]
+        for truth, confounder in ((a, b), (b, a)):
+            mimic = self._mimics[truth, confounder]
             shares.append(0.5 if mimic is None else self._contests[truth].right(
-                mimic, lambda side: self.setting.drawn(side.evidence, self._rng)))
+                mimic, lambda side: self.setting.drawn(side.evidence, self._rng),
+                self.question.policy.suggest.repeats))
         return min(shares)
 
     def recording(self, p: Vehicle, part: int = 0) -> Recording:
@@ -86,7 +86,8 @@ class Race:
             evidence = self.setting.of([self.recording(car, i)])
             if len(evidence.drives) and len(evidence.motion_drive) + len(evidence.sensor_drive):
                 noise = self.setting.together(evidence, q.base, car, self._rng)
-                sides.append(Side(evidence, noise, q.base, car, q.free, q.known, MIDDLE))
+                sides.append(Side(evidence, noise, q.base, car, q.free, q.known, MIDDLE,
+                                  q.policy.prior))
         if not sides:
             return Contest((), q.base)
         share = min(self.setting.share(side.noise) for side in sides)

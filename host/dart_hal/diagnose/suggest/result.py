@@ -8,34 +8,36 @@ from typing import Any
 
 from dart_hal.types import FloatArray
 
-ENOUGH = 4.0
-"""Standard deviations between two hypotheses: the wrong one then fits better once in 44."""
+from ..policy import USUAL
+
+ENOUGH = USUAL.suggest.separation
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """One effect and its rival.
+    """One effect and its confounder.
 
     before, after: standard deviations between the two with the data at hand and
     with the new drive alone, the smaller of both directions; the square is the
     robust loss that the better of the two saves. right: of the simulated
     repeats of the drive, the share in which the true one of the two fits
-    better (NaN: not simulated).
+    better (NaN: not simulated). needed: standard deviations that tell them apart.
     """
 
     effect: str
-    rival: str
+    confounder: str
     before: float
     after: float
     right: float = float("nan")
+    needed: float = ENOUGH
 
     @property
     def separated(self) -> bool:
-        return self.after >= ENOUGH
+        return self.after >= self.needed
 
     def to_json(self) -> dict[str, Any]:
         """{"effect", "rival", "before", "after", "right"}."""
-        return {"effect": self.effect, "rival": self.rival, "before": self.before,
+        return {"effect": self.effect, "rival": self.confounder, "before": self.before,
                 "after": self.after, "right": self.right}
 
 
@@ -44,7 +46,7 @@ class Prediction:
     """The drive as the two hypotheses that are hardest to separate see it, each (n,).
 
     t [s]; throttle, steering: commands -1..1; channel and unit of ``says``, by
-    hypothesis: the truth and its rival at its best; noise: standard deviation of
+    hypothesis: the truth and its confounder at its best; noise: standard deviation of
     one reading of that channel. Motion is compared at 0.01 s, a sensor at its
     messages.
     """
@@ -84,7 +86,7 @@ class Tried:
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What to drive next for one cause that has rivals.
+    """What to drive next for one cause that has confounders.
 
     enough: whether it separates all pairs; if not, it is the one that comes
     nearest, or "" where no drive fits on the floor; "" as well where none is
@@ -95,7 +97,7 @@ class Suggestion:
     """
 
     cause: str
-    rivals: tuple[str, ...]
+    confounders: tuple[str, ...]
     drive: str
     description: str
     commands: tuple[str, ...]
@@ -111,33 +113,34 @@ class Suggestion:
 
     def sentence(self) -> str:
         """What to do and what it would show, in one line."""
-        rivals = ", ".join(self.rivals)
+        confounders = ", ".join(self.confounders)
         if not self.drive and self.enough:
-            return f"the data at hand tell {self.cause} from {rivals} by themselves"
+            return f"the data at hand tell {self.cause} from {confounders} by themselves"
         if not self.drive:
-            return f"no drive fits on this floor that could tell {self.cause} from {rivals}"
+            return f"no drive fits on this floor that could tell {self.cause} from {confounders}"
         drive = f"{self.drive} ({self.seconds:.0f} s"
         drive += ", with motion capture)" if self.needs == "motion capture" else ")"
         if self.enough:
-            return f"drive {drive}: it would tell {self.cause} from {rivals}"
-        told = sorted({p.rival for p in self.pairs if p.effect == self.cause and p.separated})
+            return f"drive {drive}: it would tell {self.cause} from {confounders}"
+        others = sorted({p.confounder for p in self.pairs
+                         if p.effect == self.cause and p.separated})
         many = len({t.drive for t in self.tried})
-        return (f"none of {many} drives would tell {self.cause} from all of {rivals}; {drive} "
-                "comes nearest" + (f" and tells it from {', '.join(told)}" if told else ""))
+        return (f"none of {many} drives would tell {self.cause} from all of {confounders}; {drive} "
+                "comes nearest" + (f" and tells it from {', '.join(others)}" if others else ""))
 
     def caution(self) -> str:
         """Why a drive may tell less than is promised, "" where nothing says so."""
-        told = [p for p in self.pairs if p.effect == self.cause and p.before >= ENOUGH]
-        if not told:
+        known = [p for p in self.pairs if p.effect == self.cause and p.before >= p.needed]
+        if not known:
             return ""
-        rivals = ", ".join(f"{p.rival} ({p.before:.1f})" for p in told)
-        return (f"by this measure the data at hand tell {self.cause} from {rivals} already; that "
+        others = ", ".join(f"{p.confounder} ({p.before:.1f})" for p in known)
+        return (f"by this measure the data at hand tell {self.cause} from {others} already; that "
                 "they do not says that something else is wrong there, as large as the difference, "
                 "and a new drive may have it as well")
 
     def to_json(self) -> dict[str, Any]:
         """One entry of ``--suggest --json``."""
-        return {"cause": self.cause, "rivals": list(self.rivals), "drive": self.drive or None,
+        return {"cause": self.cause, "rivals": list(self.confounders), "drive": self.drive or None,
                 "description": self.description, "commands": list(self.commands),
                 "duration_s": self.seconds, "space": self.space, "needs": self.needs,
                 "enough": self.enough, "caution": self.caution(),

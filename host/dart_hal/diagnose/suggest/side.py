@@ -10,22 +10,24 @@ import numpy as np
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..fit import Point, at
-from ..noise import Noise, loss
-from ..residuals import Residuals
-from ..space import Space, Timing
+from ..evidence.noise import Noise
+from ..evidence.residuals import Residuals
+from ..evidence.space import Space, Timing
+from ..policy import USUAL, PriorPolicy
+from ..search.fit import Point, at
 
 
 class Side:
-    """The evidence of one recording, the truth about it, and the base that follows a rival.
+    """The evidence of one recording, the truth about it, and the base that follows a confounder.
 
     free, known: names of base parameters and their standard errors, as for ``Space``.
     """
 
     def __init__(self, evidence: Any, noise: Noise, base: Vehicle, truth: Vehicle,
-                 free: Sequence[str], known: Mapping[str, float], timing: Timing) -> None:
+                 free: Sequence[str], known: Mapping[str, float], timing: Timing,
+                 policy: PriorPolicy = USUAL.prior) -> None:
         self.evidence, self.noise, self._timing = evidence, noise, timing
-        space = Space(base, free, known)
+        space = Space(base, free, known, policy=policy)
         self.point: Point = at(evidence, noise, space, space.point(timing))
         self._true = self._residual(truth)
 
@@ -38,7 +40,7 @@ class Side:
         r, point = self.difference(p), self.point
         move = point.follow(r)
         moved = point.prior(move) - point.prior(np.zeros_like(move))
-        return float(point.worth @ loss(r + point.jacobian @ move)) + moved
+        return float(point.weight @ self.noise.loss(r + point.jacobian @ move)) + moved
 
     def followed(self, p: Vehicle) -> Vehicle:
         """The base as it follows p."""
@@ -52,7 +54,7 @@ class Side:
         return self._left(x + more) - self._left(x)
 
     def _left(self, x: FloatArray) -> float:
-        return float(self.point.worth @ loss(self.point.after(x)))
+        return float(self.point.weight @ self.noise.loss(self.point.after(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
         return self.noise.stacked(self.evidence.residuals(p, self._timing))[0]

@@ -7,40 +7,39 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.identify.fit import Fit
+from dart_hal.report.figures import save_figure
 
-from . import style
 from .complete import completed, papers_form
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning
-from .from_paper import evidence_as_paper
 from .from_recordings import evidence_of
 from .lateral import draw_delay, draw_steering, draw_tyres
 from .longitudinal import draw_friction, draw_motor, draw_step
 
 __all__ = ["Coasting", "Driving", "Evidence", "Lagging", "Slipping", "StepResponse", "Turning",
-           "completed", "draw", "evidence_as_paper", "evidence_of", "missing"]
+           "completed", "draw", "evidence_of", "figures", "missing"]
 
 DRAWN: dict[str, Callable[[Any, Fit], Any]] = {
     "friction": draw_friction, "motor": draw_motor, "steering": draw_steering,
     "tyres": draw_tyres, "delay": draw_delay}
 
 
-def draw(evidence: Evidence, fits: Mapping[str, Fit], folder: str | Path) -> list[Path]:
-    """One PNG per sub-model that was fitted and has data, and the step response.
+def figures(evidence: Evidence, fits: Mapping[str, Fit]) -> dict[str, Any]:
+    """By name, a picture of each sub-model that was fitted and has data, and the step response.
 
     fits with all parameters that a curve needs, see ``completed``.
     Errors: UsageError when matplotlib is missing.
     """
-    folder = Path(folder)
-    pictures: list[Path] = []
-    for name, drawer in DRAWN.items():
-        data: Any = getattr(evidence, name)
-        if name in fits and not _why_not(evidence, name, fits[name]):
-            pictures.append(style.save(drawer(data, fits[name]), folder, name))
+    drawn = {name: drawer(getattr(evidence, name), fits[name]) for name, drawer in DRAWN.items()
+             if name in fits and not _why_not(evidence, name, fits[name])}
     longitudinal = [fits.get(name) for name in ("friction", "motor")]
     if evidence.step is not None and any(longitudinal):
-        figure = draw_step(evidence.step, *longitudinal)
-        pictures.append(style.save(figure, folder, "step_response"))
-    return pictures
+        drawn["step_response"] = draw_step(evidence.step, *longitudinal)
+    return drawn
+
+
+def draw(drawn: Mapping[str, Any], folder: str | Path) -> list[Path]:
+    """Every figure as a PNG in ``folder``, which is made."""
+    return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items()]
 
 
 def missing(evidence: Evidence, fits: Mapping[str, Fit]) -> dict[str, str]:

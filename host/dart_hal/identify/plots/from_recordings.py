@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.as_paper import curves
-from dart_hal.identify.as_paper.filters import slope, smooth
+from dart_hal.identify import curves
+from dart_hal.identify.filters import slope, smooth
 from dart_hal.identify.fit import Fit
 from dart_hal.identify.submodels import fitted_car
 from dart_hal.identify.submodels.report import Ledger
@@ -108,18 +108,17 @@ def _from_mocap(r: Recording, reference: Reference | None, body: Body) -> list[M
     return out
 
 
-def _thinned(*columns: list[FloatArray]) -> list[FloatArray] | None:
-    """Joined columns with at most MOST rows; None without a row."""
-    joined = [np.concatenate(c) if c else np.empty(0) for c in columns]
-    every = -(-len(joined[0]) // MOST)
-    return [c[::every] for c in joined] if every else None
+def _thinned(parts: Sequence[tuple[FloatArray, ...]]) -> list[FloatArray] | None:
+    """Columns of all parts, joined, with at most MOST rows; None without a row."""
+    columns = [np.concatenate(c) for c in zip(*parts, strict=True)]
+    every = -(-len(columns[0]) // MOST) if columns else 0
+    return [c[::every] for c in columns] if every else None
 
 
 def _coasting(motions: Sequence[Motion]) -> Coasting | None:
     rows = [(m.throttle == 0.0) & m.held(m.throttle) & (m.v > 0.05) & (m.lateral < STRAIGHT)
             for m in motions]
-    found = _thinned([m.v[k] for m, k in zip(motions, rows, strict=True)],
-                     [m.force[k] for m, k in zip(motions, rows, strict=True)])
+    found = _thinned([(m.v[k], m.force[k]) for m, k in zip(motions, rows, strict=True)])
     return Coasting(*found) if found else None
 
 
@@ -129,9 +128,8 @@ def _driving(motions: Sequence[Motion], friction: Fit | None, base: Vehicle) -> 
          else np.array([friction.parameters[n].value for n in "abc"]))
     rows = [(m.throttle > 0.05) & m.held(m.throttle) & (m.v > 0.05) & (m.lateral < STRAIGHT)
             for m in motions]
-    pairs = list(zip(motions, rows, strict=True))
-    found = _thinned([m.throttle[k] for m, k in pairs], [m.v[k] for m, k in pairs],
-                     [m.force[k] - curves.friction(x, m.v[k])[0] for m, k in pairs])
+    found = _thinned([(m.throttle[k], m.v[k], m.force[k] - curves.friction(x, m.v[k])[0])
+                      for m, k in zip(motions, rows, strict=True)])
     return Driving(*found) if found else None
 
 
@@ -153,9 +151,8 @@ def _step(motions: Sequence[Motion]) -> StepResponse | None:
 
 def _turning(motions: Sequence[Motion], wheelbase: float) -> Turning | None:
     rows = [m.held(m.steering) & (m.v > 0.3) & (m.lateral < GRIP) for m in motions]
-    pairs = list(zip(motions, rows, strict=True))
-    found = _thinned([m.steering[k] for m, k in pairs],
-                     [np.arctan2(wheelbase * m.yaw_rate[k], m.v[k]) for m, k in pairs])
+    found = _thinned([(m.steering[k], np.arctan2(wheelbase * m.yaw_rate[k], m.v[k]))
+                      for m, k in zip(motions, rows, strict=True)])
     return Turning(*found) if found else None
 
 
@@ -190,21 +187,15 @@ def _map(fits: Mapping[str, Fit], base: Vehicle) -> Steering:
 def _slipping(recordings: Sequence[Recording], fits: Mapping[str, Fit],
               reference: Reference | None, base: Vehicle) -> Slipping | None:
     """The forces that the tyre fit sees, at slip angles freed of each recording's offsets."""
-    car, ledger = fitted_car(base, fits), Ledger()
-    columns: list[list[FloatArray]] = [[], [], [], []]
-    for recording in recordings:
-        part = tyre_forces(recording, reference, car, ledger)
-        if part is not None:
-            columns[0].append(_placed(part.seen(part.alpha_f), part.force_f, _front(fits["tyres"])))
-            columns[1].append(part.force_f)
-            columns[2].append(_placed(part.seen(part.alpha_r), part.force_r, _rear(fits["tyres"])))
-            columns[3].append(part.force_r)
-    found = _thinned(*columns)
-    if not found:
+    car, ledger, tyres = fitted_car(base, fits), Ledger(), fits["tyres"]
+    parts = [tyre_forces(recording, reference, car, ledger) for recording in recordings]
+    found = _thinned([(_placed(p.seen(p.alpha_f), p.force_f, _front(tyres)), p.force_f,
+                       _placed(p.seen(p.alpha_r), p.force_r, _rear(tyres)), p.force_r)
+                      for p in parts if p is not None])
+    if found is None:
         return None
-    front_slip, front_force, rear_slip, rear_force = found
-    return Slipping(front_slip, front_force, rear_slip, rear_force,
-                    "data, slip offset of each recording out")
+    front, front_force, rear, rear_force = found
+    return Slipping(front, front_force, rear, rear_force, "data, slip offset of each recording out")
 
 
 def _placed(slip: FloatArray, force: FloatArray, curve: Callable[[FloatArray], FloatArray]

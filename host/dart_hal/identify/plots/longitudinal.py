@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.as_paper import curves
+from dart_hal.identify import curves
 from dart_hal.identify.fit import Fit
+from dart_hal.report.figures import BLUE, GREY, finish, limits, new_figure
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER as PUBLISHED
 
@@ -24,16 +25,16 @@ LEVELS = 7
 
 def draw_friction(data: Coasting, fit: Fit) -> Any:
     """Force while coasting over speed."""
-    figure, axes = style.new_figure()
-    style.scatter(axes, data.v, data.force, f"data, throttle 0 ({len(data.v)})")
-    v = np.linspace(0.0, float(data.v.max()), 400)
-    style.line(axes, v, curves.friction(style.values(fit, "a", "b", "c"), v)[0], fit)
-    style.paper(axes, v, curves.friction(PAPER_FRICTION, v)[0])
-    axes.set_ylim(*style.limits(data.force))
+    figure = new_figure()
+    axes, v = figure.subplots(), np.linspace(0.0, float(data.v.max()), 400)
+    style.compare(axes, (data.v, data.force), f"data, throttle 0 ({len(data.v)})", v, fit,
+                  *(curves.friction(x, v)[0]
+                    for x in (style.values(fit, "a", "b", "c"), PAPER_FRICTION)))
+    axes.set_ylim(*limits(data.force))
     a, b, c = (fit.parameters[name] for name in "abc")
-    style.finish(axes, "speed v [m/s]", "force m dv/dt [N]",
-                 f"Friction: a {a.value:.3f} ± {a.std:.3f} N, b {b.value:.2f} ± {b.std:.2f} s/m, "
-                 f"c {c.value:.3f} ± {c.std:.3f} N s/m")
+    finish(axes, "speed v [m/s]", "force m dv/dt [N]",
+           f"Friction: a {a.value:.3f} ± {a.std:.3f} N, b {b.value:.2f} ± {b.std:.2f} s/m, "
+           f"c {c.value:.3f} ± {c.std:.3f} N s/m")
     return figure
 
 
@@ -41,7 +42,8 @@ def draw_motor(data: Driving, fit: Fit) -> Any:
     """Motor force over speed at the throttle levels of the data, and over throttle."""
     import matplotlib
 
-    figure, (left, right) = style.new_figure(1, 2, figsize=(10.4, 4.6))
+    figure = new_figure((10.4, 4.6))
+    left, right = figure.subplots(1, 2)
     x = style.values(fit, "d", "e", "g")
     levels = _levels(data.throttle)
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, len(levels)))
@@ -54,9 +56,9 @@ def draw_motor(data: Driving, fit: Fit) -> Any:
                   label=f"throttle {level:.2f}")
         left.plot(v, curves.motor(PAPER_MOTOR, tau, v)[0], color=colour, lw=1.3,
                   dashes=style.PAPER_DASHES)
-    left.set_ylim(*style.limits(data.force))
-    style.finish(left, "speed v [m/s]", "motor force [N]",
-                 "Motor: dots are data, lines the fit, dashes the paper")
+    left.set_ylim(*limits(data.force))
+    finish(left, "speed v [m/s]", "motor force [N]",
+           "Motor: dots are data, lines the fit, dashes the paper")
     _over_throttle(right, x, data, fit)
     return figure
 
@@ -71,7 +73,7 @@ def _over_throttle(axes: Any, x: FloatArray, data: Driving, fit: Fit) -> None:
         axes.plot(tau, curves.motor(PAPER_MOTOR, tau, speed)[0], color=style.PAPER, lw=1.5,
                   alpha=1.0 - 0.3 * v, dashes=style.PAPER_DASHES, label=f"paper, {v:.0f} m/s")
     told = ", ".join(f"{n} {e.value:.3f} ± {e.std:.3f}" for n, e in fit.parameters.items())
-    style.finish(axes, "throttle behind the gate", "motor force [N]", told)
+    finish(axes, "throttle behind the gate", "motor force [N]", told)
 
 
 def _levels(throttle: FloatArray) -> FloatArray:
@@ -83,17 +85,18 @@ def _levels(throttle: FloatArray) -> FloatArray:
 
 def draw_step(data: StepResponse, friction: Fit | None, motor: Fit | None) -> Any:
     """Velocity and force over the shaded throttle; models driven by the logged throttle."""
-    figure, (top, bottom) = style.new_figure(2, 1, sharex=True, figsize=(7.2, 5.6))
+    figure = new_figure((7.2, 5.6))
+    top, bottom = figure.subplots(2, 1, sharex=True)
     for axes in (top, bottom):
         shade = axes.twinx()
-        shade.fill_between(data.t, 0.0, data.throttle, color=style.SHADE, alpha=0.3, step="post",
+        shade.fill_between(data.t, 0.0, data.throttle, color=GREY, alpha=0.3, step="post",
                            lw=0)
         shade.set_ylim(0.0, 1.05 * max(float(data.throttle.max()), 0.05))
         shade.set_ylabel("throttle", color="#666666", fontsize=8)
         axes.set_zorder(shade.get_zorder() + 1)
         axes.patch.set_visible(False)
-    top.plot(data.t, data.v, ".-", ms=3.5, lw=0.8, color=style.DATA, label="data")
-    bottom.plot(data.t, data.force, ".-", ms=3.5, lw=0.8, color=style.DATA, label="data")
+    top.plot(data.t, data.v, ".-", ms=3.5, lw=0.8, color=BLUE, label="data")
+    bottom.plot(data.t, data.force, ".-", ms=3.5, lw=0.8, color=BLUE, label="data")
     if friction is not None and motor is not None:
         x = style.values(friction, "a", "b", "c"), style.values(motor, "d", "e", "g")
         v, force = _driven(data, *x)
@@ -104,9 +107,9 @@ def draw_step(data: StepResponse, friction: Fit | None, motor: Fit | None) -> An
     v, force = _driven(data, PAPER_FRICTION, PAPER_MOTOR)
     style.paper(top, data.t, v)
     style.paper(bottom, data.t, force)
-    bottom.set_ylim(*style.limits(data.force, force))
-    style.finish(top, "", "velocity [m/s]", f"Step response, throttle shaded: {data.title[-44:]}")
-    style.finish(bottom, "time [s]", "force m dv/dt [N]")
+    bottom.set_ylim(*limits(data.force, force))
+    finish(top, "", "velocity [m/s]", f"Step response, throttle shaded: {data.title[-44:]}")
+    finish(bottom, "time [s]", "force m dv/dt [N]")
     return figure
 
 

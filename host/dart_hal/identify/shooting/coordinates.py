@@ -20,7 +20,7 @@ AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
 """One prior standard deviation in SI units, by name or group."""
 FACTOR = 0.7
 """The same of the logarithm of all others: a factor of two."""
-NOUGHT = 1e-9
+ZERO = 1e-9  # of a unit: smaller numbers are rounding
 FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has no slope
 
 
@@ -69,12 +69,12 @@ class Coordinates:
         moved = np.where(self._log, self._start * np.exp(self._width * x * self._log),
                          self._start + self._width * x)
         # the way there and back may miss a bound, or nought, by one digit
-        return np.asarray(np.clip(np.where(np.abs(moved) < NOUGHT, 0.0, moved), *self._limits))
+        return np.asarray(np.clip(np.where(np.abs(moved) < ZERO, 0.0, moved), *self._limits))
 
     def find(self, numbers: FloatArray) -> FloatArray:
         """The x (k,) of parameters (k,) in SI units."""
         ratio = np.where(self._log, numbers / np.where(self._log, self._start, 1.0), 1.0)
-        return np.asarray(np.where(self._log, np.log(np.maximum(ratio, NOUGHT)),
+        return np.asarray(np.where(self._log, np.log(np.maximum(ratio, ZERO)),
                                    numbers - self._start) / self._width)
 
     def slope(self, x: FloatArray) -> FloatArray:

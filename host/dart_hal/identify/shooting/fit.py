@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
-from dart_hal.fitting.covariance import block_covariance
+from dart_hal.fitting.covariance import RECORDINGS, block_covariance
 from dart_hal.fitting.least_squares import EDGE, Solution
-from dart_hal.fitting.levenberg_marquardt import Descent, descend
+from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.fitting.robust import MAD_TO_SIGMA
-from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
+from dart_hal.identify.fit import TIME_KNOWN, Estimate, Fit
+from dart_hal.predict.rollout import stretches
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.flat import unit, value
@@ -38,10 +39,9 @@ ROBUST = 2.0  # typical errors from where on a residual counts less than its squ
 STEP = 1e-3  # of the prior, one-sided
 TIMING_STEP = 4e-3  # s, both sides: a delay of held commands is smooth only beyond their grid
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
-MANY = 8  # recordings from which on each is one block
-SPUN = 1e3  # typical errors; a rollout that left the road is not wronger than this
-TOLD = 1.0 / 3.0  # of the prior: a smaller standard error counts as identified
-ALIKE = (len(READ) * BLOCK / EVERY)**-0.5
+MAX_RESIDUAL = 1e3  # typical errors; a rollout that left the road is not wronger than this
+IDENTIFIED = 1.0 / 3.0  # of the prior: a smaller standard error counts as identified
+CORRELATED = (len(READ) * BLOCK / EVERY)**-0.5
 """Read-outs of one window and windows of one block say much the same; the prior, which
 is said once, is weighed against a block and not against each of its samples."""
 PASSES = 2  # the second one with the residual sizes of the first
@@ -90,21 +90,19 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
     scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
     x = space.first
     for _ in range(PASSES):
-        found = work.solve(x, scale)
-        x = found.x
+        data = work.solve(x, scale)
+        x = data.x
         scale = _typical(work.error(x))
-    data = Solution(x, found.residual, found.jacobian, found.weight, found.converged,
-                    (x - space.low < EDGE) | (space.high - x < EDGE))
     relative, slope = _covariance(data, problem), space.slope(x)
     covariance = relative * np.outer(slope, slope)
     cpu = time.process_time() - begin
     vehicle = space.vehicle(x)
-    told = np.sqrt(np.diag(relative)) < TOLD
+    identified = np.sqrt(np.diag(relative)) < IDENTIFIED
     before, after = _rmse(work.error(np.zeros(len(names)))), _rmse(work.error(x))
     note = f"{len(problem)} stretches of {HORIZON:g} s predicted; error (rms) " + ", ".join(
         f"{c} {b:.3g} -> {a:.3g} {u}"
         for c, b, a, u in zip(CHANNELS, before, after, UNITS, strict=True))
-    fits = {s: _submodel(s, vehicle, names, covariance, told, data, cpu, note)
+    fits = {s: _submodel(s, vehicle, names, covariance, identified, data, cpu, note)
             for s in FREE if any(name.startswith(f"{s}.") for name in names)}
     return JointFit(vehicle, fits, names, covariance, len(problem), before, after)
 
@@ -151,12 +149,12 @@ class _Work:
     def error(self, x: FloatArray) -> FloatArray:
         return self._problem.predict(self._space.vehicle(x)) - self._problem.measured
 
-    def solve(self, x0: FloatArray, scale: FloatArray) -> Descent:
+    def solve(self, x0: FloatArray, scale: FloatArray) -> Solution:
         space = self._space
 
         def residual(x: FloatArray) -> FloatArray:
-            error = np.nan_to_num(self.error(x) / scale, nan=SPUN, posinf=SPUN, neginf=-SPUN)
-            return np.asarray(np.clip(error, -SPUN, SPUN).ravel())
+            error = np.clip(self.error(x) / scale, -MAX_RESIDUAL, MAX_RESIDUAL)
+            return np.asarray(np.nan_to_num(error, nan=MAX_RESIDUAL).ravel())
 
         def jacobian(x: FloatArray, r: FloatArray) -> FloatArray:
             self._tell()
@@ -172,7 +170,7 @@ class _Work:
             return np.stack(columns, axis=1)
 
         return descend(residual, jacobian, x0, space.low, space.high, robust=ROBUST,
-                       prior=ALIKE**-2)
+                       prior=CORRELATED**-2)
 
     def _tell(self) -> None:
         self._rounds += 1
@@ -194,19 +192,19 @@ def _covariance(data: Solution, problem: Problem) -> FloatArray:
 
     A direction that the data do not see keeps the prior's variance, 1.
     """
-    many = len(np.unique(problem.owner)) >= MANY
-    block = problem.owner if many else problem.blocks(BLOCK)
+    recording, stretch = stretches(problem.parts, BLOCK)
+    block = recording if len(np.unique(recording)) >= RECORDINGS else stretch
     repeated = np.broadcast_to(block, (data.residual.size // len(block), len(block))).ravel()
-    return block_covariance(data, repeated, prior=ALIKE**-2)
+    return block_covariance(data, repeated, prior=CORRELATED**-2)
 
 
 def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: FloatArray,
-              told: NDArray[np.bool_], data: Solution, cpu: float, note: str) -> Fit:
+              identified: NDArray[np.bool_], data: Solution, cpu: float, note: str) -> Fit:
     mine = [i for i, full in enumerate(names) if full.startswith(f"{name}.")]
     std = np.sqrt(np.diag(covariance))
     estimates = {names[i].partition(".")[2]: Estimate(
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
-        bool(told[i]) and (name != "delay" or float(std[i]) < TIME_TOLD)) for i in mine}
+        bool(identified[i]) and (name != "delay" or float(std[i]) < TIME_KNOWN)) for i in mine}
     # no delay and no lag are answers, not walls that the fit ran into; their upper ends are
     stopped = tuple(names[i].partition(".")[2] for i in mine
                     if data.at_bound[i] and (name != "delay" or value(vehicle, names[i]) > EDGE))

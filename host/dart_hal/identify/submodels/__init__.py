@@ -12,11 +12,12 @@ from dataclasses import replace
 
 from dart_hal.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.report import FileReport
 from dart_hal.identify.runs import finer
 from dart_hal.identify.submodels.delay import fit_delay
 from dart_hal.identify.submodels.driving import Driving, drive
 from dart_hal.identify.submodels.friction_motor import longitudinal_fit
-from dart_hal.identify.submodels.report import UNITS, FileReport, Ledger
+from dart_hal.identify.submodels.report import UNITS, Ledger
 from dart_hal.identify.submodels.steering import fit_steering
 from dart_hal.identify.submodels.tyres import fit_tyres
 from dart_hal.recording.dart import Recording, Reference
@@ -25,7 +26,7 @@ from dart_hal.vehicle import PAPER, Vehicle
 SUBMODELS = tuple(UNITS)
 """friction, motor, steering, delay, tyres."""
 
-__all__ = ["SUBMODELS", "FileReport", "fit_submodels"]
+__all__ = ["SUBMODELS", "fit_submodels"]
 
 
 def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMODELS, *,

@@ -21,10 +21,10 @@ from dart_hal.vehicle import Vehicle
 
 FRICTION = ("a", "b", "c")
 IDLE = 0.05  # of throttle: far below any dead band, no force
-LEAST = 10  # samples
-SESSION = 30  # samples: of fewer, the values of a session alone are not worth a line
-STANDS = 0.03  # m/s; a model as slow as that differs from a car that stands by less than a count
-BLUNT = 0.06
+MIN_SAMPLES = 10
+MIN_SESSION = 30  # samples; of fewer, the values of a session alone are too uncertain to be listed
+STANDSTILL = 0.03  # m/s; a model as slow differs from a car that stands by less than a count
+MIN_RELATIVE_STD_B = 0.06
 """Of b: it hangs on the last tenth of a metre per second, where an encoder's speed is old and the
 car is held by chance; on simulated cars b came out 5 % low, so that is its least error."""
 SHARP = 15.0  # s/m: full dry friction from 0.1 m/s on, where speeds begin
@@ -85,7 +85,7 @@ def fit_coasting(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicl
     notes.append(f"one fit of the coasting of {len(names)} sessions")
     for name in names:
         some = [c for c, n in parts if n == name]
-        if sum(int((~c.tail).sum()) for c in some) < SESSION:
+        if sum(int((~c.tail).sum()) for c in some) < MIN_SESSION:
             continue
         alone = _fit(some, [name] * len(some), base, mass)
         if alone is not None:
@@ -97,13 +97,13 @@ def fit_coasting(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicl
 def _fit(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mass: float
          ) -> Straight | None:
     """Fit of a, b, c to coasting; a, c where the dry friction is too sharp for b to be told."""
-    if sum(map(len, series)) < LEAST:
+    if sum(map(len, series)) < MIN_SAMPLES:
         return None
     s = cut(series)
     start = first_guess(series, base, mass)
     fit = solve_straight(series, s, base, start, FRICTION, mass)
     used, owners = _trimmed(series, sessions, s, s.v + fit.residual)
-    if sum(map(len, used)) < LEAST:
+    if sum(map(len, used)) < MIN_SAMPLES:
         return None
     s = cut(used)
     if len(np.unique(s.block)) < 2:
@@ -123,7 +123,7 @@ def _blunted(fit: Straight) -> Straight:
     if "b" not in fit.free:
         return fit
     i, covariance = NAMES.index("b"), fit.covariance.copy()
-    covariance[i, i] += (BLUNT * fit.x[i])**2
+    covariance[i, i] += (MIN_RELATIVE_STD_B * fit.x[i])**2
     return replace(fit, covariance=covariance)
 
 
@@ -134,7 +134,7 @@ def _trimmed(series: Sequence[Speeds], sessions: Sequence[str], s: Stretches, re
     used, names = [], []
     for i, (one, name) in enumerate(zip(series, sessions, strict=True)):
         mine = owner == i
-        fast = s.t[mine][reading[mine] >= STANDS]
+        fast = s.t[mine][reading[mine] >= STANDSTILL]
         kept = part(one, np.isin(one.t, fast))
         if kept is not None:
             used.append(kept)

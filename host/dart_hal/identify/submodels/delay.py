@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.identify.fit import TIME_TOLD, Estimate, Fit
+from dart_hal.identify.fit import TIME_KNOWN, Estimate, Fit
 from dart_hal.identify.submodels.driving import TIMING, Driving
-from dart_hal.identify.submodels.report import UNITS, Ledger, untold
+from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
 from dart_hal.identify.submodels.steering_timing import (
     INDEPENDENT,
     SEPARATE,
@@ -36,7 +36,7 @@ def fit_delay(recordings: Sequence[Recording], reference: Reference | None, base
            "at the base's values"]
     known = [part for part in (steering, throttle) if part is not None]
     if not known:
-        return untold("delay", held, why, time.process_time() - begin)
+        return not_identified("delay", held, why, time.process_time() - begin)
     names = list(held)
     covariance = np.diag(np.full(4, np.inf))
     entries = {n: Estimate(v, np.inf, "s", False) for n, v in held.items()}
@@ -49,7 +49,7 @@ def fit_delay(recordings: Sequence[Recording], reference: Reference | None, base
         for i, row in enumerate(rows):
             std = float(np.sqrt(part.covariance[i, i]))
             entries[names[row]] = Estimate(float(part.values[i]), std, "s",
-                                           part.apart and std < TIME_TOLD)
+                                           part.apart and std < TIME_KNOWN)
         notes += part.notes
     return Fit("delay", entries, covariance, known[0].n, known[0].rmse,
                "rad/s" if steering else "m/s", all(p.converged for p in known), (),

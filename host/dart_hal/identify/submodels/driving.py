@@ -23,7 +23,7 @@ from dart_hal.identify.submodels.coasting import (
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.motor_fit import band_notes, fit_motor
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.sessions import outings
+from dart_hal.identify.submodels.sessions import sessions_of
 from dart_hal.identify.submodels.speeds import WINDOW, Speeds, speeds_of
 from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
 from dart_hal.identify.submodels.stretches import cut
@@ -31,9 +31,9 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
-LEAST = 30  # samples: 3 s of straight driving
-SESSION = 30  # driven samples of a session beside others
-DRIVEN = 30  # samples that a fit of the motor needs
+MIN_SAMPLES = 30  # samples: 3 s of straight driving
+MIN_SESSION = 30  # driven samples of a session beside others
+MIN_DRIVEN = 30  # samples that a fit of the motor needs
 LEVEL = 0.03  # of throttle: closer levels are one
 MOTOR, TIMING = ("d", "e", "g"), ("throttle_s", "throttle_lag_s")
 
@@ -68,19 +68,19 @@ def drive(recordings: Sequence[Recording], reference: Reference | None, base: Ve
     """Cut, count, decide what is free, fit the coasting, then what is driven."""
     series: list[Speeds] = []
     sessions: list[str] = []
-    for recording, outing in zip(recordings, outings(recordings), strict=True):
+    for recording, session in zip(recordings, sessions_of(recordings), strict=True):
         one = speeds_of(recording, reference, ledger)
         if one is not None and only_friction:
             one = coasting(one)
         if one is not None:
             series.append(one)
-            sessions.append(outing)
+            sessions.append(session)
     everything = _count(series)
     kilograms, vague = (base.body.mass, 0.0) if mass is None else (mass.value, mass.std)
-    if everything.samples < LEAST:
+    if everything.samples < MIN_SAMPLES:
         what = "coasting" if only_friction else "straight driving"
         return replace(everything, why_not=f"{everything.samples * WINDOW:.1f} s of {what}, at "
-                                           f"least {LEAST * WINDOW:.0f} s needed")
+                                           f"least {MIN_SAMPLES * WINDOW:.0f} s needed")
     coast, said = fit_coasting(series, sessions, base, kilograms)
     fit, notes = _motor(series, sessions, base, kilograms, coast)
     found = fit or coast
@@ -99,7 +99,7 @@ def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mas
     size: dict[str, int] = {}
     for one, name in parts:
         size[name] = size.get(name, 0) + len(one)
-    small = [n for n, samples in size.items() if samples < SESSION]
+    small = [n for n, samples in size.items() if samples < MIN_SESSION]
     if len(small) == len(size):
         parts, small, size = [(s, "all") for s, _ in parts], [], {"all": 0}
     parts = [(s, n) for s, n in parts if n not in small]
@@ -129,7 +129,7 @@ def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mas
 def _timed(fit: Straight, series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight:
     """The fit with the timing of one fit of everything, its errors over blocks.
 
-    One outing may coast little (the delay test hardly does): forces are then as
+    One session may coast little (the delay test hardly does): forces are then as
     uncertain as its friction, but when they begin does not hang on that.
     """
     whole = solve_straight(series, cut(series), base, fit.x, fit.free, mass)
@@ -155,7 +155,7 @@ def _count(series: Sequence[Speeds]) -> Driving:
 
 def _free(c: Driving) -> tuple[str, ...]:
     """Of motor and timing."""
-    if c.driven < DRIVEN:
+    if c.driven < MIN_DRIVEN:
         return ()
     return (MOTOR if c.level_span >= LEVEL else ("d", "e")) + (TIMING if c.changes else ())
 

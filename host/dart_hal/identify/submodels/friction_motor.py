@@ -7,14 +7,15 @@ import numpy as np
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.coasting import FRICTION
 from dart_hal.identify.submodels.driving import MOTOR, TIMING, Driving
-from dart_hal.identify.submodels.report import UNITS, untold
+from dart_hal.identify.submodels.report import UNITS, not_identified
 from dart_hal.identify.submodels.speeds import MAX_STEERING, MAX_YAW_RATE
 from dart_hal.identify.submodels.straight import NAMES, Straight
 from dart_hal.vehicle import Vehicle
 
 INDEPENDENT = 0.02  # share of a parameter's effect that must be its own
-MOST = {"a": 0.3, "b": 0.5, "c": 0.5, "d": 0.3, "e": 0.5}  # std / value of what counts as told
-MOST_G = 0.03  # of throttle
+# standard error over value of what counts as identified
+MAX_RELATIVE = {"a": 0.3, "b": 0.5, "c": 0.5, "d": 0.3, "e": 0.5}
+MAX_STD_G = 0.03  # of throttle
 
 
 def estimate(fit: Straight, name: str, unit: str) -> Estimate:
@@ -22,9 +23,9 @@ def estimate(fit: Straight, name: str, unit: str) -> Estimate:
     value, std = fit.value(name), fit.std(name)
     if name not in fit.free:
         return Estimate(value, np.inf, unit, False)
-    limit = MOST_G if name == "g" else MOST.get(name, np.inf) * max(abs(value), 1e-9)
-    told = std < limit and fit.independent[NAMES.index(name)] > INDEPENDENT
-    return Estimate(value, std, unit, bool(told))
+    limit = MAX_STD_G if name == "g" else MAX_RELATIVE.get(name, np.inf) * max(abs(value), 1e-9)
+    known = std < limit and fit.independent[NAMES.index(name)] > INDEPENDENT
+    return Estimate(value, std, unit, bool(known))
 
 
 def longitudinal_fit(submodel: str, d: Driving, base: Vehicle, mass: Estimate | None,
@@ -33,12 +34,12 @@ def longitudinal_fit(submodel: str, d: Driving, base: Vehicle, mass: Estimate | 
     names = FRICTION if submodel == "friction" else MOTOR
     held = vars_of(base, submodel)
     if d.fit is None:
-        return untold(submodel, held, [d.why_not], cpu_s)
+        return not_identified(submodel, held, [d.why_not], cpu_s)
     fit = d.coast if submodel == "friction" else d.fit
     missing = [n for n in names if fit is None or n not in fit.free]
     if fit is None or len(missing) == len(names):
         what = "coasting" if submodel == "friction" else "driven"
-        return untold(submodel, held, [f"too little {what} motion"], cpu_s)
+        return not_identified(submodel, held, [f"too little {what} motion"], cpu_s)
     rows = [NAMES.index(n) for n in names]
     covariance = fit.covariance[np.ix_(rows, rows)].copy()
     for i, name in enumerate(names):

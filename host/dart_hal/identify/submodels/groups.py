@@ -6,7 +6,6 @@ that no car ever had, and its residual does not show which part disagrees.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -14,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.identify.submodels.sessions import day_of, session_of
 from dart_hal.recording.dart import Recording
 from dart_hal.types import FloatArray
 
@@ -22,8 +22,6 @@ MAX_DIFFERENCE = 1.0  # deg rms; more is seen on the floor as another radius
 BIN = 0.1  # of command: what counts as the same command
 MIN_IN_BIN = 20  # samples, 2 s
 MIN_BINS = 2
-_MONTH_FIRST = re.compile(r"(?<!\d)(\d\d)_(\d\d)_(20\d\d)(?!\d)")
-_YEAR_FIRST = re.compile(r"(?<!\d)(20\d\d)-(\d\d)-(\d\d)(?!\d)")
 
 
 @dataclass(slots=True)
@@ -43,31 +41,12 @@ class Group:
                 for k in np.unique(key) if (key == k).sum() >= MIN_IN_BIN}
 
 
-def day_of(recording: Recording) -> date | None:
-    """The day by the mocap's clock, else by the file's name, else None (our runs hold none)."""
-    if recording.when is not None:
-        return recording.when.date()
-    name = recording.path.name
-    try:
-        if found := _MONTH_FIRST.search(name):
-            month, day, year = map(int, found.groups())
-            return date(year, month, day)
-        if found := _YEAR_FIRST.search(name):
-            return date(*map(int, found.groups()))
-    except ValueError:  # digits that are no date
-        pass
-    return None
-
-
 def groups_of(parts: Sequence[tuple[Recording, FloatArray, FloatArray]]) -> list[Group]:
     """Groups of (recording, command (n,), residual (n,) rad), oldest first, undated last."""
     found: dict[str, Group] = {}
     for recording, command, residual in parts:
-        day = day_of(recording)
-        parent = recording.path.absolute().parent
-        folder = parent.parent.name if parent.name == "csv" else parent.name
-        label = f"{day.isoformat()} {folder}" if day else folder
-        group = found.setdefault(label, Group(label, day))
+        label = session_of(recording)
+        group = found.setdefault(label, Group(label, day_of(recording)))
         group.command.append(command)
         group.residual.append(residual)
     return sorted(found.values(), key=lambda g: (g.day or date.max, g.label))

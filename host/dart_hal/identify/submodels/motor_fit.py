@@ -13,33 +13,39 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.fitting.covariance import blocks_of, collinearity, leverage_covariance
+from dart_hal.fitting.covariance import (
+    blocks_of,
+    collinearity,
+    leverage_covariance,
+    scaled_inverse,
+    wider,
+)
 from dart_hal.fitting.free_starts import sensitivity, shoot
 from dart_hal.fitting.least_squares import Solution
 from dart_hal.fitting.robust import scatter
 from dart_hal.identify.submodels.coasting import FRICTION
-from dart_hal.identify.submodels.sessions import wider
-from dart_hal.identify.submodels.speeds import Speeds
+from dart_hal.identify.submodels.speeds import BLOCK, Speeds
 from dart_hal.identify.submodels.straight import NAMES, Straight, first_speeds, problem_of
-from dart_hal.identify.submodels.stretches import BLOCK, Stretches, cut
+from dart_hal.identify.submodels.stretches import Stretches, cut
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle
 
-HUBER, ROUNDS = 1.345, 30
-FEW = 3  # sessions; of fewer, leaving one out tells little
+HUBER = 1.345  # sigmas; 95 % of the efficiency of the mean for normal errors (Huber 1964)
+ROUNDS = 30  # of reweighting, far more than it takes
+MIN_SESSIONS = 3  # of fewer, leaving one out tells little
 
 
 @dataclass(frozen=True, slots=True)
 class Bands:
     """Dead bands g (G,) of the sessions with their own std (G,), d and e taken as exact.
 
-    between: variance between sessions beyond that; share (G,) of each in the
+    variance_between: between sessions beyond that; share (G,) of each in the
     mean; variance: what the differences between sessions add to that of the mean.
     """
 
     g: FloatArray
     std: FloatArray
-    between: float
+    variance_between: float
     share: FloatArray
     variance: float
 
@@ -70,24 +76,21 @@ def fit_motor(series: Sequence[Speeds], session: IntArray, base: Vehicle, x0: Fl
     own = mean @ inner @ mean.T
     if bands is not None and group is not None:
         own[k, k] += bands.variance
-        if count >= FEW:
+        if count >= MIN_SESSIONS:
             own = wider(own, _left_out(solution, k, bands, group[s.stretch]))
     names = [n for n in (*shared, "g") if n in free]
     x = x0.copy()
     x[[NAMES.index(n) for n in names]] = mean @ solution.x
     held = problem_of(series, s, base, x, FRICTION, mass, group)
-    felt = sensitivity(held, np.concatenate([x[:3], solution.x[k:]]), starts, solution.weight)
-    moved = mean @ _response(solution, felt[:, :3])
-    return _told(solution, x, names, own, moved, friction, k), bands
+    slopes = sensitivity(held, np.concatenate([x[:3], solution.x[k:]]), starts, solution.weight)
+    moved = mean @ _response(solution, slopes[:, :3])
+    return _straight(solution, x, names, own, moved, friction, k), bands
 
 
-def _response(solution: Solution, felt: FloatArray) -> FloatArray:
-    """Move (k, j) of the parameters when what the residuals feel (n, j) changes by one."""
+def _response(solution: Solution, by: FloatArray) -> FloatArray:
+    """Move (k, j) of the parameters when the residuals change by ``by`` (n, j)."""
     weighted = solution.jacobian * solution.weight[:, None]
-    hessian = weighted.T @ solution.jacobian
-    size = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    inverse = np.linalg.pinv(hessian / np.outer(size, size), rcond=1e-12, hermitian=True)
-    return np.asarray(-inverse / np.outer(size, size) @ (weighted.T @ felt))
+    return np.asarray(-scaled_inverse(weighted.T @ solution.jacobian) @ (weighted.T @ by))
 
 
 def _bands(solution: Solution, k: int, s: Stretches) -> Bands:
@@ -133,8 +136,8 @@ def _left_out(solution: Solution, k: int, bands: Bands, session: IntArray) -> Fl
     return np.asarray(out)
 
 
-def _told(solution: Solution, x: FloatArray, names: Sequence[str], own: FloatArray,
-          moved: FloatArray, friction: FloatArray, k: int) -> Straight:
+def _straight(solution: Solution, x: FloatArray, names: Sequence[str], own: FloatArray,
+              moved: FloatArray, friction: FloatArray, k: int) -> Straight:
     """The fit in the order of NAMES, with the friction's covariance and the cross terms."""
     rows = [NAMES.index(n) for n in names]
     covariance = np.zeros((len(NAMES), len(NAMES)))
@@ -159,6 +162,6 @@ def band_notes(names: Sequence[str], bands: Bands) -> list[str]:
     if len(names) < 2:
         return []
     out = [f"one fit of {len(names)} sessions, each with a dead band of its own; g is their mean, "
-           f"standard deviation between them {np.sqrt(bands.between):.3g}"]
+           f"standard deviation between them {np.sqrt(bands.variance_between):.3g}"]
     return [*out, *(f"{n}: g {g:.4f} +- {std:.2g}" for n, g, std in
                     zip(names, bands.g, bands.std, strict=True))]

@@ -1,4 +1,4 @@
-"""What each file gave to the fits, and the fit that says "cannot be told"."""
+"""What each file gave to the fits, and the fit that could not be made."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.report import FileReport
 
 UNITS: Mapping[str, Mapping[str, str]] = {
     "friction": {"a": "N", "b": "s/m", "c": "N s/m"},
@@ -20,15 +21,6 @@ UNITS: Mapping[str, Mapping[str, str]] = {
               "rear_cornering_stiffness": "N/rad"},
 }
 """Sub-models in their order, with the units of their parameters as in ``model.toml``."""
-
-
-@dataclass(frozen=True, slots=True)
-class FileReport:
-    """One file: samples used and left out, over all sub-models asked for, and why."""
-
-    used: int
-    dropped: int
-    why: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -52,8 +44,8 @@ class Ledger:
                 for file in self.used}
 
 
-def untold(submodel: str, values: Mapping[str, float], notes: Sequence[str],
-           cpu_s: float = 0.0) -> Fit:
+def not_identified(submodel: str, values: Mapping[str, float], notes: Sequence[str],
+                   cpu_s: float = 0.0) -> Fit:
     """A fit that was not made: the values it would start from, nothing identified."""
     units = UNITS[submodel]
     k = len(units)

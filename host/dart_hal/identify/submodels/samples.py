@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
+from dart_hal.fitting.covariance import pooled_blocks
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
-IntArray = NDArray[np.int64]
+LEVEL = 0.025  # of command: commands closer than half of it are one level
 MAX_BLOCK = 50  # samples; a longer run of slowly changing commands is cut into blocks
+MIN_FOR_LAG, MAX_LAG = 40, 0.4  # samples, s
 MIN_BLOCK = 10  # samples; 1 s at 10 Hz, longer than the memory of servo and tyres
 SETTLED = 0.6  # s after a change of command; before it delay and lag look like backlash
 
@@ -39,17 +40,11 @@ class Samples:
 
 def concatenate(parts: Sequence[Samples]) -> Samples:
     """All samples; blocks stay apart."""
-    start, blocks = 0, []
-    for part in parts:
-        _, index = np.unique(part.block, return_inverse=True)
-        blocks.append(index + start)
-        start += int(index.max()) + 1 if len(index) else 0
-    return Samples(np.concatenate([p.command for p in parts]),
-                   np.concatenate([p.angle for p in parts]),
-                   np.concatenate([p.direction for p in parts]),
-                   np.concatenate([p.age for p in parts]),
-                   np.concatenate([p.weight for p in parts]),
-                   np.concatenate(blocks).astype(np.int64))
+    command, angle, direction, age, weight = (
+        np.concatenate([getattr(p, name) for p in parts])
+        for name in ("command", "angle", "direction", "age", "weight"))
+    return Samples(command, angle, direction, age, weight,
+                   pooled_blocks([p.block for p in parts])[1])
 
 
 def approach(command: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -79,3 +74,35 @@ def blocks(command: FloatArray, segment: IntArray) -> IntArray:
         out[start:end] = block
         length += size
     return out
+
+
+def answered(t: FloatArray, command: FloatArray, slope: FloatArray, use: BoolArray
+             ) -> tuple[FloatArray, float]:
+    """(command that the wheels were answering, how much earlier it was given [s]).
+
+    Only where commands change all the time: with held levels the command stays
+    as it is, because there the lag touches few samples, and the published
+    figures contain them. slope (n,): l W/v.
+    """
+    _, age = approach(command, t)
+    if use.sum() < MIN_FOR_LAG or np.mean(age[use] < SETTLED) < 0.5:
+        return command, 0.0
+    lags = np.arange(0.0, MAX_LAG + 1e-9, 0.01)
+    errors = []
+    for lag in lags:
+        shifted = np.interp(t[use] - lag, t, command)
+        shape = np.vander(shifted, 4)
+        fitted = shape @ np.linalg.lstsq(shape, slope[use], rcond=None)[0]
+        errors.append(float(np.sum((slope[use] - fitted) ** 2)))
+    best = float(lags[int(np.argmin(errors))])
+    if best == 0.0:
+        return command, 0.0
+    return np.interp(t - best, t, command), best
+
+
+def samples_of_turn(t: FloatArray, command: FloatArray, segment: IntArray, curved: FloatArray,
+                    speed: FloatArray, use: BoolArray) -> Samples:
+    """The rows ``use`` (n,) of a drive; curved (n,): l W [m/s] beside its speed [m/s]."""
+    direction, age = approach(command, t)
+    return Samples(command[use], np.arctan2(curved[use], speed[use]), direction[use], age[use],
+                   np.ones(int(use.sum())), blocks(command, segment)[use])

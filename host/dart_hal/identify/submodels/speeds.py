@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.identify.runs import RUN
-from dart_hal.identify.submodels.commands import DT, Command, step_of, throttle_of
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.recording.dart import Grid, Recording, Reference, grid
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.predict.commands import Command, step_of, throttle_of
+from dart_hal.recording.dart import RUN, Grid, Recording, Reference, grid
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
 MAX_STEERING = 0.25  # of the command
@@ -26,6 +25,7 @@ SETTLE = 0.5  # s before a sample in which the throttle must not have been negat
 EVERY = 10  # samples of the mocap grid: 0.1 s, the span of its derivative
 MIN_RUN = 4  # samples in a row
 TAIL = 8  # samples after a run in which the model may still be moving while the car stands
+BLOCK = 2.0  # s; what disturbs a drive is forgotten after it: errors of blocks are independent
 WINDOW = 0.1  # s, over which the encoder counts
 
 
@@ -39,7 +39,7 @@ class Kernel:
 
 def _kernel_mocap(half: int) -> Kernel:
     i = np.arange(-half, half + 1, dtype=np.float64)
-    return Kernel(i * DT, i / float(i @ i) / DT)
+    return Kernel(i * SAMPLE, i / float(i @ i) / SAMPLE)
 
 
 def _kernel_mean(window: float) -> Kernel:

@@ -14,11 +14,16 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.samples import SETTLED, IntArray, Samples, approach, blocks
+from dart_hal.identify.submodels.samples import (
+    SETTLED,
+    Samples,
+    answered,
+    approach,
+    samples_of_turn,
+)
 from dart_hal.identify.submodels.speeds import EVERY, mocap_grid
-from dart_hal.identify.submodels.steering_rows import answered
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 SLOW = 0.3  # m/s
 MAX_LATERAL = 2.0  # m/s2; beyond it slip is no longer proportional to v^2
@@ -81,9 +86,8 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
     ledger.add(recording.name, int(use.sum()), int((~use).sum()), said)
     if not use.any():
         return None
-    angle = np.arctan2(wheelbase * turn.yaw_rate[use], turn.speed[use])
-    samples = Samples(command[use], angle, direction[use], age[use], np.ones(int(use.sum())),
-                      blocks(command, turn.segment)[use])
+    samples = samples_of_turn(turn.t, command, turn.segment, wheelbase * turn.yaw_rate,
+                              turn.speed, use)
     return samples, np.square(turn.speed[use])
 
 

@@ -14,9 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.fitting.covariance import collinearity, leverage_covariance
+from dart_hal.fitting.covariance import (
+    collinearity,
+    independent_blocks,
+    leverage_covariance,
+    pooled_blocks,
+)
 from dart_hal.fitting.least_squares import Solution, least_squares
-from dart_hal.identify.submodels.blocks import independent_blocks
+from dart_hal.fitting.robust import ROBUST
 from dart_hal.identify.submodels.turning import Turning
 from dart_hal.types import FloatArray, IntArray
 
@@ -25,7 +30,6 @@ STEP = 0.008  # s; smaller differences of a staircase are noise
 COARSE = np.arange(0.0, 0.401, 0.025)  # s
 SEPARATE = 0.03  # s; a delay and a lag known better than this are two things
 INDEPENDENT = 0.1  # share of the delay's effect that a lag cannot have
-ROBUST = 3.0
 SYSTEMATIC = 0.005  # s; what the yaw motion taken off and the phase of messages may be wrong
 
 
@@ -68,7 +72,7 @@ def steering_timing(series: Sequence[Turning]) -> Timing:
     coarse = [np.concatenate([_left(s, d, 0.0) for s in series]) for d in COARSE]
     start = float(COARSE[int(np.argmin([r @ r for r in coarse]))])
     scale = [max(float(np.std(_left(s, start, 0.0))), 1e-6) for s in series]
-    block = _blocks(series)
+    block = independent_blocks(*pooled_blocks([s.block for s in series]))
 
     def residual(x: FloatArray) -> FloatArray:
         lag = max(float(x[1]), 0.0) if len(x) > 1 else 0.0
@@ -115,16 +119,6 @@ def _solve(residual: Callable[[FloatArray], FloatArray], start: list[float], blo
     solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope, robust=ROBUST,
                              tolerance=1e-5)
     return solution, leverage_covariance(solution, block)
-
-
-def _blocks(series: Sequence[Turning]) -> IntArray:
-    """Whole recordings where there are 8 and more, else stretches of 2 s."""
-    fine, shift = [], 0
-    for s in series:
-        fine.append(s.block + shift)
-        shift += int(s.block.max()) + 1
-    owner = np.repeat(np.arange(len(series)), [len(s.t) for s in series])
-    return independent_blocks(owner, np.concatenate(fine))
 
 
 def _notes(series: Sequence[Turning], total: tuple[Solution, FloatArray],

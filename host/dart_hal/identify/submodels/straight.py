@@ -14,13 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.fitting.covariance import collinearity, leverage_covariance, plain_covariance
-from dart_hal.fitting.free_starts import Problem, shoot
-from dart_hal.identify.submodels.commands import DT
-from dart_hal.identify.submodels.sessions import wider
+from dart_hal.fitting.covariance import (
+    collinearity,
+    leverage_covariance,
+    plain_covariance,
+    wider,
+)
+from dart_hal.fitting.free_starts import FreeStarts, shoot
 from dart_hal.identify.submodels.speeds import Speeds
 from dart_hal.identify.submodels.stretches import Stretches
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 
 NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")
@@ -104,7 +107,7 @@ def first_speeds(s: Stretches) -> FloatArray:
 
 
 def problem_of(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatArray,
-               free: Sequence[str], mass: float, group: IntArray | None = None) -> Problem:
+               free: Sequence[str], mass: float, group: IntArray | None = None) -> FreeStarts:
     """The stretches as a problem in the ``free`` parameters, the others as in x0 (8,).
 
     group (S,) 0..G-1 of each stretch: parameters are then ``free`` and G dead bands g.
@@ -122,8 +125,8 @@ def problem_of(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: FloatA
                                  nan=1e3, posinf=1e3, neginf=-1e3)
 
     rows_all = rows if group is None else rows + [NAMES.index("g")] * (int(group.max()) + 1)
-    return Problem(predict, s.v, s.stretch, LOW[rows_all], HIGH[rows_all], STEP[rows_all],
-                   None if group is None else group[s.stretch])
+    return FreeStarts(predict, s.v, s.stretch, LOW[rows_all], HIGH[rows_all], STEP[rows_all],
+                      None if group is None else group[s.stretch])
 
 
 def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArray,
@@ -143,13 +146,13 @@ def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArra
     push, drag = gains(throttle_at(series, s, p[:, 6], p[:, 7]) if throttle is None else throttle)
     push, drag = np.moveaxis(push / mass, -1, 0), np.moveaxis(drag / mass, -1, 0)
     v = np.array(np.broadcast_to(starts, (len(p), len(s))))
-    way = np.zeros((*v.shape, s.steps + 1))
+    distance = np.zeros((*v.shape, s.steps + 1))
     for i in range(s.steps):
         rate = push[i] - drag[i] * v + friction(v) / mass
-        middle = v + 0.5 * DT * rate
-        v = v + DT * (push[i] - drag[i] * middle + friction(middle) / mass)
-        way[..., i + 1] = way[..., i] + DT * middle
-    return s.reading(way)
+        middle = v + 0.5 * SAMPLE * rate
+        v = v + SAMPLE * (push[i] - drag[i] * middle + friction(middle) / mass)
+        distance[..., i + 1] = distance[..., i] + SAMPLE * middle
+    return s.reading(distance)
 
 
 def _group(columns: dict[str, FloatArray], names: str, **more: float) -> Any:
@@ -164,18 +167,18 @@ def throttle_at(series: Sequence[Speeds], s: Stretches, delay: FloatArray, lag: 
     out = np.empty((len(pairs), len(s), s.steps))
     for j, (one_delay, one_lag) in enumerate(pairs):
         for r, recording in enumerate(series):
-            lanes = np.flatnonzero(s.series == r)
-            if not len(lanes):
+            mine = np.flatnonzero(s.series == r)
+            if not len(mine):
                 continue
             stairs = recording.throttle
             begin = float(stairs.t[0])
-            n = int(np.ceil((float(s.start[lanes].max()) - begin) / DT)) + s.steps + 1
+            n = int(np.ceil((float(s.start[mine].max()) - begin) / SAMPLE)) + s.steps + 1
             grid = stairs.on_grid(begin, max(n, 1), float(one_delay), float(one_lag))
-            out[j, lanes] = _between(grid, (s.start[lanes] - begin) / DT, s.steps)
+            out[j, mine] = _resampled(grid, (s.start[mine] - begin) / SAMPLE, s.steps)
     return np.asarray(out[np.reshape(index, -1)])
 
 
-def _between(grid: FloatArray, place: FloatArray, steps: int) -> FloatArray:
+def _resampled(grid: FloatArray, place: FloatArray, steps: int) -> FloatArray:
     """Means (S, steps) of steps that begin at fractional grid positions ``place`` (S,)."""
     whole = np.floor(place).astype(np.int64)
     part = (place - whole)[:, None]

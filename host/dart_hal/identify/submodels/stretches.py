@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.fitting.covariance import blocks_of
-from dart_hal.identify.submodels.blocks import independent_blocks
-from dart_hal.identify.submodels.commands import DT
-from dart_hal.identify.submodels.speeds import Kernel, Speeds
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.fitting.covariance import blocks_of, independent_blocks
+from dart_hal.identify.submodels.speeds import BLOCK, Kernel, Speeds
+from dart_hal.types import SAMPLE, FloatArray, IntArray
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start
 SHORTEST = 4  # samples; of fewer the free start takes the most
-BLOCK = 2.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +21,7 @@ class Stretches:
 
     series (S,) index into the recordings; start (S,) s on that recording's
     clock; steps: grid steps of the longest; stretch (n,), v (n,) m/s; the
-    model's reading of a sample is sum over j of weight (n, j) times the way at
+    model's reading of a sample is sum over j of weight (n, j) times the distance at
     step ``node`` (n, j) plus ``part`` (n, j) of the next one.
     """
 
@@ -42,10 +39,10 @@ class Stretches:
     def __len__(self) -> int:
         return len(self.series)
 
-    def reading(self, way: FloatArray) -> FloatArray:
-        """What the sensors read (..., n) of the way (..., S, steps + 1) [m] from each start."""
+    def reading(self, distance: FloatArray) -> FloatArray:
+        """What the sensors read (..., n) of distances (..., S, steps + 1) [m] from each start."""
         row = self.stretch[:, None]
-        low, high = way[..., row, self.node], way[..., row, self.node + 1]
+        low, high = distance[..., row, self.node], distance[..., row, self.node + 1]
         return np.asarray(np.sum(self.weight * (low + self.part * (high - low)), axis=-1))
 
 
@@ -91,7 +88,7 @@ def _pieces(index: int, s: Speeds, width: int) -> list[_Piece]:
 
 def _piece(index: int, s: Speeds, rows: IntArray, kernel: Kernel, width: int) -> _Piece:
     start = float(s.t[rows[0]] + kernel.offset[0])
-    place = (s.t[rows][:, None] + kernel.offset - start) / DT
+    place = (s.t[rows][:, None] + kernel.offset - start) / SAMPLE
     node = np.floor(place + 1e-9).astype(np.int64)
     pad = ((0, 0), (0, width - len(kernel.offset)))
     return _Piece(index, start, s.t[rows], s.v[rows], np.pad(node, pad),

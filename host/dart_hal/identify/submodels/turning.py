@@ -13,22 +13,20 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.fitting.covariance import blocks_of
-from dart_hal.identify.runs import RUN
-from dart_hal.identify.submodels.commands import DT, Command, steering_of, step_of
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.speeds import MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
+from dart_hal.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
+from dart_hal.predict.commands import Command, steering_of, step_of
 from dart_hal.recording.check.uses import TIMED as LEAST
 from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
 from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
 from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
-from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.recording.dart import RUN, Recording, Reference
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle import AxleTyres, Vehicle
 
 MAX_LATERAL = 4.0  # m/s2
 MAX_YAW_LAG = 0.03  # s; tyres that make it more oversteer, which slow inputs do not show
 EVERY = 5  # samples of the mocap grid
-BLOCK = 2.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +51,10 @@ class Turning:
     def answered(self, delay: float, lag: float) -> FloatArray:
         """Command (n,) that the yaw rate answers: delayed, lagged, seen through the window."""
         begin = float(self.command.t[0]) - 1.0
-        n = int((self.t[-1] - begin) / DT) + 2 * len(self.window) + 2
+        n = int((self.t[-1] - begin) / SAMPLE) + 2 * len(self.window) + 2
         cells = self.command.on_grid(begin, n, delay, lag)
         smooth = np.correlate(cells, self.window, mode="valid")
-        times = begin + DT * (np.arange(len(smooth)) - self.first)
+        times = begin + SAMPLE * (np.arange(len(smooth)) - self.first)
         return np.asarray(np.interp(self.t - self.yaw_lag, times, smooth))
 
 
@@ -73,13 +71,13 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
         slow = float(np.median(np.diff(recording.mocap.t))) > 0.03
         pick = slice(0, None, EVERY)
         t, speed, yaw_rate, good = g.t[pick], g.v_x[pick], g.omega[pick], ~g.bad[pick]
-        weight = (MOCAP_SLOW if slow else MOCAP).weight * DT
+        weight = (MOCAP_SLOW if slow else MOCAP).weight * SAMPLE
         window, source = np.cumsum(weight[::-1])[::-1][1:], "mocap"
         first = -(len(weight) // 2)
     elif recording.encoder == "ok":
         t, yaw_rate, source = m.t, m.yaw_rate, "gyro"
         if recording.schema == RUN:  # means of one and the same step
-            cells, source = max(round(step_of(recording) / DT), 1), "gyro of a run"
+            cells, source = max(round(step_of(recording) / SAMPLE), 1), "gyro of a run"
             speed, window, first = m.speed, np.full(cells, 1.0 / cells), -cells
         else:
             speed = np.interp(m.t, m.t - 0.5 * WINDOW, m.speed)

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.fitting.covariance import leverage_covariance
+from dart_hal.fitting.covariance import independent_blocks, leverage_covariance, pooled_blocks
 from dart_hal.fitting.least_squares import Solution, least_squares
-from dart_hal.fitting.robust import scatter
-from dart_hal.identify.submodels.blocks import independent_blocks
+from dart_hal.fitting.robust import ROBUST, scatter
 from dart_hal.identify.submodels.tyre_forces import TyreForces, usable
 from dart_hal.types import BoolArray, FloatArray, IntArray
 
@@ -23,7 +22,6 @@ REAR_RANGE = 0.12  # rad; 6.9 deg: beyond it the rear is no straight line
 YAW_STD, TRIM_STD = 0.01, 0.02  # rad
 MEMORY = 10.0  # samples that share one error: 1 s
 LOW, HIGH = np.array([0.2, 0.6, 0.5, 1.0]), np.array([60.0, 2.0, 150.0, 300.0])
-ROBUST = 3.0
 SYSTEMATIC = 0.015  # of D, B and C_r: kernels, products of smoothed values, form of the curve
 
 
@@ -163,13 +161,7 @@ class _Problem:
 
     def blocks(self) -> IntArray:
         """Recordings where there are 8 and more, else stretches of 2 s; priors with theirs."""
-        fine, shift = [], 0
-        for part in self.parts:
-            fine.append(part.block + shift)
-            shift += int(part.block.max()) + 1
-        size = [len(part.rows) for part in self.parts]
-        owner = np.repeat(np.arange(len(self.parts)), size)
-        block = independent_blocks(owner, np.concatenate(fine))
+        block = independent_blocks(*pooled_blocks([part.block for part in self.parts]))
         mask = np.concatenate(list(self.masks))
         own = block.max() + 1 + np.arange(len(self.parts))
         return np.concatenate([block, block[mask], own, own]).astype(np.int64)

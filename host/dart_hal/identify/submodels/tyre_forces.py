@@ -14,11 +14,11 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.fitting.covariance import blocks_of
-from dart_hal.identify.submodels.commands import DT, steering_of
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.speeds import MOCAP, MOCAP_SLOW, Kernel
+from dart_hal.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, Kernel
+from dart_hal.predict.commands import steering_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
 from dart_hal.vehicle.inverse import make_inverse_dynamics
 
@@ -27,7 +27,6 @@ MIN_LATERAL = 1.5  # m/s2 that 5 % of the samples must exceed: else the slip is 
 # and noise in the slip angle makes a tyre look soft
 MAX_SLIP = 0.5  # rad of the front; a spin is no tyre curve
 EVERY = 10  # samples of the grid: about the span of the kernel
-BLOCK = 2.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +88,14 @@ def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
 
 def smoothing(kernel: Kernel) -> FloatArray:
     """Weights (j,), sum 1, with which a derivative sees the rate: odd length, centred."""
-    between = np.cumsum((kernel.weight * DT)[::-1])[::-1][1:]
-    return np.asarray(0.5 * (np.append(between, 0.0) + np.append(0.0, between)))
+    covered = np.cumsum((kernel.weight * SAMPLE)[::-1])[::-1][1:]
+    return np.asarray(0.5 * (np.append(covered, 0.0) + np.append(0.0, covered)))
 
 
 def _angle(recording: Recording, g: Grid, car: Vehicle, kernel: FloatArray) -> FloatArray:
     """Road-wheel angle (n,) as delayed, lagged and smoothed as the velocities are."""
     command = steering_of(recording, recording.messages.arrival)
-    at_wheels = command.on_grid(float(g.t[0]) - 0.5 * DT, len(g),
+    at_wheels = command.on_grid(float(g.t[0]) - 0.5 * SAMPLE, len(g),
                                 car.delay.steering_s + command.hold, car.delay.steering_lag_s)
     delta = np.asarray(make_steering(car.steering, np)(at_wheels))
     return np.convolve(delta, kernel, mode="same")

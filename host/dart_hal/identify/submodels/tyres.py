@@ -8,21 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.fitting.random_effects import random_effects
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.submodels.onboard import understeer_note
-from dart_hal.identify.submodels.report import UNITS, Ledger, untold
-from dart_hal.identify.submodels.sessions import random_effects, session_of
+from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
+from dart_hal.identify.submodels.sessions import session_of
 from dart_hal.identify.submodels.tyre_fit import REAR_RANGE, fit_curves
 from dart_hal.identify.submodels.tyre_forces import MIN_LATERAL, TyreForces, tyre_forces
+from dart_hal.identify.submodels.understeer import understeer_note
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import PaperTyres, Vehicle
 
 NAMES = ("front_D", "front_C", "front_B", "rear_cornering_stiffness")
-WIDE = np.array([20.0, 100.0, 100.0])  # N, N/rad, N/rad: std that stands for "nothing"
-LEAST = 100  # samples of 0.1 s
+NOTHING_KNOWN = np.array([20.0, 100.0, 100.0])  # N, N/rad, N/rad: std that stands for "nothing"
+MIN_SAMPLES = 100  # samples of 0.1 s
 SHAPE = 1.0  # C where it cannot be told from D: the force rises towards D and stays
-MOST = 0.25  # std over value of what counts as told
+MAX_RELATIVE = 0.25  # std over value of what counts as identified
 LINEAR = 0.6  # of B alpha: less of it shows no bend, hence no D
 GAIN = 0.2  # how far a recording's forces may lie from the model's
 
@@ -43,22 +44,22 @@ class Curves:
 
 def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
               car: Vehicle, ledger: Ledger) -> Fit:
-    """car: base with the steering map and delay to use. Errors: none, see ``untold``."""
+    """car: base with the steering map and delay to use. Errors: none, see ``not_identified``."""
     begin = time.process_time()
     sessions: dict[str, list[TyreForces]] = {}
     for recording in recordings:
         part = tyre_forces(recording, reference, car, ledger)
         if part is not None:
             sessions.setdefault(session_of(recording), []).append(part)
-    enough = {k: v for k, v in sessions.items() if sum(len(p.rows) for p in v) >= LEAST}
+    enough = {k: v for k, v in sessions.items() if sum(len(p.rows) for p in v) >= MIN_SAMPLES}
     if not enough:
         n = sum(len(p.rows) for v in sessions.values() for p in v)
         seen = any(r.mocap is not None for r in recordings)
         why = (f"{n} samples of motion capture in recordings with {MIN_LATERAL} m/s2 and more, "
-               f"at least {LEAST} of one session needed" if seen
+               f"at least {MIN_SAMPLES} of one session needed" if seen
                else "no motion capture: without side slip the two axles cannot be told apart")
-        return untold("tyres", _held(base), [why, understeer_note(recordings, reference, car)],
-                      time.process_time() - begin)
+        said = [why, understeer_note(recordings, reference, car)]
+        return not_identified("tyres", _held(base), said, time.process_time() - begin)
     parts = [p for v in enough.values() for p in v]
     if len(enough) == 1:
         result, notes = _one(parts)
@@ -73,7 +74,8 @@ def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base
 def _one(parts: Sequence[TyreForces]) -> tuple[Curves, list[str]]:
     """One session: C free if the data tell it from D."""
     three = fit_curves(parts, None)
-    apart = bool(np.sqrt(three.covariance[1, 1]) < MOST * three.x[1] and not any(three.stopped))
+    apart = bool(np.sqrt(three.covariance[1, 1]) < MAX_RELATIVE * three.x[1]
+                 and not any(three.stopped))
     fit = three if apart else fit_curves(parts, SHAPE)
     notes = [_stiffness(fit.stiffness, fit.stiffness_std, fit.x[3], fit.covariance[3, 3])]
     if not apart:
@@ -104,9 +106,9 @@ def _many(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[Curves, list[st
         bent = _bent(sessions[name], fit.x[2])
         useless = np.array([not bent or fit.stopped[0] or fit.stopped[2],
                             fit.stopped[0] or fit.stopped[2], fit.stopped[3]])
-        useless = useless | (np.sqrt(np.diag(own)) > WIDE) | (not fit.converged)
+        useless = useless | (np.sqrt(np.diag(own)) > NOTHING_KNOWN) | (not fit.converged)
         own[useless, :] = own[:, useless] = 0.0
-        own[useless, useless] = WIDE[useless] ** 2
+        own[useless, useless] = NOTHING_KNOWN[useless] ** 2
         points.append([fit.x[0], fit.stiffness, fit.x[3]])
         errors.append(own)
         if not useless.all():
@@ -135,9 +137,10 @@ def _fit(c: Curves, notes: list[str], cpu_s: float) -> Fit:
     units = UNITS["tyres"]
     values = [*c.x[:3], 0.0, c.x[3]]
     errors = [std[0], std[1] if c.apart else np.inf, std[2], np.inf, std[3]]
-    told = [c.bent, c.apart, c.bent, False, True]
-    entries = {name: Estimate(float(v), float(e), units[name], bool(t and e < MOST * abs(v)))
-               for name, v, e, t in zip(units, values, errors, told, strict=True)}
+    known = [c.bent, c.apart, c.bent, False, True]
+    entries = {name: Estimate(float(v), float(e), units[name],
+                              bool(k and e < MAX_RELATIVE * abs(v)))
+               for name, v, e, k in zip(units, values, errors, known, strict=True)}
     covariance = np.diag(np.where(np.isfinite(errors), 0.0, np.inf))
     inner = c.covariance.copy()
     if not c.apart:

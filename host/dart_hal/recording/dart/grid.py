@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from dart_hal.errors import RecordingError
 from dart_hal.types import BoolArray, FloatArray
 
@@ -61,12 +59,8 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
             expected="a date of 2024, or schema C", read=str(recording.path),
             remedy="--reference LX,THETA,LY (m, rad, m), or fit it from driving to both sides")
     yaw = m.yaw + ref.theta
-    c, s = np.cos(yaw), np.sin(yaw)
-    forward = ref.lx - l_r
+    x, y, v_x, v_y = map(freeze, ref.centre(l_r, (m.x, m.y, yaw), (m.dx, m.dy, m.omega)))
     return Grid(
-        t=freeze(m.t), x=freeze(m.x - forward * c + ref.ly * s),
-        y=freeze(m.y - forward * s - ref.ly * c), yaw=freeze(yaw),
-        v_x=freeze(c * m.dx + s * m.dy + m.omega * ref.ly),
-        v_y=freeze(-s * m.dx + c * m.dy + m.omega * (l_r - ref.lx)), omega=freeze(m.omega),
+        t=freeze(m.t), x=x, y=y, yaw=freeze(yaw), v_x=v_x, v_y=v_y, omega=freeze(m.omega),
         throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
         bad=freeze_flags(m.bad), reference=ref)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
-from .mocap import GRID, MAX_GAP, POSITION_STEP, YAW_STEP
+from .mocap import MAX_GAP, POSITION_STEP, YAW_STEP
 from .model import Recording
 from .sensors import GAP
 
@@ -43,7 +43,7 @@ class MarkerGrid:
     false_lock: BoolArray
 
 
-def savgol_derivative(values: FloatArray, points: int, step: float = GRID) -> FloatArray:
+def savgol_derivative(values: FloatArray, points: int, step: float = SAMPLE) -> FloatArray:
     """First derivative, order 2, centred; ends: parabola through the last ``points`` values."""
     half = points // 2
     offsets = np.arange(-half, half + 1, dtype=np.float64)
@@ -70,7 +70,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
                              found="schema A", expected="vicon columns (schema B or C)",
                              read=str(recording.path),
                              remedy="give a recording with vicon columns")
-    t: FloatArray = np.arange(0, int(np.ceil(mocap.t[-1] / GRID - 1e-9)), dtype=np.float64) * GRID
+    n = int(np.ceil(mocap.t[-1] / SAMPLE - 1e-9))
+    t: FloatArray = np.arange(n, dtype=np.float64) * SAMPLE
     slow = len(mocap) > 3 and float(np.median(np.diff(mocap.t))) > SLOW_STEP
     points = 25 if slow else 15
     if len(t) < points:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray
 
 from .model import Mocap, Note, freeze, freeze_flags
 from .schema import MOCAP
@@ -13,7 +13,6 @@ from .sensors import BREAK
 MIN_ADVANCE = 1e-4  # s
 POSITION_STEP = 0.06  # m per 10 ms
 YAW_STEP = 0.2  # rad per 10 ms
-GRID = 0.01  # s
 MAX_GAP = 0.05  # s
 OUTLIER_ROWS = 3
 EPOCH_FROM = 1e9  # s; smaller stamps count from the start of the recording
@@ -53,11 +52,11 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     bad = np.zeros(len(t), dtype=bool)
 
     def jump(i: int, k: int) -> bool:
-        scale = max((t[k] - t[i]) / GRID, 1.0)
+        scale = max((t[k] - t[i]) / SAMPLE, 1.0)
         return bool(np.hypot(x[k] - x[i], y[k] - y[i]) > POSITION_STEP * scale
                     or abs(wrap(yaw[k] - yaw[i])) > YAW_STEP * scale)
 
-    scale = np.maximum(np.diff(t) / GRID, 1.0)
+    scale = np.maximum(np.diff(t) / SAMPLE, 1.0)
     step = ((np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP * scale)
             | (np.abs(wrap(np.diff(yaw))) > YAW_STEP * scale))
     for i in np.flatnonzero(step).tolist():
@@ -96,7 +95,7 @@ def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]
                           "mocap_repeated"))
     if outlier.any():
         notes.append(Note("mocap outliers of 1 to 3 rows, marked", int(outlier.sum()), "outliers"))
-    usual = float(np.median(np.diff(t))) if len(t) > 1 else GRID
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else SAMPLE
     limit = max(MAX_GAP, 2.0 * usual)
     gaps = int((np.diff(t) > limit).sum())
     if gaps:

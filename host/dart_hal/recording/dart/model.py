@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from dart_hal.types import BoolArray, FloatArray, IntArray
 
+RUN = "run"  # schema of a run of our own, read as a recording
+
 
 @dataclass(frozen=True, slots=True)
 class Note:
@@ -79,7 +81,7 @@ class Mocap:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One file. ``schema`` "A", "B" or "C"; ``mocap`` None for A.
+    """One file. ``schema`` "A", "B", "C" or RUN; ``mocap`` None for A and RUN.
 
     encoder: "ok", "dead" (the car moved, it did not), "zero" (never moved, and
     nothing shows that the car did), "none" (schema C). quantum: m/s per

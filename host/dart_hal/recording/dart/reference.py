@@ -12,6 +12,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 
+from dart_hal.types import FloatArray
+
 from .marker import marker_grid
 from .model import Recording
 
@@ -24,6 +26,20 @@ class Reference:
     theta: float
     ly: float
     source: str
+
+    def marker(self, l_r: float, x: FloatArray, y: FloatArray, yaw: FloatArray
+               ) -> tuple[FloatArray, FloatArray]:
+        """Where the marker is (x, y) by the centre of mass, l_r [m] before the rear axle."""
+        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
+        return x + forward * c - self.ly * s, y + forward * s + self.ly * c
+
+    def centre(self, l_r: float, pose: tuple[FloatArray, FloatArray, FloatArray],
+               rates: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, ...]:
+        """(x, y, v_x, v_y) of the centre of mass by the marker's x, y, yaw and their rates."""
+        (x, y, yaw), (dx, dy, omega) = pose, rates
+        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
+        return (x - forward * c + self.ly * s, y - forward * s - self.ly * c,
+                c * dx + s * dy + omega * self.ly, -s * dx + c * dy - omega * forward)
 
 
 FEB_24 = Reference(0.0900, -0.0164, 0.0, "February 2024")

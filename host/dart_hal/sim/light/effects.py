@@ -20,7 +20,7 @@ from dart_hal.vehicle import Vehicle, make_steering
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Late, Now, Stateful
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.step import NO_LAG
+from dart_hal.vehicle.step import decay
 
 COMMANDS = ("throttle", "steering", "angle")
 SENSORS = ("wheel", "gyro", "accel", "pose")
@@ -80,8 +80,7 @@ class Acting:
         self._chains = [Chain(p, channel, dt, ops, memory) for channel in COMMANDS]
         self._steering = make_steering(p.steering, ops.f)
         self._motion = motion
-        f = ops.f
-        self._decays = [(1.0 - f.exp(-lag / NO_LAG), f.exp(-0.5 * dt / f.fmax(lag, NO_LAG)))
+        self._decays = [decay(lag, dt, ops.f)
                         for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)]
 
     def step(self, state: State8, throttle: Value, steering: Value, now: Now) -> State8:

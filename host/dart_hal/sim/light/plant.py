@@ -33,9 +33,10 @@ from dart_hal.sim.light.history import History
 from dart_hal.sim.light.ops import Ops
 from dart_hal.sim.light.sense import SIGNALS, Reading, Readings, depth_of
 from dart_hal.sim.light.stepper import Fineness, State8, Stepper, fineness
-from dart_hal.vehicle import Vehicle, make_friction, make_motor
+from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.namespace import Value
 
 MakeStepper = Callable[..., Stepper]
@@ -96,7 +97,7 @@ class Plant:
                                 fineness(vehicle, piece.duration, c.method)))
             for piece in self._pieces)
         self._measured = Measured(p, c.step, self.ops) if measures(p) else None
-        self._drive = make_motor(p.motor, self.ops.f), make_friction(p.friction, self.ops.f)
+        self._drive = make_drive(p.motor, p.friction, self.ops.f)
         if self._kick is not None:
             self._kick.set_mass(p.body.mass)
 
@@ -182,9 +183,8 @@ class Plant:
             self._travel, self._path, u, r, (u - u0) / dt - turn * (v0 + v),
             (v - v0) / dt + turn * (u0 + u), x, y, yaw)
         if self._signals > SIGNALS[0]:
-            motor, friction = self._drive
             throttle = self._acting[-1].throttle if self._acting else self.state[6]
-            seen = (*seen, v, (r - r0) / dt, motor(throttle, u) + friction(u))
+            seen = (*seen, v, (r - r0) / dt, self._drive(throttle, u))
         past.push(seen)
 
     def skip(self, steps: int) -> None:

@@ -109,22 +109,22 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v223 = ((H(7) * (v128 - v136)) - ((H(8) * (v128 + v136)) * vx)) + (-((H(3) *
             F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v205)) * vx)));
         const real v224 = H(2) * v223;
-        const real v225 = H(18) * F(atan2)((vx * v142) - (v187 * v141), F(fabs)(v190) + (R(0.1) *
+        const real v226 = H(18) * F(atan2)((vx * v142) - (v187 * v141), F(fabs)(v190) + (R(0.1) *
             EXP((R(-100.0) * v190) * v190)));
-        const real v233 = H(16) * F(sin)(H(17) * F(atan)(v225 - (H(19) * (v225 -
-            F(atan)(v225)))));
-        const real v237 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy, v205 +
+        const real v234 = H(16) * F(sin)(H(17) * F(atan)(v226 - (H(19) * (v226 -
+            F(atan)(v226)))));
+        const real v238 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy, v205 +
             (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
-        const real v240 = (v233 * v141) + (v224 * v142);
-        const real v241 = F(sin)(eta + R(1.5707963267948966));
-        const real v242 = F(sin)(eta);
-        const real v256 = ((((H(25) * v223) + (v224 * v141)) - (v233 * v142)) * H(23)) + (om *
+        const real v241 = (v234 * v141) + (v224 * v142);
+        const real v250 = F(sin)(eta + R(1.5707963267948966));
+        const real v251 = F(sin)(eta);
+        const real v260 = ((((H(25) * v223) + (v224 * v141)) - (v234 * v142)) * H(23)) + (om *
             vy);
-        const real v260 = ((v237 + v240) * H(23)) - (om * vx);
-        const real v264 = ((H(0) * v240) - (H(1) * v237)) * H(24);
+        const real v263 = ((v238 + v241) * H(23)) - (om * vx);
+        const real v264 = ((H(0) * v241) - (H(1) * v238)) * H(24);
         const real v266 = eta + (H(30) * om);
-        const real v268 = vx + (H(30) * v256);
-        const real v270 = vy + (H(30) * v260);
+        const real v268 = vx + (H(30) * v260);
+        const real v270 = vy + (H(30) * v263);
         const real v272 = om + (H(30) * v264);
         const real v274 = v270 + (H(0) * v272);
         const real v277 = (v268 * v161) + (v274 * v162);
@@ -132,22 +132,22 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v307 = (v158 - (v160 * v268)) + (-((H(3) * F(tanh)(H(4) * v268)) + ((H(5) +
             (H(6) * v290)) * v268)));
         const real v308 = H(2) * v307;
-        const real v309 = H(18) * F(atan2)((v268 * v162) - (v274 * v161), F(fabs)(v277) + (R(0.1)
+        const real v310 = H(18) * F(atan2)((v268 * v162) - (v274 * v161), F(fabs)(v277) + (R(0.1)
             * EXP((R(-100.0) * v277) * v277)));
-        const real v317 = H(16) * F(sin)(H(17) * F(atan)(v309 - (H(19) * (v309 -
-            F(atan)(v309)))));
-        const real v320 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v272) - v270,
+        const real v318 = H(16) * F(sin)(H(17) * F(atan)(v310 - (H(19) * (v310 -
+            F(atan)(v310)))));
+        const real v321 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v272) - v270,
             v290 + (R(0.1) * EXP((R(-100.0) * v268) * v268)))));
-        const real v323 = (v317 * v161) + (v308 * v162);
-        const real v324 = F(sin)(v266 + R(1.5707963267948966));
-        const real v325 = F(sin)(v266);
-        const real v339 = ((((H(25) * v307) + (v308 * v161)) - (v317 * v162)) * H(23)) + (v272 *
+        const real v324 = (v318 * v161) + (v308 * v162);
+        const real v333 = F(sin)(v266 + R(1.5707963267948966));
+        const real v334 = F(sin)(v266);
+        const real v343 = ((((H(25) * v307) + (v308 * v161)) - (v318 * v162)) * H(23)) + (v272 *
             v270);
-        const real v343 = ((v320 + v323) * H(23)) - (v272 * v268);
-        const real v347 = ((H(0) * v323) - (H(1) * v320)) * H(24);
+        const real v346 = ((v321 + v324) * H(23)) - (v272 * v268);
+        const real v347 = ((H(0) * v324) - (H(1) * v321)) * H(24);
         const real v349 = eta + (H(30) * v272);
-        const real v351 = vx + (H(30) * v339);
-        const real v353 = vy + (H(30) * v343);
+        const real v351 = vx + (H(30) * v343);
+        const real v353 = vy + (H(30) * v346);
         const real v355 = om + (H(30) * v347);
         const real v357 = v353 + (H(0) * v355);
         const real v360 = (v351 * v161) + (v357 * v162);
@@ -155,22 +155,22 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v390 = (v158 - (v160 * v351)) + (-((H(3) * F(tanh)(H(4) * v351)) + ((H(5) +
             (H(6) * v373)) * v351)));
         const real v391 = H(2) * v390;
-        const real v392 = H(18) * F(atan2)((v351 * v162) - (v357 * v161), F(fabs)(v360) + (R(0.1)
+        const real v393 = H(18) * F(atan2)((v351 * v162) - (v357 * v161), F(fabs)(v360) + (R(0.1)
             * EXP((R(-100.0) * v360) * v360)));
-        const real v400 = H(16) * F(sin)(H(17) * F(atan)(v392 - (H(19) * (v392 -
-            F(atan)(v392)))));
-        const real v403 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v355) - v353,
+        const real v401 = H(16) * F(sin)(H(17) * F(atan)(v393 - (H(19) * (v393 -
+            F(atan)(v393)))));
+        const real v404 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v355) - v353,
             v373 + (R(0.1) * EXP((R(-100.0) * v351) * v351)))));
-        const real v406 = (v400 * v161) + (v391 * v162);
-        const real v407 = F(sin)(v349 + R(1.5707963267948966));
-        const real v408 = F(sin)(v349);
-        const real v422 = ((((H(25) * v390) + (v391 * v161)) - (v400 * v162)) * H(23)) + (v355 *
+        const real v407 = (v401 * v161) + (v391 * v162);
+        const real v416 = F(sin)(v349 + R(1.5707963267948966));
+        const real v417 = F(sin)(v349);
+        const real v426 = ((((H(25) * v390) + (v391 * v161)) - (v401 * v162)) * H(23)) + (v355 *
             v353);
-        const real v426 = ((v403 + v406) * H(23)) - (v355 * v351);
-        const real v430 = ((H(0) * v406) - (H(1) * v403)) * H(24);
+        const real v429 = ((v404 + v407) * H(23)) - (v355 * v351);
+        const real v430 = ((H(0) * v407) - (H(1) * v404)) * H(24);
         const real v432 = eta + (H(22) * v355);
-        const real v434 = vx + (H(22) * v422);
-        const real v436 = vy + (H(22) * v426);
+        const real v434 = vx + (H(22) * v426);
+        const real v436 = vy + (H(22) * v429);
         const real v438 = om + (H(22) * v430);
         const real v440 = v436 + (H(0) * v438);
         const real v443 = (v434 * v181) + (v440 * v182);
@@ -178,28 +178,28 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v473 = ((H(7) * (v168 - v176)) - ((H(8) * (v168 + v176)) * v434)) + (-((H(3) *
             F(tanh)(H(4) * v434)) + ((H(5) + (H(6) * v456)) * v434)));
         const real v474 = H(2) * v473;
-        const real v475 = H(18) * F(atan2)((v434 * v182) - (v440 * v181), F(fabs)(v443) + (R(0.1)
+        const real v476 = H(18) * F(atan2)((v434 * v182) - (v440 * v181), F(fabs)(v443) + (R(0.1)
             * EXP((R(-100.0) * v443) * v443)));
-        const real v483 = H(16) * F(sin)(H(17) * F(atan)(v475 - (H(19) * (v475 -
-            F(atan)(v475)))));
-        const real v486 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v438) - v436,
+        const real v484 = H(16) * F(sin)(H(17) * F(atan)(v476 - (H(19) * (v476 -
+            F(atan)(v476)))));
+        const real v487 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v438) - v436,
             v456 + (R(0.1) * EXP((R(-100.0) * v434) * v434)))));
-        const real v489 = (v483 * v181) + (v474 * v182);
-        const real v490 = F(sin)(v432 + R(1.5707963267948966));
-        const real v491 = F(sin)(v432);
-        state[0][i] = x + (H(31) * ((((vx * v241) - (vy * v242)) + (R(2.0) * (((v268 * v324) -
-            (v270 * v325)) + ((v351 * v407) - (v353 * v408))))) + ((v434 * v490) - (v436 *
-            v491))));
-        state[1][i] = y + (H(31) * ((((vx * v242) + (vy * v241)) + (R(2.0) * (((v268 * v325) +
-            (v270 * v324)) + ((v351 * v408) + (v353 * v407))))) + ((v434 * v491) + (v436 *
-            v490))));
+        const real v490 = (v484 * v181) + (v474 * v182);
+        const real v499 = F(sin)(v432 + R(1.5707963267948966));
+        const real v500 = F(sin)(v432);
+        state[0][i] = x + (H(31) * ((((vx * v250) - (vy * v251)) + (R(2.0) * (((v268 * v333) -
+            (v270 * v334)) + ((v351 * v416) - (v353 * v417))))) + ((v434 * v499) - (v436 *
+            v500))));
+        state[1][i] = y + (H(31) * ((((vx * v251) + (vy * v250)) + (R(2.0) * (((v268 * v334) +
+            (v270 * v333)) + ((v351 * v417) + (v353 * v416))))) + ((v434 * v500) + (v436 *
+            v499))));
         state[2][i] = eta + (H(31) * ((om + (R(2.0) * (v272 + v355))) + v438));
-        state[3][i] = vx + (H(31) * ((v256 + (R(2.0) * (v339 + v422))) + (((((H(25) * v473) +
-            (v474 * v181)) - (v483 * v182)) * H(23)) + (v438 * v436))));
-        state[4][i] = vy + (H(31) * ((v260 + (R(2.0) * (v343 + v426))) + (((v486 + v489) * H(23))
+        state[3][i] = vx + (H(31) * ((v260 + (R(2.0) * (v343 + v426))) + (((((H(25) * v473) +
+            (v474 * v181)) - (v484 * v182)) * H(23)) + (v438 * v436))));
+        state[4][i] = vy + (H(31) * ((v263 + (R(2.0) * (v346 + v429))) + (((v487 + v490) * H(23))
             - (v438 * v434))));
-        state[5][i] = om + (H(31) * ((v264 + (R(2.0) * (v347 + v430))) + (((H(0) * v489) - (H(1) *
-            v486)) * H(24))));
+        state[5][i] = om + (H(31) * ((v264 + (R(2.0) * (v347 + v430))) + (((H(0) * v490) - (H(1) *
+            v487)) * H(24))));
         state[6][i] = v68;
         state[7][i] = v70;
     }
@@ -276,21 +276,21 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v104 = (v59 - (v61 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
             v86)) * vx)));
         const real v105 = H(2) * v104;
-        const real v106 = H(13) * F(atan2)((vx * v63) - (v68 * v62), F(fabs)(v71) + (R(0.1) *
+        const real v107 = H(13) * F(atan2)((vx * v63) - (v68 * v62), F(fabs)(v71) + (R(0.1) *
             EXP((R(-100.0) * v71) * v71)));
-        const real v114 = H(11) * F(sin)(H(12) * F(atan)(v106 - (H(14) * (v106 -
-            F(atan)(v106)))));
-        const real v118 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy, v86 +
+        const real v115 = H(11) * F(sin)(H(12) * F(atan)(v107 - (H(14) * (v107 -
+            F(atan)(v107)))));
+        const real v119 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy, v86 +
             (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
-        const real v121 = (v114 * v62) + (v105 * v63);
-        const real v122 = F(sin)(eta + R(1.5707963267948966));
-        const real v123 = F(sin)(eta);
-        const real v137 = ((((H(20) * v104) + (v105 * v62)) - (v114 * v63)) * H(18)) + (om * vy);
-        const real v141 = ((v118 + v121) * H(18)) - (om * vx);
-        const real v145 = ((H(0) * v121) - (H(1) * v118)) * H(19);
+        const real v122 = (v115 * v62) + (v105 * v63);
+        const real v131 = F(sin)(eta + R(1.5707963267948966));
+        const real v132 = F(sin)(eta);
+        const real v141 = ((((H(20) * v104) + (v105 * v62)) - (v115 * v63)) * H(18)) + (om * vy);
+        const real v144 = ((v119 + v122) * H(18)) - (om * vx);
+        const real v145 = ((H(0) * v122) - (H(1) * v119)) * H(19);
         const real v147 = eta + (H(21) * om);
-        const real v149 = vx + (H(21) * v137);
-        const real v151 = vy + (H(21) * v141);
+        const real v149 = vx + (H(21) * v141);
+        const real v151 = vy + (H(21) * v144);
         const real v153 = om + (H(21) * v145);
         const real v155 = v151 + (H(0) * v153);
         const real v158 = (v149 * v62) + (v155 * v63);
@@ -298,22 +298,22 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v188 = (v59 - (v61 * v149)) + (-((H(3) * F(tanh)(H(4) * v149)) + ((H(5) + (H(6)
             * v171)) * v149)));
         const real v189 = H(2) * v188;
-        const real v190 = H(13) * F(atan2)((v149 * v63) - (v155 * v62), F(fabs)(v158) + (R(0.1) *
+        const real v191 = H(13) * F(atan2)((v149 * v63) - (v155 * v62), F(fabs)(v158) + (R(0.1) *
             EXP((R(-100.0) * v158) * v158)));
-        const real v198 = H(11) * F(sin)(H(12) * F(atan)(v190 - (H(14) * (v190 -
-            F(atan)(v190)))));
-        const real v201 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v153) - v151,
+        const real v199 = H(11) * F(sin)(H(12) * F(atan)(v191 - (H(14) * (v191 -
+            F(atan)(v191)))));
+        const real v202 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v153) - v151,
             v171 + (R(0.1) * EXP((R(-100.0) * v149) * v149)))));
-        const real v204 = (v198 * v62) + (v189 * v63);
-        const real v205 = F(sin)(v147 + R(1.5707963267948966));
-        const real v206 = F(sin)(v147);
-        const real v220 = ((((H(20) * v188) + (v189 * v62)) - (v198 * v63)) * H(18)) + (v153 *
+        const real v205 = (v199 * v62) + (v189 * v63);
+        const real v214 = F(sin)(v147 + R(1.5707963267948966));
+        const real v215 = F(sin)(v147);
+        const real v224 = ((((H(20) * v188) + (v189 * v62)) - (v199 * v63)) * H(18)) + (v153 *
             v151);
-        const real v224 = ((v201 + v204) * H(18)) - (v153 * v149);
-        const real v228 = ((H(0) * v204) - (H(1) * v201)) * H(19);
+        const real v227 = ((v202 + v205) * H(18)) - (v153 * v149);
+        const real v228 = ((H(0) * v205) - (H(1) * v202)) * H(19);
         const real v230 = eta + (H(21) * v153);
-        const real v232 = vx + (H(21) * v220);
-        const real v234 = vy + (H(21) * v224);
+        const real v232 = vx + (H(21) * v224);
+        const real v234 = vy + (H(21) * v227);
         const real v236 = om + (H(21) * v228);
         const real v238 = v234 + (H(0) * v236);
         const real v241 = (v232 * v62) + (v238 * v63);
@@ -321,22 +321,22 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v271 = (v59 - (v61 * v232)) + (-((H(3) * F(tanh)(H(4) * v232)) + ((H(5) + (H(6)
             * v254)) * v232)));
         const real v272 = H(2) * v271;
-        const real v273 = H(13) * F(atan2)((v232 * v63) - (v238 * v62), F(fabs)(v241) + (R(0.1) *
+        const real v274 = H(13) * F(atan2)((v232 * v63) - (v238 * v62), F(fabs)(v241) + (R(0.1) *
             EXP((R(-100.0) * v241) * v241)));
-        const real v281 = H(11) * F(sin)(H(12) * F(atan)(v273 - (H(14) * (v273 -
-            F(atan)(v273)))));
-        const real v284 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v236) - v234,
+        const real v282 = H(11) * F(sin)(H(12) * F(atan)(v274 - (H(14) * (v274 -
+            F(atan)(v274)))));
+        const real v285 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v236) - v234,
             v254 + (R(0.1) * EXP((R(-100.0) * v232) * v232)))));
-        const real v287 = (v281 * v62) + (v272 * v63);
-        const real v288 = F(sin)(v230 + R(1.5707963267948966));
-        const real v289 = F(sin)(v230);
-        const real v303 = ((((H(20) * v271) + (v272 * v62)) - (v281 * v63)) * H(18)) + (v236 *
+        const real v288 = (v282 * v62) + (v272 * v63);
+        const real v297 = F(sin)(v230 + R(1.5707963267948966));
+        const real v298 = F(sin)(v230);
+        const real v307 = ((((H(20) * v271) + (v272 * v62)) - (v282 * v63)) * H(18)) + (v236 *
             v234);
-        const real v307 = ((v284 + v287) * H(18)) - (v236 * v232);
-        const real v311 = ((H(0) * v287) - (H(1) * v284)) * H(19);
+        const real v310 = ((v285 + v288) * H(18)) - (v236 * v232);
+        const real v311 = ((H(0) * v288) - (H(1) * v285)) * H(19);
         const real v313 = eta + (H(17) * v236);
-        const real v315 = vx + (H(17) * v303);
-        const real v317 = vy + (H(17) * v307);
+        const real v315 = vx + (H(17) * v307);
+        const real v317 = vy + (H(17) * v310);
         const real v319 = om + (H(17) * v311);
         const real v321 = v317 + (H(0) * v319);
         const real v324 = (v315 * v62) + (v321 * v63);
@@ -344,28 +344,28 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v354 = (v59 - (v61 * v315)) + (-((H(3) * F(tanh)(H(4) * v315)) + ((H(5) + (H(6)
             * v337)) * v315)));
         const real v355 = H(2) * v354;
-        const real v356 = H(13) * F(atan2)((v315 * v63) - (v321 * v62), F(fabs)(v324) + (R(0.1) *
+        const real v357 = H(13) * F(atan2)((v315 * v63) - (v321 * v62), F(fabs)(v324) + (R(0.1) *
             EXP((R(-100.0) * v324) * v324)));
-        const real v364 = H(11) * F(sin)(H(12) * F(atan)(v356 - (H(14) * (v356 -
-            F(atan)(v356)))));
-        const real v367 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v319) - v317,
+        const real v365 = H(11) * F(sin)(H(12) * F(atan)(v357 - (H(14) * (v357 -
+            F(atan)(v357)))));
+        const real v368 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v319) - v317,
             v337 + (R(0.1) * EXP((R(-100.0) * v315) * v315)))));
-        const real v370 = (v364 * v62) + (v355 * v63);
-        const real v371 = F(sin)(v313 + R(1.5707963267948966));
-        const real v372 = F(sin)(v313);
-        state[0][i] = x + (H(22) * ((((vx * v122) - (vy * v123)) + (R(2.0) * (((v149 * v205) -
-            (v151 * v206)) + ((v232 * v288) - (v234 * v289))))) + ((v315 * v371) - (v317 *
-            v372))));
-        state[1][i] = y + (H(22) * ((((vx * v123) + (vy * v122)) + (R(2.0) * (((v149 * v206) +
-            (v151 * v205)) + ((v232 * v289) + (v234 * v288))))) + ((v315 * v372) + (v317 *
-            v371))));
+        const real v371 = (v365 * v62) + (v355 * v63);
+        const real v380 = F(sin)(v313 + R(1.5707963267948966));
+        const real v381 = F(sin)(v313);
+        state[0][i] = x + (H(22) * ((((vx * v131) - (vy * v132)) + (R(2.0) * (((v149 * v214) -
+            (v151 * v215)) + ((v232 * v297) - (v234 * v298))))) + ((v315 * v380) - (v317 *
+            v381))));
+        state[1][i] = y + (H(22) * ((((vx * v132) + (vy * v131)) + (R(2.0) * (((v149 * v215) +
+            (v151 * v214)) + ((v232 * v298) + (v234 * v297))))) + ((v315 * v381) + (v317 *
+            v380))));
         state[2][i] = eta + (H(22) * ((om + (R(2.0) * (v153 + v236))) + v319));
-        state[3][i] = vx + (H(22) * ((v137 + (R(2.0) * (v220 + v303))) + (((((H(20) * v354) +
-            (v355 * v62)) - (v364 * v63)) * H(18)) + (v319 * v317))));
-        state[4][i] = vy + (H(22) * ((v141 + (R(2.0) * (v224 + v307))) + (((v367 + v370) * H(18))
+        state[3][i] = vx + (H(22) * ((v141 + (R(2.0) * (v224 + v307))) + (((((H(20) * v354) +
+            (v355 * v62)) - (v365 * v63)) * H(18)) + (v319 * v317))));
+        state[4][i] = vy + (H(22) * ((v144 + (R(2.0) * (v227 + v310))) + (((v368 + v371) * H(18))
             - (v319 * v315))));
-        state[5][i] = om + (H(22) * ((v145 + (R(2.0) * (v228 + v311))) + (((H(0) * v370) - (H(1) *
-            v367)) * H(19))));
+        state[5][i] = om + (H(22) * ((v145 + (R(2.0) * (v228 + v311))) + (((H(0) * v371) - (H(1) *
+            v368)) * H(19))));
     }
 }
 
@@ -474,20 +474,20 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v228 = ((H(7) * (v136 - v144)) - ((H(8) * (v136 + v144)) * vx)) + (-((H(3) *
             F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v211)) * vx)));
         const real v229 = H(2) * v228;
-        const real v234 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((vx * v150) - (v195 *
+        const real v235 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((vx * v150) - (v195 *
             v149), F(fabs)(v198) + EXP((R(-3.0) * v198) * v198))));
-        const real v239 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy, v211 +
+        const real v240 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy, v211 +
             EXP((R(-3.0) * vx) * vx))));
-        const real v242 = (v234 * v149) + (v229 * v150);
-        const real v243 = F(sin)(eta + R(1.5707963267948966));
-        const real v244 = F(sin)(eta);
-        const real v258 = ((((H(23) * v228) + (v229 * v149)) - (v234 * v150)) * H(21)) + (om *
+        const real v243 = (v235 * v149) + (v229 * v150);
+        const real v252 = F(sin)(eta + R(1.5707963267948966));
+        const real v253 = F(sin)(eta);
+        const real v262 = ((((H(23) * v228) + (v229 * v149)) - (v235 * v150)) * H(21)) + (om *
             vy);
-        const real v262 = ((v239 + v242) * H(21)) - (om * vx);
-        const real v266 = ((H(0) * v242) - (H(1) * v239)) * H(22);
+        const real v265 = ((v240 + v243) * H(21)) - (om * vx);
+        const real v266 = ((H(0) * v243) - (H(1) * v240)) * H(22);
         const real v268 = eta + (H(30) * om);
-        const real v270 = vx + (H(30) * v258);
-        const real v272 = vy + (H(30) * v262);
+        const real v270 = vx + (H(30) * v262);
+        const real v272 = vy + (H(30) * v265);
         const real v274 = om + (H(30) * v266);
         const real v276 = v272 + (H(0) * v274);
         const real v279 = (v270 * v169) + (v276 * v170);
@@ -495,20 +495,20 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v307 = (v166 - (v168 * v270)) + (-((H(3) * F(tanh)(H(4) * v270)) + ((H(5) +
             (H(6) * v291)) * v270)));
         const real v308 = H(2) * v307;
-        const real v313 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v270 * v170) - (v276 *
+        const real v314 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v270 * v170) - (v276 *
             v169), F(fabs)(v279) + EXP((R(-3.0) * v279) * v279))));
-        const real v318 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v274) - v272,
+        const real v319 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v274) - v272,
             v291 + EXP((R(-3.0) * v270) * v270))));
-        const real v321 = (v313 * v169) + (v308 * v170);
-        const real v322 = F(sin)(v268 + R(1.5707963267948966));
-        const real v323 = F(sin)(v268);
-        const real v337 = ((((H(23) * v307) + (v308 * v169)) - (v313 * v170)) * H(21)) + (v274 *
+        const real v322 = (v314 * v169) + (v308 * v170);
+        const real v331 = F(sin)(v268 + R(1.5707963267948966));
+        const real v332 = F(sin)(v268);
+        const real v341 = ((((H(23) * v307) + (v308 * v169)) - (v314 * v170)) * H(21)) + (v274 *
             v272);
-        const real v341 = ((v318 + v321) * H(21)) - (v274 * v270);
-        const real v345 = ((H(0) * v321) - (H(1) * v318)) * H(22);
+        const real v344 = ((v319 + v322) * H(21)) - (v274 * v270);
+        const real v345 = ((H(0) * v322) - (H(1) * v319)) * H(22);
         const real v347 = eta + (H(30) * v274);
-        const real v349 = vx + (H(30) * v337);
-        const real v351 = vy + (H(30) * v341);
+        const real v349 = vx + (H(30) * v341);
+        const real v351 = vy + (H(30) * v344);
         const real v353 = om + (H(30) * v345);
         const real v355 = v351 + (H(0) * v353);
         const real v358 = (v349 * v169) + (v355 * v170);
@@ -516,20 +516,20 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v386 = (v166 - (v168 * v349)) + (-((H(3) * F(tanh)(H(4) * v349)) + ((H(5) +
             (H(6) * v370)) * v349)));
         const real v387 = H(2) * v386;
-        const real v392 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v349 * v170) - (v355 *
+        const real v393 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v349 * v170) - (v355 *
             v169), F(fabs)(v358) + EXP((R(-3.0) * v358) * v358))));
-        const real v397 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v353) - v351,
+        const real v398 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v353) - v351,
             v370 + EXP((R(-3.0) * v349) * v349))));
-        const real v400 = (v392 * v169) + (v387 * v170);
-        const real v401 = F(sin)(v347 + R(1.5707963267948966));
-        const real v402 = F(sin)(v347);
-        const real v416 = ((((H(23) * v386) + (v387 * v169)) - (v392 * v170)) * H(21)) + (v353 *
+        const real v401 = (v393 * v169) + (v387 * v170);
+        const real v410 = F(sin)(v347 + R(1.5707963267948966));
+        const real v411 = F(sin)(v347);
+        const real v420 = ((((H(23) * v386) + (v387 * v169)) - (v393 * v170)) * H(21)) + (v353 *
             v351);
-        const real v420 = ((v397 + v400) * H(21)) - (v353 * v349);
-        const real v424 = ((H(0) * v400) - (H(1) * v397)) * H(22);
+        const real v423 = ((v398 + v401) * H(21)) - (v353 * v349);
+        const real v424 = ((H(0) * v401) - (H(1) * v398)) * H(22);
         const real v426 = eta + (H(20) * v353);
-        const real v428 = vx + (H(20) * v416);
-        const real v430 = vy + (H(20) * v420);
+        const real v428 = vx + (H(20) * v420);
+        const real v430 = vy + (H(20) * v423);
         const real v432 = om + (H(20) * v424);
         const real v434 = v430 + (H(0) * v432);
         const real v437 = (v428 * v189) + (v434 * v190);
@@ -537,26 +537,26 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v465 = ((H(7) * (v176 - v184)) - ((H(8) * (v176 + v184)) * v428)) + (-((H(3) *
             F(tanh)(H(4) * v428)) + ((H(5) + (H(6) * v449)) * v428)));
         const real v466 = H(2) * v465;
-        const real v471 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v428 * v190) - (v434 *
+        const real v472 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v428 * v190) - (v434 *
             v189), F(fabs)(v437) + EXP((R(-3.0) * v437) * v437))));
-        const real v476 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v432) - v430,
+        const real v477 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v432) - v430,
             v449 + EXP((R(-3.0) * v428) * v428))));
-        const real v479 = (v471 * v189) + (v466 * v190);
-        const real v480 = F(sin)(v426 + R(1.5707963267948966));
-        const real v481 = F(sin)(v426);
-        state[0][i] = x + (H(31) * ((((vx * v243) - (vy * v244)) + (R(2.0) * (((v270 * v322) -
-            (v272 * v323)) + ((v349 * v401) - (v351 * v402))))) + ((v428 * v480) - (v430 *
-            v481))));
-        state[1][i] = y + (H(31) * ((((vx * v244) + (vy * v243)) + (R(2.0) * (((v270 * v323) +
-            (v272 * v322)) + ((v349 * v402) + (v351 * v401))))) + ((v428 * v481) + (v430 *
-            v480))));
+        const real v480 = (v472 * v189) + (v466 * v190);
+        const real v489 = F(sin)(v426 + R(1.5707963267948966));
+        const real v490 = F(sin)(v426);
+        state[0][i] = x + (H(31) * ((((vx * v252) - (vy * v253)) + (R(2.0) * (((v270 * v331) -
+            (v272 * v332)) + ((v349 * v410) - (v351 * v411))))) + ((v428 * v489) - (v430 *
+            v490))));
+        state[1][i] = y + (H(31) * ((((vx * v253) + (vy * v252)) + (R(2.0) * (((v270 * v332) +
+            (v272 * v331)) + ((v349 * v411) + (v351 * v410))))) + ((v428 * v490) + (v430 *
+            v489))));
         state[2][i] = eta + (H(31) * ((om + (R(2.0) * (v274 + v353))) + v432));
-        state[3][i] = vx + (H(31) * ((v258 + (R(2.0) * (v337 + v416))) + (((((H(23) * v465) +
-            (v466 * v189)) - (v471 * v190)) * H(21)) + (v432 * v430))));
-        state[4][i] = vy + (H(31) * ((v262 + (R(2.0) * (v341 + v420))) + (((v476 + v479) * H(21))
+        state[3][i] = vx + (H(31) * ((v262 + (R(2.0) * (v341 + v420))) + (((((H(23) * v465) +
+            (v466 * v189)) - (v472 * v190)) * H(21)) + (v432 * v430))));
+        state[4][i] = vy + (H(31) * ((v265 + (R(2.0) * (v344 + v423))) + (((v477 + v480) * H(21))
             - (v432 * v428))));
-        state[5][i] = om + (H(31) * ((v266 + (R(2.0) * (v345 + v424))) + (((H(0) * v479) - (H(1) *
-            v476)) * H(22))));
+        state[5][i] = om + (H(31) * ((v266 + (R(2.0) * (v345 + v424))) + (((H(0) * v480) - (H(1) *
+            v477)) * H(22))));
         state[6][i] = v76;
         state[7][i] = v78;
     }
@@ -633,19 +633,19 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v109 = (v67 - (v69 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
             v92)) * vx)));
         const real v110 = H(2) * v109;
-        const real v115 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((vx * v71) - (v76 *
+        const real v116 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((vx * v71) - (v76 *
             v70), F(fabs)(v79) + EXP((R(-3.0) * v79) * v79))));
-        const real v120 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy, v92 +
+        const real v121 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy, v92 +
             EXP((R(-3.0) * vx) * vx))));
-        const real v123 = (v115 * v70) + (v110 * v71);
-        const real v124 = F(sin)(eta + R(1.5707963267948966));
-        const real v125 = F(sin)(eta);
-        const real v139 = ((((H(18) * v109) + (v110 * v70)) - (v115 * v71)) * H(16)) + (om * vy);
-        const real v143 = ((v120 + v123) * H(16)) - (om * vx);
-        const real v147 = ((H(0) * v123) - (H(1) * v120)) * H(17);
+        const real v124 = (v116 * v70) + (v110 * v71);
+        const real v133 = F(sin)(eta + R(1.5707963267948966));
+        const real v134 = F(sin)(eta);
+        const real v143 = ((((H(18) * v109) + (v110 * v70)) - (v116 * v71)) * H(16)) + (om * vy);
+        const real v146 = ((v121 + v124) * H(16)) - (om * vx);
+        const real v147 = ((H(0) * v124) - (H(1) * v121)) * H(17);
         const real v149 = eta + (H(21) * om);
-        const real v151 = vx + (H(21) * v139);
-        const real v153 = vy + (H(21) * v143);
+        const real v151 = vx + (H(21) * v143);
+        const real v153 = vy + (H(21) * v146);
         const real v155 = om + (H(21) * v147);
         const real v157 = v153 + (H(0) * v155);
         const real v160 = (v151 * v70) + (v157 * v71);
@@ -653,20 +653,20 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v188 = (v67 - (v69 * v151)) + (-((H(3) * F(tanh)(H(4) * v151)) + ((H(5) + (H(6)
             * v172)) * v151)));
         const real v189 = H(2) * v188;
-        const real v194 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v151 * v71) - (v157 *
+        const real v195 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v151 * v71) - (v157 *
             v70), F(fabs)(v160) + EXP((R(-3.0) * v160) * v160))));
-        const real v199 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v155) - v153,
+        const real v200 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v155) - v153,
             v172 + EXP((R(-3.0) * v151) * v151))));
-        const real v202 = (v194 * v70) + (v189 * v71);
-        const real v203 = F(sin)(v149 + R(1.5707963267948966));
-        const real v204 = F(sin)(v149);
-        const real v218 = ((((H(18) * v188) + (v189 * v70)) - (v194 * v71)) * H(16)) + (v155 *
+        const real v203 = (v195 * v70) + (v189 * v71);
+        const real v212 = F(sin)(v149 + R(1.5707963267948966));
+        const real v213 = F(sin)(v149);
+        const real v222 = ((((H(18) * v188) + (v189 * v70)) - (v195 * v71)) * H(16)) + (v155 *
             v153);
-        const real v222 = ((v199 + v202) * H(16)) - (v155 * v151);
-        const real v226 = ((H(0) * v202) - (H(1) * v199)) * H(17);
+        const real v225 = ((v200 + v203) * H(16)) - (v155 * v151);
+        const real v226 = ((H(0) * v203) - (H(1) * v200)) * H(17);
         const real v228 = eta + (H(21) * v155);
-        const real v230 = vx + (H(21) * v218);
-        const real v232 = vy + (H(21) * v222);
+        const real v230 = vx + (H(21) * v222);
+        const real v232 = vy + (H(21) * v225);
         const real v234 = om + (H(21) * v226);
         const real v236 = v232 + (H(0) * v234);
         const real v239 = (v230 * v70) + (v236 * v71);
@@ -674,20 +674,20 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v267 = (v67 - (v69 * v230)) + (-((H(3) * F(tanh)(H(4) * v230)) + ((H(5) + (H(6)
             * v251)) * v230)));
         const real v268 = H(2) * v267;
-        const real v273 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v230 * v71) - (v236 *
+        const real v274 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v230 * v71) - (v236 *
             v70), F(fabs)(v239) + EXP((R(-3.0) * v239) * v239))));
-        const real v278 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v234) - v232,
+        const real v279 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v234) - v232,
             v251 + EXP((R(-3.0) * v230) * v230))));
-        const real v281 = (v273 * v70) + (v268 * v71);
-        const real v282 = F(sin)(v228 + R(1.5707963267948966));
-        const real v283 = F(sin)(v228);
-        const real v297 = ((((H(18) * v267) + (v268 * v70)) - (v273 * v71)) * H(16)) + (v234 *
+        const real v282 = (v274 * v70) + (v268 * v71);
+        const real v291 = F(sin)(v228 + R(1.5707963267948966));
+        const real v292 = F(sin)(v228);
+        const real v301 = ((((H(18) * v267) + (v268 * v70)) - (v274 * v71)) * H(16)) + (v234 *
             v232);
-        const real v301 = ((v278 + v281) * H(16)) - (v234 * v230);
-        const real v305 = ((H(0) * v281) - (H(1) * v278)) * H(17);
+        const real v304 = ((v279 + v282) * H(16)) - (v234 * v230);
+        const real v305 = ((H(0) * v282) - (H(1) * v279)) * H(17);
         const real v307 = eta + (H(15) * v234);
-        const real v309 = vx + (H(15) * v297);
-        const real v311 = vy + (H(15) * v301);
+        const real v309 = vx + (H(15) * v301);
+        const real v311 = vy + (H(15) * v304);
         const real v313 = om + (H(15) * v305);
         const real v315 = v311 + (H(0) * v313);
         const real v318 = (v309 * v70) + (v315 * v71);
@@ -695,26 +695,26 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v346 = (v67 - (v69 * v309)) + (-((H(3) * F(tanh)(H(4) * v309)) + ((H(5) + (H(6)
             * v330)) * v309)));
         const real v347 = H(2) * v346;
-        const real v352 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v309 * v71) - (v315 *
+        const real v353 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v309 * v71) - (v315 *
             v70), F(fabs)(v318) + EXP((R(-3.0) * v318) * v318))));
-        const real v357 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v313) - v311,
+        const real v358 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v313) - v311,
             v330 + EXP((R(-3.0) * v309) * v309))));
-        const real v360 = (v352 * v70) + (v347 * v71);
-        const real v361 = F(sin)(v307 + R(1.5707963267948966));
-        const real v362 = F(sin)(v307);
-        state[0][i] = x + (H(22) * ((((vx * v124) - (vy * v125)) + (R(2.0) * (((v151 * v203) -
-            (v153 * v204)) + ((v230 * v282) - (v232 * v283))))) + ((v309 * v361) - (v311 *
-            v362))));
-        state[1][i] = y + (H(22) * ((((vx * v125) + (vy * v124)) + (R(2.0) * (((v151 * v204) +
-            (v153 * v203)) + ((v230 * v283) + (v232 * v282))))) + ((v309 * v362) + (v311 *
-            v361))));
+        const real v361 = (v353 * v70) + (v347 * v71);
+        const real v370 = F(sin)(v307 + R(1.5707963267948966));
+        const real v371 = F(sin)(v307);
+        state[0][i] = x + (H(22) * ((((vx * v133) - (vy * v134)) + (R(2.0) * (((v151 * v212) -
+            (v153 * v213)) + ((v230 * v291) - (v232 * v292))))) + ((v309 * v370) - (v311 *
+            v371))));
+        state[1][i] = y + (H(22) * ((((vx * v134) + (vy * v133)) + (R(2.0) * (((v151 * v213) +
+            (v153 * v212)) + ((v230 * v292) + (v232 * v291))))) + ((v309 * v371) + (v311 *
+            v370))));
         state[2][i] = eta + (H(22) * ((om + (R(2.0) * (v155 + v234))) + v313));
-        state[3][i] = vx + (H(22) * ((v139 + (R(2.0) * (v218 + v297))) + (((((H(18) * v346) +
-            (v347 * v70)) - (v352 * v71)) * H(16)) + (v313 * v311))));
-        state[4][i] = vy + (H(22) * ((v143 + (R(2.0) * (v222 + v301))) + (((v357 + v360) * H(16))
+        state[3][i] = vx + (H(22) * ((v143 + (R(2.0) * (v222 + v301))) + (((((H(18) * v346) +
+            (v347 * v70)) - (v353 * v71)) * H(16)) + (v313 * v311))));
+        state[4][i] = vy + (H(22) * ((v146 + (R(2.0) * (v225 + v304))) + (((v358 + v361) * H(16))
             - (v313 * v309))));
-        state[5][i] = om + (H(22) * ((v147 + (R(2.0) * (v226 + v305))) + (((H(0) * v360) - (H(1) *
-            v357)) * H(17))));
+        state[5][i] = om + (H(22) * ((v147 + (R(2.0) * (v226 + v305))) + (((H(0) * v361) - (H(1) *
+            v358)) * H(17))));
     }
 }
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
+from dart_hal.types import SAMPLE
 from dart_hal.vehicle.compose import moving
 from dart_hal.vehicle.flat import values
 from dart_hal.vehicle.native.build import CannotCompile, Variant
@@ -55,7 +56,7 @@ class Kernel:
         return call(self.run, self.h, start, first, second, at, substeps, out)
 
 
-def make_native_step(p: Vehicle, kind: str = "car", dt: float = 0.01,
+def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,
                      method: str = "rk4") -> Callable[..., tuple[float, ...]]:
     """``step(*state, first, second) -> state`` of one car in f64, as ``make_car_step`` over math.
 

@@ -1,0 +1,264 @@
+"""The conclusion from a search: spurious causes withdrawn, stages, gains, verdict."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.flat import unit, value, with_values
+from dart_hal.vehicle.parameters import Vehicle
+
+from .evidence.noise import Noise
+from .evidence.rows import Labels, RowLabels
+from .gains import Side, gained, overall
+from .report.words import removes
+from .result import (
+    Cause,
+    Considered,
+    Diagnosis,
+    Gained,
+    Moved,
+    Number,
+    Stage,
+    Unexplained,
+    added,
+)
+from .search.fit import Point, covariance
+from .search.forward import Search, SearchResult
+from .search.selection import Named, Settings, rows_at
+from .search.significance import refit_p_value
+from .unexplained.structure import groups, shares, unexplained
+
+TOGETHER = "all fitted together"  # where that is better than one after the other
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What was asked: the base model, both sides, and the search with its settings."""
+
+    model: str
+    base: Vehicle
+    train: Side
+    test: Side
+    settings: Settings
+    refit: bool
+    search: Search
+
+
+def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
+             began: float) -> Diagnosis:
+    """Everything a report needs."""
+    left = _left(q, found.point, found.noise)
+    withdrawn = _spurious(q, found, left)
+    named = tuple(n for n in found.named if n.effect not in withdrawn)
+    points = found.points
+    if withdrawn:
+        points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
+        left = _left(q, points[-1], found.noise)
+    stages = _stages(q, found.given, points, named)
+    last = points[-1]
+    stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
+    causes = tuple(_cause(q, one, points[i], points[i + 1], last.vehicle, stds)
+                   for i, one in enumerate(named))
+    moved = _moved(q, points[-1])
+    gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
+                   q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    return Diagnosis(
+        verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
+        causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
+        evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
+        seed=q.settings.seed, withdrawn=withdrawn, notes=_cautions(q, causes, gain),
+        runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
+        ranking={t.effect: t.gain for t in found.ranking})
+
+
+def as_logged(q: Question, point: Point) -> Vehicle:
+    """The vehicle of a point; where its delays were fitted, counted from the log.
+
+    Whoever predicts from a log has its commands only when they stand there.
+    """
+    p, age = point.vehicle, point.timing.command_age
+    if not q.refit:
+        return p
+    return with_values(p, {name: max(0.0, value(p, name) - age)
+                           for name in ("delay.steering_s", "delay.throttle_s")})
+
+
+def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
+    evidence, timing = q.train.evidence, point.timing
+    r = evidence.residuals(point.vehicle, timing)
+    return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm,
+                       q.settings.policy.unexplained)
+
+
+def _spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]) -> tuple[str, ...]:
+    """Causes that leave more structure, where they act, than they take away.
+
+    And as much as there is without them: a cause may stand beside another that
+    nobody knows. What differs from recording to recording says nothing of a
+    cause that is the same in all.
+    """
+    if all("recording" in u.along for u in left):
+        return ()
+    policy = q.settings.policy.conclusion
+    after, out = _structure(q, found, found.point), []
+    names = [n.effect for n in found.named]
+    for name in names:
+        without = q.search.fit(found.point, found.noise, [n for n in names if n != name],
+                               found.point)
+        taken = _taken(q, without, found.point)
+        total = sum(max(t, 0.0) for t in taken.values())
+        suspect = [u.channel for u in left if "recording" not in u.along
+                   and taken.get(u.channel, 0.0) > policy.mainly * total]
+        before = _structure(q, found, without) if suspect else {}
+        if any(after[c] > taken[c] and after[c] > policy.spurious * before[c] for c in suspect):
+            out.append(name)
+    return tuple(out)
+
+
+def _structure(q: Question, found: SearchResult, point: Point) -> dict[str, float]:
+    """By channel, loss that a flexible function of what the car was doing would take away."""
+    evidence, rows = q.train.evidence, _rows(q, point)
+    r = evidence.residuals(point.vehicle, point.timing)
+    policy = q.settings.policy.unexplained
+    share = shares(groups(evidence, point.vehicle, r, found.noise, policy), q.settings.seed, policy)
+    total = _by_channel(q, rows, point.weight * point.noise.loss(point.residual))
+    return {c: share.get(c, 0.0) * total[c] for c in total}
+
+
+def _taken(q: Question, before: Point, after: Point) -> dict[str, float]:
+    """By channel, the drop of the loss."""
+    return _by_channel(q, _rows(q, after), before.weight * before.noise.loss(before.residual)
+                       - after.weight * after.noise.loss(after.residual))
+
+
+def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for column in np.unique(rows.channel):
+        name = q.train.evidence.channel(int(column))
+        out[name] = out.get(name, 0.0) + float(x[rows.channel == column].sum())
+    return out
+
+
+def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named]
+            ) -> tuple[Stage, ...]:
+    labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
+    stages = [_stage(q, label, as_logged(q, p), p)
+              for label, p in zip(labels[:len(points)], points, strict=True)]
+    base = [_stage(q, q.model, q.base, given)] if q.refit else []
+    return tuple(base + stages)
+
+
+def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
+    timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
+    r = q.test.evidence.residuals(fitted, timing)
+    return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
+
+
+def _cause(q: Question, named: Named, before: Point, after: Point, final: Vehicle,
+           stds: Mapping[str, float]) -> Cause:
+    """One cause: its gain from the fit before it to the fit with it, its numbers at the end."""
+    effect = catalogue()[named.effect]
+    numbers = {}
+    for parameter in effect.parameters:
+        key = f"{effect.name}.{parameter.name}"
+        numbers[parameter.name] = Number(float(value(final, key)),
+                                         stds[key], parameter.unit,
+                                         parameter.null)
+    gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
+                  q.train, q.test, q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
+                 _evidence(q, named, numbers, gain), gain, named.confounders, effect.experiment)
+
+
+def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
+              gain: Gained) -> tuple[str, ...]:
+    key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
+                      / max(kn[1].std, 1e-12))
+    away = abs(number.value - number.null) / max(number.std, 1e-12)
+    return (
+        f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
+        f"some effect gains what counts like {named.threshold:.0f} of this one in "
+        f"{100.0 * q.settings.false_alarm:g} cases of 100",
+        f"loss {named.held_out:.0f} lower on parts left out from its size",
+        f"{key} is {away:.0f} standard errors from its null",
+        f"{gain.measure}: {removes(gain)}")
+
+
+def _blocks(q: Question, point: Point) -> Labels:
+    rows = _rows(q, point)
+    many = rows.recording.max() + 1 >= q.settings.policy.blocks.units
+    return rows.recording if many else rows.block
+
+
+def _rows(q: Question, point: Point) -> RowLabels:
+    return rows_at(q.train.evidence, point, q.settings.policy)
+
+
+def _moved(q: Question, point: Point) -> dict[str, Moved]:
+    """Base parameters after the refit."""
+    space = point.space
+    if not q.refit:
+        return {}
+    errors = space.standard_errors(point.x, covariance(point, _blocks(q, point)))
+    out, logged = {}, as_logged(q, point)
+    for i, name in enumerate(space.names):
+        if name not in q.settings.free:
+            continue
+        doubt = ""
+        if point.x[i] - space.low[i] < 1e-6 or space.high[i] - point.x[i] < 1e-6:
+            doubt = "at the edge of what is allowed"
+        elif abs(point.x[i]) > q.settings.policy.prior.doubtful:
+            doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
+        out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
+                          errors[name], unit(q.base, name), doubt)
+    return out
+
+
+def _considered(found: SearchResult, withdrawn: Sequence[str]) -> tuple[Considered, ...]:
+    out = [Considered(n.effect, n.p_value, n.gain, n.held_out,
+                      "withdrawn: with it as much structure is left as without it")
+           for n in found.named if n.effect in withdrawn]
+    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
+                    for r in found.rejected if r.effect not in withdrawn))
+
+
+def _worse(q: Question, gain: Mapping[str, Gained]) -> list[str]:
+    """Channels of the test recordings that are surely predicted worse; by much, where they are
+    too short for an interval."""
+    much = q.settings.policy.conclusion.worse
+    return [name for name, g in gain.items()
+            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -much)]
+
+
+def _cautions(q: Question, causes: Sequence[Cause], gain: Mapping[str, Gained]) -> tuple[str, ...]:
+    """What must be said of a model that was estimated anew and is no better for it."""
+    worse = _worse(q, gain)
+    if not worse or causes or not q.refit:
+        return ()
+    return (f"estimated anew, the model predicts the test recordings worse than it did "
+            f"({', '.join(worse)}): what these training recordings drive does not tell its "
+            "parameters; drive more of what the test recordings do, or ask with --no-refit",)
+
+
+def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
+             gain: Mapping[str, Gained]) -> str:
+    if causes:  # one that surely makes predictions worse does not explain
+        worse = any(c.gain.high < 0.0 for c in causes)
+        return "partly_explained" if left or worse else "explained"
+    if left:
+        return "unexplained"
+    if q.refit:
+        p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
+                          q.settings.seed, q.settings.policy.naming.draws)
+        better = not gain or any(g.low > 0.0 for g in gain.values())
+        if p < q.settings.false_alarm and better and not _worse(q, gain):
+            return "parameters_only"
+    return "nothing_wrong"

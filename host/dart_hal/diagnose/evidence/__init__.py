@@ -1,0 +1,1 @@
+"""Room of the evidence: recordings as residuals, and how much each residual counts."""

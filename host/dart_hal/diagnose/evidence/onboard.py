@@ -1,0 +1,141 @@
+"""Residuals of recordings without motion capture: a model against the car's own sensors.
+
+From a state that the sensors give, the model drives on with the logged commands
+and says what encoder, gyro and accelerometer should read at each message that
+follows. The state is known only as well as the sensors are; that error is alike
+in all read-outs of a window, where the whitening finds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import Effect
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..policy import USUAL, EvidencePolicy
+from .onboard_drive import APART, COUNTED, HEARD, READS, Session, counted
+from .onboard_windows import predicted
+from .readings import SENSORS, at_rest
+from .residuals import SENSED, Evidence, Residuals
+from .space import EXACT, Timing
+from .standing import spread
+
+MOTION = ("encoder", "gyro")
+UNKNOWN = (
+    "position, heading in the room and speed sideways: no sensor on the car measures them",
+    "what motion capture does to a pose, for there is none",
+    "the direction of a slope in the room: only that to the heading at the start of a recording",
+    "the scale of speed by itself: only through what motor, steering and accelerometer say of it")
+"""What no recording without motion capture can tell."""
+
+
+class OnboardEvidence(Evidence):
+    """Sessions and how the residuals of any model on them are computed.
+
+    As ``residuals.Evidence``, but motion is (n, READS * 2): encoder and gyro at
+    each message of a window, and sensors (m, 4) are: accelerometer while driving
+    and, in units of its noise then, at rest; gyro at rest; encoder never.
+    """
+
+    late = 0.0  # everything is on the clock of the messages
+    exact = False  # a window starts from what sensors guess of its state
+    drives: tuple[Session, ...]
+
+    def __init__(self, drives: Sequence[Session], l_r: float) -> None:
+        self.drives = tuple(drives)
+        self.l_r, self.overlap = l_r, READS * COUNTED / APART
+        self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
+        self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+
+    @property
+    def columns(self) -> dict[str, int]:
+        """As ``residuals.Evidence.columns``."""
+        end = (READS - 1) * len(MOTION)
+        return {**{name: end + i for i, name in enumerate(MOTION)}, "accel_x": -2, "accel_y": -1}
+
+    def columns_at(self, horizon: float) -> dict[str, int]:
+        """As ``residuals.Evidence.columns_at``: the speed is the wheel's, turning the gyro's."""
+        read = round(horizon / COUNTED) - 1
+        names = ("vx", "yaw_rate")
+        return {n: read * len(MOTION) + i for i, n in enumerate(names)} if read < READS else {}
+
+    def channel(self, column: int) -> str:
+        """Name of a column of the motion, or of -1 - column of the sensors."""
+        return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+
+    @property
+    def read_out(self) -> tuple[tuple[str, ...], slice, slice]:
+        """(names, columns of the motion) half a window ahead; columns of the sensors beside them.
+
+        Encoder and gyro are in the motion here, so of the sensors the accelerometer is left.
+        """
+        half = (READS // 2 - 1) * len(MOTION)
+        return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
+
+    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which residuals an effect must lower to be believed, (N,).
+
+        channel (N,): as ``rows.Rows`` has it. What errs in a sensor: those of that
+        sensor; anything else: what the car is predicted to do.
+        """
+        if effect.stage != "measurement":
+            return np.asarray(channel >= 0)
+        shown = {n for c in effect.signals for n in SENSED.get(c, ())}
+        known = {int(c): self.channel(int(c)) for c in np.unique(channel)}
+        return np.isin(channel, [c for c, name in known.items() if name in shown])
+
+    def _begins(self) -> Sequence[FloatArray]:
+        return [d.begin for d in self.drives]
+
+    def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
+        """Of the model p with its effects, as ``Evidence.residuals``."""
+        p = timing.advanced(p)
+        q = settled(p)
+        parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),
+                 *(_of(drive, p, q, timing) for drive in self.drives)]
+        motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
+        for k in range(4):  # what says nothing of any model still needs a size
+            if not np.isfinite(sensors[:, k]).any():
+                sensors[:, k] = spread(len(sensors))
+        return Residuals(motion, sensors)
+
+
+def unseen() -> tuple[str, ...]:
+    """Effects of the catalogue that change nothing an on-board sensor reads."""
+    return tuple(name for name, e in catalogue().items()
+                 if set(e.signals) == {"pose"} and e.force is None and e.vehicle is None)
+
+
+def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
+           ) -> tuple[str, ...]:
+    """What these recordings cannot tell, in words: UNKNOWN, and what they in particular lack."""
+    windows, driving, rest = counted(evidence.drives)
+    accel = np.concatenate([d.read[:, 2] for d in evidence.drives] or [np.empty(0)])
+    own = []
+    if not windows:
+        own.append("how the car moves: there is no second of driving with encoder and gyro")
+    if rest < policy.readings:
+        own.append("biases and tilts of gyro and accelerometer but weakly: the car is never seen "
+                   "standing still for 2 s")
+    if driving + rest and not np.isfinite(accel).any():
+        own.append("accelerations: there is no accelerometer")
+    return (*UNKNOWN, *own)
+
+
+def _of(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> tuple[FloatArray, FloatArray]:
+    rest = at_rest(drive, p)
+    if not len(drive.begin):
+        return np.empty((0, READS * len(MOTION))), rest
+    said = predicted(drive, p, q, timing)
+    motion = (said[:2] - drive.said).transpose(2, 1, 0).reshape(len(drive.begin), -1)
+    accel = said[2:, HEARD[0]:HEARD[1]].transpose(2, 1, 0).reshape(-1, 2)
+    driven = np.full((len(accel), 4), np.nan)
+    driven[:, 2:] = accel - drive.read[:len(accel), 2:]
+    return motion, np.concatenate([driven, rest])

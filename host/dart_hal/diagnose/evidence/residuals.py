@@ -1,0 +1,246 @@
+"""What the model says that was measured, minus what was: motion, and every sensor by itself."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.predict.actuators import behind_actuator
+from dart_hal.predict.commands import spread_over
+from dart_hal.predict.rollout import Parts
+from dart_hal.predict.rollout import measured as measured_states
+from dart_hal.predict.substeps import FINE, fine, fine_rollout
+from dart_hal.recording.dart import Grid
+from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.vehicle.channels import late_last
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.effect import ActiveEffect, Effect
+from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.parameters import Vehicle
+
+from .drive import HALF, READ, Drive
+from .readings import SENSORS, at_rest, driven, measured
+from .space import EXACT, LATE, Timing
+
+MOTION = ("v_x", "v_y", "omega")
+SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
+                           "accel": ("accel_x", "accel_y")})
+"""By signal that is only read: channels of the residuals in which an effect on it shows."""
+POSE, THROTTLE, STEERING = (frozenset(c) for c in (
+    ("pose",), ("throttle",), ("steering", "angle")))
+KEPT = 24  # parts of models
+ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
+AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
+OFFSETS = np.arange(-HALF, HALF + 1)
+SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
+"""Weights by which POINTS poses give a derivative [1/s]."""
+Read = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """motion (n, len(READ) * 3): errors of n windows, read-out by read-out; sensors (m, 4), those
+    of a standing car larger by ``Evidence.noise_scale``."""
+
+    motion: FloatArray
+    sensors: FloatArray
+
+
+class Evidence:
+    """Drives and how the residuals of any model on them are computed."""
+
+    late = LATE
+    exact = True  # but for noise, with the right model nothing is left
+
+    def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
+        """overlap: how often the windows predict every sample."""
+        self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
+        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
+        self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process: what is kept is larger than what it takes to make it."""
+        return {**self.__dict__, "_kept": OrderedDict()}
+
+    @property
+    def sensor_still(self) -> NDArray[np.bool_]:
+        """Messages (m,) of a standing car."""
+        return np.concatenate([np.empty(0, dtype=np.bool_), *(d.still for d in self.drives)])
+
+    @property
+    def noise_scale(self) -> FloatArray:
+        """(m, 4): by what residuals of sensors are larger than in SI units, see ``at_rest``."""
+        rows = np.ones((len(self.sensor_drive), len(SENSORS)))
+        for i, drive in enumerate(self.drives):
+            rows[self.sensor_still & (self.sensor_drive == i), 2:] = drive.noise_scale
+        return rows
+
+    @property
+    def columns(self) -> dict[str, int]:
+        """By name: column of the motion at its end, or -4 .. -1 of the sensors."""
+        return {**self._motion_at(READ[-1]), **{s: i - len(SENSORS) for i, s in enumerate(SENSORS)}}
+
+    def columns_at(self, horizon: float) -> dict[str, int]:
+        """By channel of the evaluation: column of the motion at a horizon [s], if it has one."""
+        names = {"v_x": "vx", "v_y": "vy", "omega": "yaw_rate"}
+        sample = round(horizon / SAMPLE)
+        return {names[n]: i for n, i in self._motion_at(sample).items()} if sample in READ else {}
+
+    def channel(self, column: int) -> str:
+        """Name of a column of the motion, or of -1 - column of the sensors."""
+        return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+
+    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which residuals an effect must lower to be believed, (N,): see ``channel``.
+
+        Causes in the car must show in the motion, those of a sensor in a sensor; what motion
+        capture errs in shows in either, for sensors are held against it.
+        """
+        if effect.stage != "measurement":
+            return channel >= 0
+        return (channel < 0) | ("pose" in effect.signals)
+
+    def _motion_at(self, sample: int) -> dict[str, int]:
+        first = READ.index(sample) * len(MOTION)
+        return {name: first + i for i, name in enumerate(MOTION)}
+
+    def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,).
+
+        Messages of a standing car have nothing in common but what is looked for.
+        """
+        none = np.empty(0)  # a folder may hold nothing that can be used
+        windows = np.concatenate([none, *self._begins()]) * SAMPLE // length
+        messages = np.concatenate([none, *(d.at for d in self.drives)]) * SAMPLE // length
+        still = self.sensor_still
+        messages[still] = ALONE + np.arange(still.sum())
+        return (self.motion_drive * MANY_BLOCKS + windows.astype(np.int64),
+                self.sensor_drive * MANY_BLOCKS + messages.astype(np.int64))
+
+    def _begins(self) -> Sequence[FloatArray]:
+        """When the windows of each drive start [samples]."""
+        return [d.starts.astype(np.float64) for d in self.drives]
+
+    def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
+        """Of the model p with its effects, at the timing of the recordings.
+
+        Where poses come late, all else is early: shifted by parts of a sample
+        they would be smoothed, and windows would start where the motion bends.
+        """
+        p, behind = late_last(p, "pose")
+        timing = replace(timing, late=timing.late - behind, command_age=timing.command_age - behind)
+        p, late = timing.advanced(p), (timing.late, timing.gyro)
+        moves = _moves(p)
+        return Residuals(
+            self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
+            self._once((*_reads(p), late), lambda: self._sensors(p, *late)))
+
+    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
+        if key not in self._kept:
+            self._kept[key] = make()
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def _motion(self, p: Vehicle, spread: float) -> FloatArray:
+        q = settled(p)
+        start, seen = self._once(("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
+        throttle = self._once(("throttle", _throttle(p, q), spread), lambda: np.repeat(
+            self._inputs(p, spread, "throttle", _held), FINE, axis=0))
+        angle = self._once(
+            ("angle", q.delay.steering_s, q.delay.steering_lag_s, q.steering, _on(p, STEERING),
+             spread), lambda: self._inputs(p, spread, "steering", fine))
+        states = fine_rollout(p, start, throttle, angle, AT)
+        error = _velocities(states) - seen
+        return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
+
+    def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
+        """Of all windows: start (6, n) and motion seen (len(READ), 3, n)."""
+        parts: Parts = [(self._grid(drive, p, q), drive.starts) for drive in self.drives]
+        states = measured_states(parts, (0, *READ))
+        return states[0], states[1:, 3:]
+
+    def _inputs(self, p: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
+        """Of all windows, what an actuator did with its command: (samples, n) or finer."""
+        return np.concatenate([read(_actuated(p, drive, spread, channel),
+                                    drive.starts + np.arange(float(AT[-1]))[:, None])
+                               for drive in self.drives], axis=1)
+
+    def _sensors(self, p: Vehicle, late: float, apart: float) -> FloatArray:
+        q = settled(p)
+        seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
+                          lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
+        pulled = self._once(("pulled", _throttle(p, q)), lambda: [
+            behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
+            for d in self.drives])
+        return np.concatenate([part for drive, m, throttle
+                               in zip(self.drives, seen, pulled, strict=True)
+                               for part in (driven(p, m, throttle, drive, late, apart),
+                                            at_rest(drive, p, True))])
+
+    def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
+        g = drive.without_mocap_effects(p, self.l_r)
+        moved = q.body.l_r - self.l_r
+        return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
+
+
+def only_read(effect: Effect) -> bool:
+    """Whether an effect changes nothing but what sensors read."""
+    return (set(effect.signals) <= set(SENSED) and effect.vehicle is None
+            and effect.force is None)
+
+
+def _moves(p: Vehicle) -> Vehicle:
+    return replace(p, effects=tuple(a for a in p.effects if not only_read(a.effect)))
+
+
+def _reads(p: Vehicle) -> tuple[Hashable, ...]:
+    """What readings depend on, of a vehicle and a measured motion."""
+    q = settled(p)
+    on_sensors = _on(p, frozenset(SENSED))
+    drive = (q.motor, q.friction, _throttle(p, q)) if on_sensors else ()
+    return ("readings", q.body, _on(p, POSE), on_sensors, drive)
+
+
+def _on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...]:
+    """The effects on some signals."""
+    return tuple(a for a in p.effects if channels & set(a.effect.signals))
+
+
+def _throttle(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
+    """What the throttle behind its actuator depends on; q: p settled."""
+    return (q.delay.throttle_s, q.delay.throttle_lag_s, q.motor.g, _on(p, THROTTLE))
+
+
+def _actuated(p: Vehicle, drive: Drive, spread: float, channel: str) -> FloatArray:
+    """As ``behind_actuator``, with delays to a part of a sample and spread by as much [s]."""
+    q, g, key = settled(p), drive.grid, f"{channel}_s"
+    later = drive.commanded(channel, getattr(q.delay, key))
+    if later is not None:
+        q = unchecked(q, {"delay": {key: 0.0}})
+    command = spread_over(getattr(g, channel) if later is None else later, spread)
+    return behind_actuator(q, channel, command, g.t, smooth=later is None, sampled="mean")
+
+
+def _held(series: FloatArray, at: FloatArray) -> FloatArray:
+    return np.asarray(series[at.astype(np.int64)])
+
+
+def _velocities(states: FloatArray) -> FloatArray:
+    """Velocities (len(READ), 3, n) of states (len(AT), 6, n), derived as the mocap's are."""
+    out = []
+    for r in READ:
+        rows = [AT.index(r + j) for j in OFFSETS]
+        dx, dy, omega = np.tensordot(SLOPE, states[rows, :3], axes=(0, 0))
+        c, s = (f(states[AT.index(r), 2]) for f in (np.cos, np.sin))
+        out.append(np.stack([c * dx + s * dy, c * dy - s * dx, omega]))
+    return np.stack(out)

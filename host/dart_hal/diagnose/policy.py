@@ -1,0 +1,192 @@
+"""What the diagnosis decides by: every threshold, with its unit and where it comes from.
+
+"Campaign" means: set on the draws from 0 on of ``tests/hidden/campaign.py``, judged on those from
+100 on (docs/results/campaign.md). What half and double of the ten that decide a name would do:
+``tests/hidden/policy_sensitivity.py``. A loss is in squared standard deviations of one independent
+residual, so 4.0 is two standard deviations of one number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class InputPolicy:
+    """Recordings and models that are refused, or of which something must be said."""
+
+    train_s: float = 8.0  # s of driving: 16 windows, 4 blocks; below, nothing is diagnosed
+    small_train_s: float = 40.0  # s of driving, 20 blocks; below, it is said that little can show
+    test_s: float = 4.0  # s of driving: 8 windows
+    test_share: float = 0.4  # held out of each recording where no test is given: 80 of 200 s
+    messages: int = 20  # that must tell before a column is judged, 2 s at 10 Hz
+    factor: float = 2.5  # to the measured motion: no effect of a sound car reaches it, km/h do
+    log_factor: float = 0.2  # of the logarithm; from degrees to cm, the nearest two, it is 0.56
+    quartiles: float = 1.5  # third over first quartile of a ratio that is one factor
+    correlation: float = 0.8  # and share of one sign, from where on a factor says something
+    turning: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``driving``
+    driving: float = 0.5  # m/s; below 0.2 the encoder counts too little
+    gentle: float = 2.0  # m/s2 sideways, below which a car rolls without slip
+    steered: float = 0.1  # rad at the wheels: five times a large trim
+    steady: float = 0.05  # rad, the most that a steered wheel may move ...
+    steady_s: float = 0.3  # s ... in this time, twice the steering delay
+    other_car: float = 2.0  # factor of the curvature at which it looks like another car's model
+    dead_gyro: float = 1e-6  # rad/s, below one count of any gyro
+
+
+@dataclass(frozen=True, slots=True)
+class EvidencePolicy:
+    """Which windows and messages of a recording are judged."""
+
+    whole_s: float = 300.0  # s of recordings, from which on windows do not overlap: cost
+    bend: float = 0.1  # rad/s of yaw rate in 0.1 s; a derivative is off it, like less yaw inertia
+    shaken_bend: float = 0.4  # rad/s; an accelerometer shakes more than a derivative is off
+    speed_bend: float = 0.08  # m/s in 0.14 s; the same for an accelerometer along the car
+    stands: float = 0.03  # m/s; three times the noise of a pose in 0.1 s
+    held: float = 0.1  # rad/s; a car that turns more on standing wheels is being carried
+    wheel: float = 0.2  # m/s; below it an encoder counts too little to be judged
+    level: float = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
+    readings: int = 20  # 2 s that tell the noise of a sensor
+    backwards: float = -0.01  # throttle; below it a car may reverse, and an encoder has no sign
+
+
+@dataclass(frozen=True, slots=True)
+class NoisePolicy:
+    """How much a residual counts."""
+
+    robust: float = 3.0  # standard deviations where the loss turns linear; 0.3 % of normal ones
+    wild: float = 30.0  # standard deviations; no residual counts as more: ten times ``robust``
+    clip: float = 4.0  # standard deviations, where covariances are estimated: 1 in 16,000 normal
+    encoder_floor: float = 0.002  # m/s: half a millisecond of jitter at 4 m/s2
+    ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
+    age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
+    age_tells: float = 3.0  # standard deviations that the oldest command moves what tells its age
+    age_readouts: int = 20  # such read-outs give the spread of ages to 16 %, 1 / sqrt(2 n)
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPolicy:
+    """What counts as independent, and what is left out together."""
+
+    seconds: float = 2.0  # s; the disturbance has 0.15 s of memory, and 1 s is predicted
+    folds: int = 5  # stretches of one recording, where there are few
+    recordings: int = 4  # from which on one of them at a time is the fold
+    units: int = 6  # recordings, from which on they are the blocks: all gain by chance in 1 of 64
+
+
+@dataclass(frozen=True, slots=True)
+class PriorPolicy:
+    """What is expected of parameters before the data are seen."""
+
+    believed: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
+    effect_width: float = 4.0  # medium sizes in one standard deviation: a medium effect costs 0.06
+    doubtful: float = 3.0  # prior standard deviations; of what moves further that is said
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPolicy:
+    """Which sizes of an effect are tried."""
+
+    ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
+    faint: float = 3.0  # loss that a parabola must promise for a look at larger sizes
+    kept: float = 0.05  # of what a parabola promises: as near its top is where it says
+    refinements: int = 2  # parabola steps after the ladder
+
+
+@dataclass(frozen=True, slots=True)
+class NamingPolicy:
+    """When an effect of one round gets its name."""
+
+    draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
+    close: float = 0.7  # of the largest gain: the full fit decides between these (campaign)
+    tries: int = 5  # effects of one round that may fail after a full fit
+    try_again: float = 1.5  # times what an effect gained when it failed
+    simpler: float = 2.0  # loss for each parameter, as Akaike's criterion counts it
+    apart: float = 0.1  # cosine of residuals; below it two are accepted in one round ...
+    as_much: float = 0.5  # ... if the second gains this share of the largest gain
+    least_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
+    tried_size: float = 0.4  # of the small size, by the linear answer: half, it may be off as much
+    own_part: float = 0.1  # of the gain must be where the effect enters (far rows)
+    axes: float = 4.0  # loss that a size for each axis of a sensor may gain ...
+    axes_share: float = 0.05  # ... or this share of the gain, if that is more
+    axis_knows: float = 0.02  # of what is known of a size, from where on an axis is asked
+    firm: float = 0.84  # standard errors by which data left out must gain: odds of four to one
+    chance: float = 0.05  # how seldom as many recordings gain by chance, where ``firm`` fails
+    furthest: float = 2.0  # of the change that all data ask for, by each fold: linear no further
+    joint: float = 4.0  # loss of the motion by which one joint fit must beat the steps
+    sure: float = 4.0  # thresholds; what is worth as much is not doubted again
+
+
+@dataclass(frozen=True, slots=True)
+class ConfounderPolicy:
+    """When two effects explain the data equally well."""
+
+    alternative: float = 0.3  # of the gain of the winner, to be compared once all causes are known
+    gain: float = 0.5  # of the gain of the winner, for the linear answer to count
+    cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
+    clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
+    loss: float = 4.0  # a smaller difference tells nothing, however steady
+
+
+@dataclass(frozen=True, slots=True)
+class UnexplainedPolicy:
+    """When what is left is structure."""
+
+    share: float = 0.05  # of the variance; below, structure is not worth a word
+    sharp: float = 2.0  # times the level, at which the exact null must agree with the sharp one
+    add: float = 0.01  # of the variance that one more variable must add ...
+    multiply: float = 1.25  # ... and by how much it must multiply the share
+    block_s: float = 2.0  # s, as ``BlockPolicy.seconds``
+    blocks: int = 200  # at most: longer ones for longer data, the cost is by the block
+    least_blocks: int = 10  # 2^10 ways to turn signs: enough for a level of 1 %
+    folds: int = 8  # of blocks: 7 of 8 to fit
+    recordings: int = 3  # from which on they are left out whole
+    ridge: float = 10.0  # of residuals of size 1: structure of a tenth of the variance
+    clip: float = 4.0  # standard deviations of a residual, as for its noise
+    tail: float = 0.02  # quantile beyond which a function is flat: few values do not lead
+    copies: int = 49  # with turned signs; their median is what chance explains
+    straight: float = 0.03  # rad of steering; half of it is neither left nor right
+
+
+@dataclass(frozen=True, slots=True)
+class ConclusionPolicy:
+    """What is said of the causes that the search has found."""
+
+    spurious: float = 0.6  # of the structure may be left; a cause that leaves more is withdrawn
+    mainly: float = 0.2  # of what a cause takes away, from where on a channel is one it acts on
+    worse: float = 0.2  # of the error, to be surely worse where no interval says how sure
+    gain_block_s: float = 10.0  # s; bootstrap: rollouts of 1 s and laps of some seconds
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestPolicy:
+    """When a drive would tell two causes apart."""
+
+    separation: float = 4.0  # standard deviations: the wrong one then fits better once in 44
+    alone: float = 6.0  # the same by on-board sensors, whose noise changes with the drive
+    right: float = 0.95  # of simulated repeats name the truth: noise has long tails
+    repeats: int = 200  # 0.95 is known to 0.015
+    confounders: int = 4  # of one cause that are looked at, the nearest ones
+    explains: float = 0.25  # of what the cause explains: one that explains less is no confounder
+    run: int = 4  # rows in a row that noise is drawn in: windows of 2 s
+    gyro_noise: float = 0.004  # rad/s of a standing car, where the data at hand never stand
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """All thresholds of a diagnosis; the defaults are those that docs/results judges."""
+
+    inputs: InputPolicy = field(default_factory=InputPolicy)
+    evidence: EvidencePolicy = field(default_factory=EvidencePolicy)
+    noise: NoisePolicy = field(default_factory=NoisePolicy)
+    blocks: BlockPolicy = field(default_factory=BlockPolicy)
+    prior: PriorPolicy = field(default_factory=PriorPolicy)
+    scan: ScanPolicy = field(default_factory=ScanPolicy)
+    naming: NamingPolicy = field(default_factory=NamingPolicy)
+    confounders: ConfounderPolicy = field(default_factory=ConfounderPolicy)
+    unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
+    conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)
+    suggest: SuggestPolicy = field(default_factory=SuggestPolicy)
+
+
+USUAL = Policy()

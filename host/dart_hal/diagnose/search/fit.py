@@ -1,0 +1,224 @@
+"""The best point of a space on some evidence, and what moves how around it.
+
+The objective of every fit, over whitened residuals r (N,) with weights w (N,) and coordinates
+x (k,) in prior standard deviations with p (k,) = 1 where a prior stands, else 0:
+
+    J(x) = sum_i w_i rho(r_i(x)) + sum_k p_k x_k^2         low <= x <= high
+
+Around a point, with Jacobian A (N, k) and Omega = diag(w_i / sqrt(1 + (r_i / c)^2)):
+
+    H = A^T Omega A + diag(p)                              normal matrix, "normal"
+    d = -H^-1 (A^T Omega r + diag(p) x)                    step, within the bounds
+    P v = v - A H^-1 A^T Omega v                           projection: what is left of v
+    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = score of block b
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.fitting.levenberg_marquardt import bounded, descend
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..evidence.noise import Noise
+from ..evidence.residuals import Evidence
+from ..evidence.space import Space, Timing
+
+ROUNDS, QUICK = 15, 6
+
+
+Part = slice | NDArray[np.bool_]
+ALL = slice(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Of rows: weighted normal matrix (k, k), slope (k,), robust loss."""
+
+    normal: FloatArray
+    slope: FloatArray
+    loss: float
+
+    def after(self, move: FloatArray) -> float:
+        """The loss after a move (k,), from above: to second order, with the weights it has."""
+        return float(self.loss + 2.0 * self.slope @ move + move @ self.normal @ move)
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """Where a space is: whitened residuals (N,), their weight (N,), and the Jacobian (N, k)."""
+
+    noise: Noise
+    space: Space
+    x: FloatArray
+    residual: FloatArray
+    weight: FloatArray
+    jacobian: FloatArray
+
+    @property
+    def vehicle(self) -> Vehicle:
+        return self.space.split(self.x)[0]
+
+    @property
+    def timing(self) -> Timing:
+        return self.space.split(self.x)[1]
+
+    @property
+    def irls_weight(self) -> FloatArray:
+        """(N,) of the equivalent least squares."""
+        return np.asarray(self.weight * self.noise.robust_weight(self.residual))
+
+    @property
+    def normal(self) -> FloatArray:
+        """(k, k) matrix of the equivalent least squares, with the prior."""
+        weighted = self.jacobian * self.irls_weight[:, None]
+        return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6))
+
+    def loss(self) -> float:
+        """Robust loss of the data with the prior."""
+        return float(self.weight @ self.noise.loss(self.residual)) + self.prior(
+            np.zeros(len(self.x)))
+
+    def sums(self, residual: FloatArray, rows: Part = ALL) -> Sums:
+        """What some rows of other residuals (N,) say about a move."""
+        jac, weight, r = self.jacobian[rows], self.weight[rows], residual[rows]
+        weighted = jac * (weight * self.noise.robust_weight(r))[:, None]
+        return Sums(weighted.T @ jac, weighted.T @ r, float(weight @ self.noise.loss(r)))
+
+    def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
+        """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
+        return bounded(normal + np.diag(self.space.pull + 1e-9), slope + self.space.pull * self.x,
+                       self.space.low - self.x, self.space.high - self.x)
+
+    def follow(self, residual: FloatArray, rows: Part = ALL) -> FloatArray:
+        """Move (k,) of all that is free which suits other residuals (N,) best, to first order."""
+        sums = self.sums(residual, rows)
+        return self.step(sums.normal, sums.slope)
+
+    def after(self, residual: FloatArray) -> FloatArray:
+        """Other residuals (N,) once all that is free has followed."""
+        return np.asarray(residual + self.jacobian @ self.follow(residual))
+
+    def prior(self, move: FloatArray) -> float:
+        """Loss of the prior after a move (k,)."""
+        x = self.x + move
+        return float((self.space.pull * x) @ x)
+
+    def scores(self, block: NDArray[np.int64]) -> FloatArray:
+        """(blocks, k): slope of the loss of each block (N,) of rows."""
+        out = np.zeros((int(block.max()) + 1, len(self.x)))
+        np.add.at(out, block, self.jacobian * (self.irls_weight * self.residual)[:, None])
+        return out
+
+    def wald(self, names: Sequence[str]) -> float:
+        """How much the loss would rise, to second order, without some of the parameters."""
+        at = [self.space.names.index(n) for n in names]
+        part = np.linalg.inv(self.normal)[np.ix_(at, at)]
+        return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
+
+    def projection(self) -> Callable[[FloatArray], FloatArray]:
+        """What is left of a direction (N,) when all that is free may follow it."""
+        back = np.linalg.solve(self.normal, (self.jacobian * self.irls_weight[:, None]).T)
+        return lambda direction: np.asarray(direction - self.jacobian @ (back @ direction))
+
+
+def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+    """The space at a point, with its Jacobian."""
+    r, weight = _residual(evidence, noise, space, x)
+    return Point(noise, space, x, r, weight, _jacobian(evidence, noise, space, x, r))
+
+
+def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+          rounds: int = ROUNDS) -> Point:
+    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
+    return _descend(evidence, noise, space, x,
+                    lambda z, r: _jacobian(evidence, noise, space, z, r), rounds)
+
+
+def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point, residual: FloatArray) -> Point:
+    """``refit_near`` for a space with more in it than that of the point nearby.
+
+    residual (N,): at x, before what is free has followed.
+    """
+    moved_along = space.carried(x, near.space, near.x + near.follow(residual))
+    x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
+            key=lambda z: loss_at(evidence, noise, space, z))
+    return refit_near(evidence, noise, space, x, near)
+
+
+def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point) -> Point:
+    """The same with the slopes of a point nearby; only those that it lacks are found."""
+    r, _ = _residual(evidence, noise, space, x)
+    tail = len(near.space.names)
+    known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
+    columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
+               for i, name in enumerate(space.names)]
+    jac = np.column_stack([*columns, near.jacobian[:, tail:]])
+    return _descend(evidence, noise, space, x, lambda z, r: jac, QUICK)
+
+
+def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+             slopes: Callable[[FloatArray, FloatArray], FloatArray], rounds: int) -> Point:
+    """slopes(x, r) -> Jacobian (N, k) of the whitened residuals."""
+    weight = _residual(evidence, noise, space, x)[1]
+    root, pull = np.sqrt(weight), np.sqrt(space.pull)
+
+    def residual(z: FloatArray) -> FloatArray:
+        return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
+
+    def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
+        return np.concatenate([root[:, None] * slopes(z, r[:len(root)] / root), np.diag(pull)])
+
+    far = np.full(len(x), 1e6)  # the prior is quadratic however far
+    robust = np.concatenate([noise.policy.robust * root, far])
+    found = descend(residual, jacobian, x, space.low, space.high,
+                    robust=robust, prior=1e-9, rounds=rounds, reach=space.reach)
+    n = len(root)
+    return Point(noise, space, found.x, found.residual[:n] / root, weight,
+                 found.jacobian[:n] / root[:, None])
+
+
+def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
+    """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
+    bread = np.linalg.inv(point.normal)
+    scores = point.scores(block)
+    sandwich = bread @ (scores.T @ scores + np.diag(point.space.pull)) @ bread
+    # with few blocks the sandwich may miss a direction: never less than half of the model's own
+    return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
+                      + sandwich * (1.0 - np.eye(len(bread))))
+
+
+def _residual(evidence: Evidence, noise: Noise, space: Space,
+              x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    vehicle, timing = space.split(np.clip(x, space.low, space.high))
+    return noise.stacked(evidence.residuals(vehicle, timing))
+
+
+def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
+    """Robust loss of the data with the prior, at x."""
+    r, weight = _residual(evidence, noise, space, x)
+    return float(weight @ noise.loss(r)) + float((space.pull * x) @ x)
+
+
+def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+              r: FloatArray) -> FloatArray:
+    return np.stack([_slope(evidence, noise, space, x, r, i) for i in range(len(x))], axis=1)
+
+
+def _slope(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
+           i: int) -> FloatArray:
+    """Derivative (N,) of the residuals along coordinate i; r (N,): the residuals at x."""
+    (up, down), step = space.steps(x)[i], np.zeros(len(x))
+    if up + down == 0.0:
+        return np.zeros(len(r))
+    step[i] = 1.0
+    above = _residual(evidence, noise, space, x + up * step)[0] if up else r
+    below = _residual(evidence, noise, space, x - down * step)[0] if down else r
+    return np.asarray((above - below) / (up + down))

@@ -1,0 +1,269 @@
+"""Forward search: the effect that explains most, a full refit, again, and once back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from dart_hal.process.jobs import each
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..evidence.noise import Noise, measure
+from ..evidence.residuals import Evidence, Residuals, only_read
+from ..evidence.space import Space, Timing, widest
+from .confounders import confounders, correlated
+from .fit import Point, at, loss_at, refit, refit_near, refit_with
+from .scan import Progress, Trial, scan
+from .selection import Named, Rejected, Settings, fitted, rows_at, select
+
+AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
+             for share in ((0.0, 0.8) if a else (0.0,)))
+"""s, of commands before their message, and how far they spread around it."""
+OLDER = (-0.025, -0.008, 0.008, 0.025)
+"""s, by which commands are moved to see what their age does; a step does it at one instant."""
+PASSES = 2  # the second with the sizes of the residuals of the first
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """What a search has found.
+
+    given: the model as it is, at the timing that suits it best. points: the fitted
+    base, with one effect more each, and if that is better the fit from where the
+    search has ended. ranking: trials of the first round.
+
+    noise: that of the motion as the base left it. The search measures it anew with
+    every cause, to see smaller ones; but to weigh by what a fit has left makes the
+    next one follow what fits already, and a cause in a sensor would move the car.
+    """
+
+    given: Point
+    points: tuple[Point, ...]
+    noise: Noise
+    named: tuple[Named, ...]
+    rejected: tuple[Rejected, ...]
+    ranking: tuple[Trial, ...]
+
+    @property
+    def refit_loss(self) -> float:
+        """By how much the fit of the base lowered the loss."""
+        return self.given.loss() - self.base.loss()
+
+    @property
+    def base(self) -> Point:
+        return self.points[0]
+
+    @property
+    def point(self) -> Point:
+        """With all effects that were named."""
+        return self.points[-1]
+
+
+class Search:
+    """One search on the training evidence."""
+
+    def __init__(self, evidence: Evidence, base: Vehicle, settings: Settings,
+                 progress: Progress | None = None) -> None:
+        self._evidence, self._settings, self._progress = evidence, settings, progress
+        self._base = base
+        self._done, self._dropped = 0.0, False
+
+    def run(self) -> SearchResult:
+        """Search until nothing passes."""
+        s = self._settings
+        space = self._space(self._base)
+        point, noise = self._settle(space, Timing(self._evidence.late))
+        fixed = Space(self._base, (), late=self._evidence.late, policy=s.policy.prior)
+        given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
+        base, sizes, first = point, noise, tuple[Trial, ...]()
+        failed: dict[str, float] = {}
+        named, rejected = list[Named](), tuple[Rejected, ...]()
+        while len(named) < s.max_causes or not first:
+            trials = self._scan(point)
+            first = first or tuple(trials)
+            if not trials or not s.max_causes:  # all that may be named is named
+                break
+            step = select(self._evidence, point, trials,
+                          partial(self._with, point, noise), s, failed)
+            rejected = step.rejected
+            new = step.accepted[:s.max_causes - len(named)]
+            if not new:
+                break
+            fitted = self._union([candidate for _, candidate in new])
+            point, noise = self._settle(*fitted)
+            point, noise, named = self._pruned(point, noise, named, [one for one, _ in new])
+        named = self._with_confounders(point, noise, named)
+        if not named:
+            return SearchResult(given, (base,), noise, (), rejected, first)
+        noise = noise.with_motion(sizes)
+        points = self.steps(base, point, noise, [one.effect for one in named])
+        return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
+                     tuple(named), rejected, first)
+
+    def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
+              ) -> tuple[Point, ...]:
+        """The base, and with one effect more each, as they are at a point; each fitted anew.
+
+        Each from the one before: along what the data hardly tell nothing moves.
+        """
+        points = [at(self._evidence, noise, base.space, base.x)]
+        for i in range(len(effects)):
+            points.append(self.fit(point, noise, effects[:i + 1], points[-1]))
+        return (base, *points[1:])
+
+    def fit(self, point: Point, noise: Noise, effects: Sequence[str], start: Point) -> Point:
+        """The base with some of the effects of a point, fitted anew from another one nearby.
+
+        What differs only in what sensors read has the slopes of that one.
+        """
+        p, keep = point.vehicle, {*effects, *(a.name for a in self._base.effects)}
+        vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
+        space = self._space(vehicle)
+        x = space.carried(space.start(vehicle, point.timing), start.space, start.x)
+        near = refit_near(self._evidence, noise, space, x, start)
+        other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
+        if all(only_read(catalogue()[name]) for name in other):
+            return near
+        return refit(self._evidence, noise, space, near.x)
+
+    def _jointly(self, near: Point, point: Point, noise: Noise) -> tuple[Point, ...]:
+        """The fit from where the search has ended, if it is better than the last of the steps.
+
+        That is, if the motion is surely better told: for what a sensor gains the car
+        is not moved.
+        """
+        far = refit(self._evidence, noise, point.space, point.x)
+        policy = self._settings.policy
+        motion = rows_at(self._evidence, point, policy).channel >= 0
+        losses = [float(p.weight[motion] @ p.noise.loss(p.residual[motion]))
+                + p.prior(np.zeros(len(p.x))) for p in (near, far)]
+        return (far,) if losses[1] < losses[0] - policy.naming.joint else ()
+
+    def _settle(self, space: Space, timing: Timing,
+                x: FloatArray | None = None) -> tuple[Point, Noise]:
+        """Fit and measure the residuals, until both suit each other; once from a fit on."""
+        passes = PASSES if x is None else 1
+        x = self._start(space, timing) if x is None else x
+        for _ in range(passes):
+            vehicle, timing = space.split(x)
+            noise = self._measured(vehicle, timing)
+            point = refit(self._evidence, noise, space, x)
+            x = point.x
+        return point, noise
+
+    def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
+        """How large the residuals are, but for what commands do that come at a time of their own.
+
+        Only where some change between messages, and nobody knows when.
+        """
+        r = self._evidence.residuals(vehicle, timing)
+        if widest(timing.command_age) < self._settings.policy.noise.age_s:
+            return self._noise(r)
+        age = timing.command_age
+        moved = [np.abs(self._evidence.residuals(vehicle, replace(timing, command_age=age + d))
+                        .motion - r.motion) / abs(d) for d in OLDER]
+        return self._noise(r, np.max(moved, axis=0))
+
+    def _noise(self, r: Residuals, older: FloatArray | None = None) -> Noise:
+        policy = self._settings.policy
+        return measure(r, self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
+                       older, policy.noise)
+
+    def _start(self, space: Space, timing: Timing) -> FloatArray:
+        """The base at the best of some ages of commands: in steps by chance a fit finds the
+        nearest that suits it, not the best."""
+        points = [space.point(Timing(timing.late, *ages)) for ages in AGES]
+        vehicle, _ = space.split(points[0])
+        noise = self._noise(self._evidence.residuals(vehicle, timing))
+        return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
+
+    def _scan(self, point: Point) -> list[Trial]:
+        def tell(share: float, name: str) -> None:
+            if self._progress is not None:
+                self._progress(self._done + 0.5 * share * (1.0 - self._done), name)
+
+        s = self._settings
+        trials = scan(self._evidence, point, s.names or None, tell, s.jobs, s.policy.scan)
+        self._done += 0.5 * (1.0 - self._done)
+        return trials
+
+    def _with(self, point: Point, noise: Noise, trial: Trial) -> Point:
+        """The full fit with one more effect, from its trial on."""
+        vehicle = apply(point.vehicle, trial.effect, **trial.values)
+        space = self._space(vehicle)
+        start = space.start(vehicle, point.timing)
+        return refit_with(self._evidence, noise, space, start, point,
+                          trial.residual.astype(np.float64))
+
+    def _union(self, fits: Sequence[Point]) -> tuple[Space, Timing, FloatArray]:
+        """Where to start a fit with the effects of several, each fitted alone."""
+        vehicle, has = fits[0].vehicle, {a.name for a in fits[0].vehicle.effects}
+        for other in fits[1:]:
+            for a in other.vehicle.effects:
+                if a.name not in has:
+                    values = zip(a.effect.parameters, a.values, strict=True)
+                    vehicle = apply(vehicle, a.name, **{q.name: v for q, v in values})
+        space, timing = self._space(vehicle), fits[0].timing
+        return space, timing, space.start(vehicle, timing)
+
+    def _space(self, vehicle: Vehicle) -> Space:
+        """Around the base, with the effects of a vehicle at their null."""
+        p = self._base
+        for a in vehicle.effects:
+            if a.name not in {b.name for b in p.effects}:
+                p = apply(p, a.name)
+        return Space(p, self._settings.free, self._settings.known, self._evidence.late,
+                     self._settings.policy.prior)
+
+    def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
+                 ) -> tuple[Point, Noise, list[Named]]:
+        """Add the new ones, drop what the best of them has made superfluous."""
+        doubted, named = [*named, *new[1:]], [*named, *new]
+        for one in doubted:
+            mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
+            if point.wald(mine) > self._settings.policy.naming.sure * one.threshold:
+                continue
+            without = self._without(point, noise, one.effect)
+            if without.loss() - point.loss() < one.threshold:
+                point, noise = self._settle(without.space, without.timing, without.x)
+                named = [replace(n, alternatives=(*n.alternatives, one.effect)) for n in named
+                         if n.effect != one.effect]
+                self._dropped = True
+        return point, noise, named
+
+    def _without(self, point: Point, noise: Noise, name: str) -> Point:
+        p = point.vehicle
+        vehicle = replace(p, effects=tuple(a for a in p.effects if a.name != name))
+        space = self._space(vehicle)
+        return refit_near(self._evidence, noise, space, space.start(vehicle, point.timing), point)
+
+    def _with_confounders(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
+        """What each cause cannot be told from, beside all the others that were found."""
+        if len(named) < 2 and not self._dropped:
+            return named
+        found = each(partial(self._confounded, point, noise), named, self._settings.jobs)
+        return sorted(found, key=lambda n: (-n.gain, n.effect))
+
+    def _confounded(self, point: Point, noise: Noise, one: Named) -> Named:
+        if not one.alternatives:
+            return one
+        without = self._without(point, noise, one.effect)
+        policy = self._settings.policy
+        trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan)
+        mine = next(t for t in trials if t.effect == one.effect)
+        close = [t for t in correlated(without, mine, trials, policy.confounders)
+                 if t.gain > policy.naming.close * mine.gain]
+        fits = fitted(partial(self._with, without, noise), close, 1)
+        rows = rows_at(self._evidence, without, policy)
+        return replace(one, gain=without.loss() - point.loss(), confounders=confounders(
+            without, mine, trials, rows, fits, policy.confounders))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which cannot show progress here."""
+        return {**self.__dict__, "_progress": None}

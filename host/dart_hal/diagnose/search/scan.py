@@ -1,0 +1,194 @@
+"""One effect at a time: how much of the residual would it take away, and at what size.
+
+    gain(a) = J(x) - min over k, d of J(x + d, a = k)
+
+k: size of effect a, over a ladder and a few parabola steps; d: what is free (base parameters,
+effects found before, timing) follows r(a = k) to first order. J: see ``fit``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from dart_hal.errors import ConfigError
+from dart_hal.process.jobs import each
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effect import Effect, Parameter
+from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..evidence.residuals import Evidence
+from ..policy import USUAL, ScanPolicy
+from .fit import Point, Sums
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """gain: drop of the robust loss; 1 is one squared standard deviation of one residual.
+
+    residual (N,): whitened, at these values, before anything has moved along.
+    """
+
+    effect: str
+    values: Mapping[str, float]
+    gain: float
+    residual: FloatArray
+
+
+class Scan:
+    """The gain of any effect over a fitted point."""
+
+    def __init__(self, evidence: Evidence, point: Point, policy: ScanPolicy = USUAL.scan) -> None:
+        self._evidence, self.point, self._policy = evidence, point, policy
+        self._vehicle, self._timing = point.vehicle, point.timing
+        motion = len(evidence.motion_drive) * len(point.noise.motion)
+        self._parts = (slice(0, motion), slice(motion, None))
+        self._still = tuple(point.sums(point.residual, part) for part in self._parts)
+        # what has moved to the point may move on a little: judged by the same linear answer
+        self.null = self._loss(point.residual)
+
+    def residual(self, p: Vehicle) -> FloatArray:
+        """Whitened residuals (N,) of a vehicle at the timing of the point."""
+        return self.point.noise.stacked(self._evidence.residuals(p, self._timing))[0]
+
+    def _loss(self, residual: FloatArray) -> float:
+        """Once all that is free has followed; what an effect leaves as it is is known already."""
+        point, every = self.point, list[Sums]()
+        same = [np.array_equal(residual[p], point.residual[p]) for p in self._parts]
+        for part, still, unchanged in zip(self._parts, self._still, same, strict=True):
+            every.append(still if unchanged else point.sums(residual, part))
+        move = point.step(every[0].normal + every[1].normal, every[0].slope + every[1].slope)
+        total = point.prior(move)
+        for part, sums, unchanged in zip(self._parts, every, same, strict=True):
+            total += sums.after(move) if unchanged else float(point.weight[part] @ point.noise.loss(
+                residual[part] + point.jacobian[part] @ move))
+        return total
+
+    def best(self, name: str) -> Trial:
+        """The size of an effect that takes away most."""
+        effect = catalogue()[name]
+        found = Trial(name, {}, 0.0, self.point.residual)
+        for parameter in scanned(effect):
+            for beside in settings_of(effect):
+                trial = self._along(effect, parameter, beside)
+                found = trial if trial.gain > found.gain else found
+        return found
+
+    def _along(self, effect: Effect, parameter: Parameter,
+               beside: Mapping[str, float]) -> Trial:
+        kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
+
+        def gain(k: float) -> float:
+            try:
+                kept[k] = self.residual(apply(self._vehicle, effect.name,
+                                              **{**beside, parameter.name: k}))
+            except ConfigError:  # the effect leads out of what a car can be
+                return -np.inf
+            return self.null - self._loss(kept[k])
+
+        near, far = ladder(parameter, self._policy.ladder)
+        gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
+        if _goes_on(gains, parameter, gain, self._policy):
+            gains |= {k: gain(k) for k in far}
+        while (k := _beyond(gains, parameter, self._policy.ladder[-1])) is not None:
+            gains[k] = gain(k)
+        for _ in range(self._policy.refinements):
+            k = _peak(gains, parameter)
+            if k is None:
+                break
+            gains[k] = gain(k)
+        best = max(gains, key=lambda k: gains[k])
+        return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best])
+
+
+def scanned(effect: Effect) -> Sequence[Parameter]:
+    """Parameters whose departure from null is an effect of its own."""
+    return [p for p in effect.parameters if p.alone]
+
+
+def settings_of(effect: Effect) -> Sequence[Mapping[str, float]]:
+    """What else to try every size with: values of the parameters that are no effect alone."""
+    beside = [q for q in effect.parameters if not q.alone]
+    values = product(*((q.null, *(q.null + k for k in q.sizes)) for q in beside))
+    return [dict(zip((q.name for q in beside), v, strict=True)) for v in values]
+
+
+def ladder(p: Parameter, shares: Sequence[float] = USUAL.scan.ladder
+           ) -> tuple[list[float], list[float]]:
+    """Shares of the medium size, to both sides within the interval: near the null, and beyond."""
+    steps = [[k for sign in (1.0, -1.0) if p.low <= (k := p.null + sign * share * p.sizes[1])
+              <= p.high] for share in shares]
+    return steps[0], [k for step in steps[1:] for k in step]
+
+
+def _goes_on(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
+             policy: ScanPolicy) -> bool:
+    """Whether sizes further from the null are worth a look; ``gains`` near it may grow by one.
+
+    Not where the parabola of those near it promises next to nothing, nor where its
+    top is near and gains what it promises. What is one-sided may begin beyond a threshold.
+    """
+    ks = sorted(gains)
+    if len(ks) < 3:
+        return True
+    bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    if not bend < 0.0:
+        return True
+    top, promised = -0.5 * slope / bend, -0.25 * slope**2 / bend
+    if promised <= policy.faint:
+        return False
+    if abs(top) > policy.ladder[1] * p.sizes[1]:
+        return True
+    k = float(np.clip(p.null + top, p.low, p.high))
+    gains[k] = gain(k)
+    return bool(abs(gains[k] - promised) > policy.kept * promised)
+
+
+def _beyond(gains: Mapping[float, float], p: Parameter, last: float) -> float | None:
+    """Twice the best size, where that is the last of the ladder; None else."""
+    best = max(gains, key=lambda k: gains[k])
+    if best not in (min(gains), max(gains)) or abs(best - p.null) < last * p.sizes[1]:
+        return None
+    further = float(np.clip(p.null + 2.0 * (best - p.null), p.low, p.high))
+    return None if further in gains else further
+
+
+def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:
+    """Top of the parabola through the best size and its neighbours; None at an end."""
+    ks = sorted(k for k, g in gains.items() if np.isfinite(g))
+    at = max(range(len(ks)), key=lambda i: gains[ks[i]])
+    if at in (0, len(ks) - 1):
+        return None
+    a, b, c = ks[at - 1:at + 2]
+    u, v, w = (gains[k] for k in (a, b, c))
+    under = (b - a) * (v - w) - (b - c) * (v - u)
+    if under == 0.0:
+        return None
+    top = b - 0.5 * ((b - a)**2 * (v - w) - (b - c)**2 * (v - u)) / under
+    known = min(abs(top - k) for k in ks) < 1e-3 * (c - a)
+    return None if known or not a < top < c else float(np.clip(top, p.low, p.high))
+
+
+def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
+         progress: Progress | None = None, jobs: int = 1, policy: ScanPolicy = USUAL.scan
+         ) -> list[Trial]:
+    """Every effect alone, the one that takes away most first; effects of the point left out.
+
+    jobs: processes; None of what comes out depends on it.
+    """
+    work = Scan(evidence, point, policy)
+    has = {a.name for a in point.vehicle.effects}
+    wanted = [n for n in (catalogue() if names is None else names) if n not in has]
+    trials = []
+    for i, trial in enumerate(each(work.best, wanted, jobs)):
+        if progress is not None:
+            progress((i + 1) / len(wanted), trial.effect)
+        # in single precision: there are many of them, and they are long
+        trials.append(replace(trial, residual=trial.residual.astype(np.float32)))
+    return sorted(trials, key=lambda t: (-t.gain, t.effect))
