@@ -95,7 +95,7 @@ def _agreed(question: str, yes: bool) -> bool:
     if yes:
         return True
     if not sys.stdin.isatty():
-        raise CalibrationFailed("not started: nobody agreed to it", found="no terminal to ask at",
+        raise CalibrationFailed("not started: not confirmed", found="no terminal to ask at",
                                 remedy="once the floor is free: the same command with --yes")
     return click.confirm("start", err=True)
 

@@ -24,7 +24,7 @@ def command() -> None:
 @click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="DIR|FILE",
               help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
               "of one recording, or of several at a glance")
-@click.option("--full", is_flag=True, help="every finding of every file, however many files")
+@click.option("--full", is_flag=True, help="list every finding of every file")
 @json_option
 def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, as_json: bool) -> int:
     """Say what is in recordings, what was dropped and why, and what each is good for.

@@ -16,8 +16,8 @@ from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
 from dart_hal.cli import demo_real
 from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_effect
-from dart_hal.cli.demo_page import Drive, write_page, write_summary
-from dart_hal.cli.demo_section import hidden_section, real_skipped
+from dart_hal.cli.demo_page import Drive, Shown, write_page, write_summary
+from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import with_progress
@@ -38,15 +38,15 @@ SKIPPED = "skipped: its recordings come with the sources, and this installation 
 
 @click.command("demo")
 @click.option("--url", default="sim://?seed=7", show_default=True, metavar="URL",
-              help="simulated car; its seed decides what is hidden")
+              help="simulated car; its seed chooses the hidden parameters")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("demo"),
               show_default=True, help="folder for page, recording and calibration")
 @json_option
 def command(url: str, out: Path, as_json: bool) -> None:
-    """Open the emulated car, calibrate, drive an eight, change something in it, diagnose that.
+    """Calibrate an emulated car, drive a figure of eight, hide a fault, diagnose it.
 
-    An effect= in the URL is what is changed in it; without one the seed decides. The last
-    chapter diagnoses the real car, from the recordings that come with the sources.
+    The hidden fault is the effect= of the URL; without one the seed chooses it. The last
+    chapter diagnoses the real car from the recordings that come with the sources.
     """
     parsed = Url.parse(url)
     if parsed.scheme != "sim":
@@ -63,21 +63,22 @@ def command(url: str, out: Path, as_json: bool) -> None:
     (out / "cars" / f"sim-{number}").mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     result, hello, said = calibrate(healthy, out)
-    with demo_real.beside(demo_real.excerpt(), out) as real:
-        drive = eight(healthy, out)
-        told = chapter(parsed, int(number), out)
-        with progress_bar() as bar:
-            bar.add_task("the real car", total=None)
-            section, of_real = real.result() if real else (real_skipped(), {"skipped": SKIPPED})
+    real = demo_real.beside(demo_real.excerpt(), out)
+    drive = eight(healthy, out)
+    told = chapter(parsed, int(number), out)
+    with progress_bar() as bar:
+        bar.add_task("the real car", total=None)
+        section, of_real = next(real) if real else (real_skipped(), {"skipped": SKIPPED})
     files = {"page": out / "index.html", "summary": out / "summary.png",
              "recording": out / "eight.mcap", "calibration": Path(result.written or ""),
              **told.files, **({"diagnosis_real": out / demo_real.PAGE} if real else {})}
     known = reveal_url(Url.parse(healthy))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
-    write_page(files["page"], healthy, hello, result, known, drive, numbers, said,
-               hidden_section(told, known["sensors"]) + section)
-    write_summary(files["summary"], result, known, drive)
+    shown = Shown(healthy, hello, result, known, drive, numbers, said)
+    write_page(files["page"], shown, {
+        "hidden": (HIDDEN, hidden_section(told, known["sensors"])), "real": (REAL, section)})
+    write_summary(files["summary"], shown)
     last = drive.states[-1]
     if as_json:
         print_json({"url": url, "files": files, "duration_s": last.t, "frames": len(drive.states),
@@ -134,7 +135,7 @@ def steering_rms(result: SteeringResult, known: dict[str, Any]) -> float:
 def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: Chapter) -> None:
     """What the chapters on the emulated car came to."""
     last = drive.states[-1]
-    results.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms beside the hidden truth"
+    results.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms against ground truth"
                   f" (stated: {math.degrees(float(np.mean(result.angle_std))):.2f} deg)")
     results.print(f"figure of eight: {numbers['distance_m']:.1f} m, odometry off by "
                   f"{100 * numbers['odometry_error_m']:.1f} cm at the end; "

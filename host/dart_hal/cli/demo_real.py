@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +13,7 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.identify.runs import read_any
+from dart_hal.report.html import Html
 from dart_hal.vehicle.load import find_model
 
 MODEL = "paper"
@@ -25,7 +23,7 @@ TRAIN = ("50_tire_model_data", "60_racetrack_lap_v_060", "81_throttle_ramps")
 TEST = ("91_free_driving_16_sept_2024", "steering_identification_25_sept_2024")
 """By day: what was driven until 9 September 2024 trains, later days test."""
 PAGE = "diagnosis_real.html"
-Section = tuple[str, dict[str, Any]]
+Section = tuple[Html, dict[str, Any]]
 """What the demo's page says, and what its JSON says: plain, so that a process can send it."""
 
 
@@ -50,14 +48,15 @@ def told(folder: Path, page: Path) -> Diagnosis:
     return found
 
 
-@contextmanager
-def beside(folder: Path | None, out: Path) -> Iterator[Future[Section] | None]:
-    """The same in a process of its own, while the demo drives; None without recordings."""
+def beside(folder: Path | None, out: Path) -> Iterator[Section] | None:
+    """The same in a process that starts now; ``next`` waits for it. None without recordings."""
+    from joblib import Parallel, delayed
+
     if folder is None:
-        yield None
-        return
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        yield pool.submit(_section, folder, out / PAGE)
+        return None
+    sections: Iterator[Section] = Parallel(n_jobs=2, return_as="generator")(
+        [delayed(_section)(folder, out / PAGE)])
+    return sections
 
 
 def _section(folder: Path, page: Path) -> Section:

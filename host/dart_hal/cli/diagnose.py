@@ -11,11 +11,18 @@ from typing import Any
 import click
 
 from dart_hal.cli.evaluate import hashes
-from dart_hal.cli.options import REFERENCE, Number, PathsOption, json_option
+from dart_hal.cli.options import (
+    REFERENCE,
+    NamedFile,
+    Number,
+    PathsOption,
+    html_option,
+    json_option,
+)
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.config import ModelFile
+from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
-from dart_hal.diagnose.motion import driving_seconds
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
 from dart_hal.identify.runs import read_any
@@ -39,27 +46,26 @@ Skipped = list[tuple[str, str]]
               help="recordings to measure the gain on (default: the last 40 % of each training "
                    "recording)")
 @click.option("--refit/--no-refit", default=True, show_default=True,
-              help="estimate the model's own parameters anew before anything is called missing")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              metavar="MODEL.TOML", help="write the extended model (an older one goes to history/)")
-@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              metavar="REPORT.HTML", help="write the report: one page with every figure")
+              help="estimate the model's own parameters again before a cause is searched")
+@click.option("--out", type=NamedFile(".toml"), default=None, metavar="MODEL.TOML",
+              help="write the extended model (an older one goes to history/)")
+@html_option
 @click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")
 @click.option("--exclude", multiple=True, metavar="EFFECT",
               help="do not look for this effect; repeatable")
 @click.option("--false-alarm", type=Number(1e-6, 0.5), default=0.01, show_default=True,
-              help="how often anything at all may be named where nothing is wrong")
+              help="false alarm rate: how often a cause may be named where nothing is wrong")
 @click.option("--max-causes", type=click.IntRange(0, 50), default=12, show_default=True,
-              help="stop after that many")
+              help="name at most this many causes")
 @click.option("--jobs", type=click.IntRange(1, 256), default=None,
               help="processes (default: every core from five minutes of driving on); the result "
                    "does not depend on it")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
-              help="where the mocap markers sat: m, rad, m (default: known by date)")
+              help="position and yaw of the mocap marker frame: m, rad, m (default: known by date)")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
-              help="of the random draws for intervals and significance")
+              help="seed of the random draws for intervals and significance")
 @click.option("--suggest", is_flag=True,
-              help="which drive would separate causes that these data cannot tell apart")
+              help="suggest a drive that distinguishes causes which these data cannot")
 @click.argument("loose", nargs=-1, metavar="")
 @json_option
 def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
@@ -69,10 +75,11 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
-    recordings and lowers errors on recordings it has not seen. What cannot be told apart, and
-    what no effect explains, is said. Exit status 0 whatever the verdict.
+    recordings and lowers errors on recordings it has not seen. Causes that cannot be
+    distinguished, and structure that no effect explains, are reported. The exit status is 0
+    for every verdict.
     """
-    _check(loose, train, test, out, html)
+    _check(loose, train, test)
     names = effects_named(only, exclude)
     typed = _typed(locals())
     file, vehicle = find_model(model)
@@ -81,7 +88,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
         recordings, skipped = _read(train, test)
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.diagnose import diagnose
-        from dart_hal.diagnose.jobs import wanted
+        from dart_hal.process.jobs import wanted
 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
                      false_alarm=false_alarm, max_causes=max_causes,
@@ -110,8 +117,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     _next(d, html, test)
 
 
-def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path], out: Path | None,
-           html: Path | None) -> None:
+def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) -> None:
     """What can be refused before anything is read."""
     if loose:
         raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
@@ -126,11 +132,6 @@ def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path], ou
         raise UsageError(f"{models[0]} is a model, no recording", found=str(models[0]),
                          expected="recordings or folders of them",
                          remedy=f"dart-hal diagnose --model {models[0]} --train FILES")
-    for path, suffixes in ((out, (".toml",)), (html, (".html", ".htm"))):
-        if path is not None and path.suffix.lower() not in suffixes:
-            raise UsageError(f"{path} does not end in {suffixes[0]}", found=path.name,
-                             expected=f"a name that ends in {' or '.join(suffixes)}",
-                             remedy=f"write {path.with_suffix(suffixes[0])}")
 
 
 def _read(train: tuple[Path, ...], test: tuple[Path, ...]
@@ -152,7 +153,7 @@ def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str])
 
 def _unknowable(d: Diagnosis) -> tuple[str, ...]:
     """What recordings without motion capture cannot tell."""
-    from dart_hal.diagnose.onboard import OnboardEvidence, limits
+    from dart_hal.diagnose.evidence.onboard import OnboardEvidence, limits
 
     return (tuple(f"cannot be known from these recordings: {limit}" for limit in limits(d.evidence))
             if isinstance(d.evidence, OnboardEvidence) else ())

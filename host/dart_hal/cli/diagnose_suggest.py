@@ -38,11 +38,11 @@ def _table(s: Suggestion) -> Table:
     table = Table(title="standard deviations between the two; share of simulated repeats in "
                         "which the true one fits better", title_justify="left",
                   box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("effect", "rival", "these data", s.drive, "right"):
-        table.add_column(name, justify="left" if name in ("effect", "rival") else "right",
+    for name in ("effect", "confounder", "these data", s.drive, "right"):
+        table.add_column(name, justify="left" if name in ("effect", "confounder") else "right",
                          no_wrap=True)
     for p in s.pairs:
-        table.add_row(p.effect, p.rival, f"{p.before:.1f}", f"{p.after:.1f}",
+        table.add_row(p.effect, p.confounder, f"{p.before:.1f}", f"{p.after:.1f}",
                       f"{100.0 * p.right:.0f} %" if math.isfinite(p.right) else "-",
                       style=None if p.separated else "yellow")
     return table

@@ -10,19 +10,10 @@ from rich.table import Table
 
 from dart_hal.cli.output import output, results
 from dart_hal.diagnose.report import sentence, structure, verdict
-from dart_hal.diagnose.report.charts import pooled
-from dart_hal.diagnose.report.words import (
-    CHANNELS,
-    channel,
-    interval,
-    moved,
-    p_value,
-    percent,
-    quantity,
-    significant,
-)
+from dart_hal.diagnose.report.words import CHANNELS, channel, interval, moved, pooled, quantity
 from dart_hal.diagnose.result import Diagnosis, Gained
-from dart_hal.identify.evaluation import CHANNELS as PREDICTED
+from dart_hal.evaluate import CHANNELS as PREDICTED
+from dart_hal.report.numbers import p_value, percent, significant
 
 NARROWEST = 80
 """Columns that the table takes wherever it is printed."""
@@ -49,7 +40,7 @@ def show(d: Diagnosis) -> None:
 
 def _causes(d: Diagnosis) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("effect", "value", "removes", "of the error of", "not told from"):
+    for name in ("effect", "value", "removes", "of the error of", "indistinguishable from"):
         table.add_column(name, no_wrap=name in ("effect", "value"))
     for c in d.causes:
         values = "\n".join(f"{k} {quantity(n)}" for k, n in c.parameters.items())
@@ -67,7 +58,7 @@ def _errors(d: Diagnosis) -> None:
     if known:
         _say("errors at 1 s on the test recordings (RMSE): "
              + ("model" if same else "base -> extended")
-             + (" | holding the velocities" if beside else ""))
+             + (" | constant velocity (CTRV)" if beside else ""))
     for name in known:
         base, extended, held = (significant(pooled(of, "1.0", name))
                                 for of in (first, last, d.ctrv))

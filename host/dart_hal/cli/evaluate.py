@@ -7,14 +7,15 @@ from types import ModuleType
 
 import click
 
-from dart_hal.cli.options import REFERENCE, json_option
+from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
-from dart_hal.identify.evaluation import Evaluation, evaluate, kinematic
+from dart_hal.evaluate import Evaluation, evaluate, kinematic
 from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
+from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.file import left_out
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
@@ -27,18 +28,20 @@ from dart_hal.vehicle.parameters import Vehicle
 @click.option("--kinematic", "as_kinematic", is_flag=True,
               help="the kinematic model with the same parameters: no tyre slip")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
-              help="where the mocap markers sat: m, rad, m (default: known by date, else fitted)")
+              help="position and yaw of the mocap marker frame: m, rad, m "
+                   "(default: known by date, else fitted)")
 @click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="FILE|DIR",
               help="picture of the errors, or all pictures into a folder")
+@html_option
 @json_option
 def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: Reference | None,
-            plot: Path | None, as_json: bool) -> None:
+            plot: Path | None, html: Path | None, as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
-    FILES: recordings with motion capture, or folders of them; what is not here is looked for
-    in the data folder ($DART_DATA, see dart-hal data check --help). Beside the model
-    stands what holding the velocities would have given (CTRV), and how far the
-    kinematic model reaches on these recordings.
+    FILES: recordings with motion capture, or folders of them. A name that does not exist here
+    is searched for in the data folder ($DART_DATA, see dart-hal data check --help). The
+    reference is constant velocity and yaw rate (CTRV). The table also gives the range of
+    validity of the kinematic model on these recordings.
     """
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
@@ -48,13 +51,20 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
     assumed = left_out(file, vehicle)
     if assumed:
         notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
+    if html is not None:
+        new_figure()  # refuses where there is no matplotlib
     if plot is not None:
         _drawing().check_target(plot)
     result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference,
                   hashes(file))
     pictures = _drawing().draw(result, plot) if plot is not None else []
+    answer = {**result.to_json(), "plots": pictures, "report": html}
+    if html is not None:
+        from dart_hal.cli.evaluate_page import write_page
+
+        write_page(result, html, answer)
     if as_json:
-        print_json({**result.to_json(), "plots": pictures})
+        print_json(answer)
     else:
         from dart_hal.cli.evaluate_table import show
 
@@ -91,6 +101,6 @@ def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None,
 
 def _drawing() -> ModuleType:
     """Loaded when a picture is asked for: most evaluations draw none."""
-    from dart_hal.identify.evaluation import pictures
+    from dart_hal.evaluate import pictures
 
     return pictures

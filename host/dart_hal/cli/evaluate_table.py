@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from dart_hal.cli.output import console, output, results
-from dart_hal.identify.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
-from dart_hal.identify.evaluation.cases import LEFT_OUT, short
+from dart_hal.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
+from dart_hal.evaluate.cases import LEFT_OUT, short
 
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
 EXACT, ROOMY = ("vy", "yaw_deg"), 100
@@ -30,10 +30,12 @@ HEADS = ("v_x", "v_y", "yaw rate", "position", "yaw")
 def show(e: Evaluation, pictures: list[Path]) -> None:
     """Files that gave nothing, the rows, and what follows from them last."""
     _files(e)
-    _caution(e)
+    if caution(e):
+        results.print(f"caution: {caution(e)}", style="yellow", markup=False, highlight=False)
     # a narrow terminal may break lines, but no number may lose its second half
     Console(file=output, width=max(results.width, NARROWEST)).print(_table(e))
-    for line in _gain(e):
+    lead, *lines = gain(e)
+    for line in (lead, *(f"  {line}" for line in lines)):
         results.print(line, markup=False, highlight=False)
     if e.limit is not None:
         results.print("how far the kinematic model reaches:")
@@ -66,19 +68,18 @@ def _files(e: Evaluation) -> None:
                               highlight=False)
 
 
-def _caution(e: Evaluation) -> None:
-    """A model is good on what it was fitted to; that must not pass for prediction."""
+def caution(e: Evaluation) -> str:
+    """A model is good on what it was fitted to; that must not pass for prediction. "": is none."""
     n, total = len(e.fitted_to), len(e.prepared.cases)
     if not n:
-        return
+        return ""
     names = ", ".join(short(file) for file in e.fitted_to[:NAMED])
     more = f" and {n - NAMED} more" if n > NAMED else ""
-    results.print(f"caution: {n} of {total} recordings are those that this model was fitted to: "
-                  f"{names}{more}", style="yellow", markup=False, highlight=False)
+    return f"{n} of {total} recordings are those that this model was fitted to: {names}{more}"
 
 
 def _table(e: Evaluation) -> Table:
-    table = Table(title=f"{e.vehicle.name} ({e.vehicle.kind}) | holding the velocities: "
+    table = Table(title=f"{e.vehicle.name} ({e.vehicle.kind}) | constant velocity (CTRV): "
                         "RMSE, below it the median", box=box.SIMPLE_HEAD, pad_edge=False,
                   padding=(0, 0, 0, 1))
     table.add_column("recording (1 s)", no_wrap=True)
@@ -116,16 +117,16 @@ def _number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".removeprefix("0") if math.isfinite(value) else "inf"
 
 
-def _gain(e: Evaluation) -> list[str]:
-    """What the model gains over holding the velocities, with intervals."""
+def gain(e: Evaluation) -> list[str]:
+    """What the model gains over constant velocity (CTRV), with intervals."""
     gains = e.gain_over_ctrv(1.0)
-    lines = ["change of the RMSE at 1 s against holding the velocities (95 % over "
+    lines = ["change of the RMSE at 1 s against constant velocity (CTRV) (95 % over "
              f"{gains['vx'].blocks} {gains['vx'].unit}):"]
-    for head, gain in zip(HEADS, gains.values(), strict=True):
-        if not math.isfinite(gain.value):
-            lines.append(f"  {head}: diverged")
+    for head, g in zip(HEADS, gains.values(), strict=True):
+        if not math.isfinite(g.value):
+            lines.append(f"{head}: diverged")
             continue
-        between = (f" ({-gain.high:+.0%} to {-gain.low:+.0%})" if math.isfinite(gain.low)
+        between = (f" ({-g.high:+.0%} to {-g.low:+.0%})" if math.isfinite(g.low)
                    else " (too few for an interval)")
-        lines.append(f"  {head} {-gain.value:+.0%}{between}")
+        lines.append(f"{head} {-g.value:+.0%}{between}")
     return lines

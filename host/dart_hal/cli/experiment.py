@@ -15,7 +15,6 @@ from rich.table import Table
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.drive import WAIVE
-from dart_hal.cli.identify_table import with_error
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.config import CarFiles, load_car, parse_car
@@ -27,6 +26,7 @@ from dart_hal.experiment.plans import NAMES, PROBES, Plan
 from dart_hal.experiment.plot import plot_drive
 from dart_hal.experiment.runner import Drive
 from dart_hal.links.base import Backend, open_backend
+from dart_hal.report.numbers import with_error
 
 SIM_FLOOR = "10"
 """m: the floor of a simulated car, where nobody has to say how large theirs is."""
@@ -39,13 +39,13 @@ SIM_FLOOR = "10"
               help="free floor: 8 (8 m x 8 m) or 12x3 (12 m along the car, 3 m across); needed on "
                    f"a real car, {SIM_FLOOR} on sim://")
 @click.option("--speed", type=Number(0.2, 6.0), default=None, metavar="MAX",
-              help="m/s at most (default: what the test wants, or less if the floor is short)")
+              help="top speed in m/s (default: what the test needs, or less on a short floor)")
 @click.option("--mass", type=Number(0.2, 20.0), default=None, metavar="KG",
-              help="the car on a kitchen scale, ready to drive (default: car.toml's, +- 2 %)")
+              help="weight of the car, ready to drive (default: that of car.toml, +- 2 %)")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
 @click.option("--out-model", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="write what was told into this model.toml, beside what it holds already")
+              help="add the identified values to this model.toml")
 @click.option("--waive", multiple=True, type=click.Choice(WAIVE),
               help="arm although this is missing")
 @click.option("--no-fit", is_flag=True, help="drive and record only")
@@ -135,7 +135,7 @@ def _agree(plan: Plan, simulated: bool, yes: bool) -> None:
     if simulated or yes:
         return
     if not sys.stdin.isatty():
-        raise ExperimentFailed("not started: nobody agreed to it", found="no terminal to ask at",
+        raise ExperimentFailed("not started: not confirmed", found="no terminal to ask at",
                                remedy="once the floor is free: the same command with --yes")
     if not click.confirm("Is the floor free? Start", err=True):
         raise ExperimentFailed("not started: it was not agreed to",
@@ -209,7 +209,7 @@ def _table(name: str, outcome: Outcome) -> Table:
     fit = outcome.fits[name]
     table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}; +- one "
                         "standard error", box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
-    for column in ("", "value", "before", "told"):
+    for column in ("", "value", "before", "identifiable"):
         table.add_column(column, justify="right" if column == "before" else "left")
     for key, e in fit.parameters.items():
         table.add_row(key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}",

@@ -27,9 +27,10 @@ USB_BRIDGES = "1A86:|0403:|2341:|10C4:|067B:"
 
 @click.command("flash")
 @click.argument("image", required=False, type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--port", default=None, help="serial port; found by itself if there is just one")
-@click.option("--avrdude", default="avrdude", show_default=True, help="program that writes")
-@click.option("--baud", type=int, default=None, help="only this bootloader speed")
+@click.option("--port", default=None, help="serial port; found automatically if there is only one")
+@click.option("--avrdude", default="avrdude", show_default=True,
+              help="program that writes the flash")
+@click.option("--baud", type=int, default=None, help="try only this bootloader speed")
 @json_option
 def command(image: Path | None, port: str | None, avrdude: str, baud: int | None,
             as_json: bool) -> int:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Sequence
-from importlib.util import find_spec
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from dart_hal.cli.options import REFERENCE, json_option
+from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
-from dart_hal.identify.outcome import Outcome, as_paper, jointly, per_recording
+from dart_hal.identify.outcome import Identification, jointly, per_recording
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
+from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -44,40 +44,44 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               help="the paper's own preprocessing on its folders 19, 29, 30, 40 and 50 below ROOT, "
                    "to compare with its published values; writes only with --out")
 @click.option("--base", default=None, metavar="MODEL",
-              help="what is not identified: a model.toml or paper, paper-printed, upstream-2024 "
-                   "(default: the file of --out if it exists, then paper)")
+              help="source of all that is not identified: a model.toml or paper, paper-printed, "
+                   "upstream-2024 (default: the file of --out if it exists, then paper)")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="where the model goes (default: model.toml; an older one goes to history/)")
+              help="file to write the model to (default: model.toml; an older one goes to "
+                   "history/)")
 @click.option("--plot", type=click.Path(path_type=Path, file_okay=False), default=None,
               metavar="DIR", help="pictures of data, fit and the paper's curve")
+@html_option
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
-              help="where the mocap markers sat: m, rad, m (default: known by date)")
+              help="position and yaw of the mocap marker frame: m, rad, m (default: known by date)")
 @click.option("--joint", is_flag=True,
-              help="all sub-models in one fit on what they predict, from recordings with motion "
-                   "capture; starts at the base")
+              help="fit all sub-models together on their prediction errors, from recordings with "
+                   "motion capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
-@click.option("--full", is_flag=True, help="every session by itself, however many files")
+@click.option("--full", is_flag=True, help="list every session by itself")
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
-            out: Path | None, plot: Path | None, reference: Reference | None, joint: bool,
-            dry_run: bool, full: bool, as_json: bool) -> int:
+            out: Path | None, plot: Path | None, html: Path | None, reference: Reference | None,
+            joint: bool, dry_run: bool, full: bool, as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
     Values come with standard errors. A fit that did not converge or stopped at
-    a bound is said, and never written. Exit status 1: nothing could be identified.
+    a bound is reported, and never written. Exit status 1: nothing could be identified.
     """
     _check(submodel, files, root, reference, joint)
-    if plot is not None:
-        _need_matplotlib()
+    if plot is not None or html is not None:
+        new_figure()  # refuses before the fits, which take longer than to find out
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
     start, origin = _base(base, target)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None})
-    outcome: Outcome
+    outcome: Identification
     data: Any
     if root is not None:
+        from dart_hal.paper import as_paper
+
         outcome, data = as_paper(root, names, typed)
     elif joint:
         with progress_bar() as bar:
@@ -101,10 +105,18 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         results.print(f"base: {origin}", markup=False, highlight=False)
     _say(written, path, target, dry_run)
     # last: whatever goes wrong with a picture, the figures above are out and the file is written
-    pictures = _draw(outcome, data, plot, reference, vehicle_of(start)) if plot else []
+    drawn, missing = (_drawn(outcome, data, reference, vehicle_of(start)) if plot or html
+                      else ({}, {}))
+    pictures = _save(drawn, missing, plot) if plot else []
+    answer = {**outcome.to_json(), "base": origin, "model": path, "plots": pictures,
+              "report": html, "left_out": dict(written.left_out)}
+    if html is not None:
+        from dart_hal.cli.identify_page import write_page
+
+        write_page(outcome, drawn, missing, html, command=typed, answer=answer)
+        console.print(f"report: {html}", markup=False, highlight=False)
     if as_json:
-        print_json({**outcome.to_json(), "base": origin, "model": path, "plots": pictures,
-                    "left_out": dict(written.left_out)})
+        print_json(answer)
     elif path is not None:
         _next(path, data)
     asked_in_vain = out is not None and path is None and not dry_run
@@ -130,12 +142,6 @@ def _check(submodel: str, files: Sequence[Path], root: Path | None,
                          remedy="dart-hal identify all FOLDER")
 
 
-def _need_matplotlib() -> None:
-    """Before the fits, which take longer than to find out."""
-    if find_spec("matplotlib") is None:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'")
-
-
 def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
     """The command line, for the provenance of the file."""
     words = ["dart-hal", "identify", submodel, *map(str, files)]
@@ -155,17 +161,25 @@ def _base(base: str | None, target: Path | None) -> tuple[ModelFile, str]:
     return find_model("paper")[0], "paper"
 
 
-def _draw(outcome: Outcome, data: Any, folder: Path, reference: Reference | None,
-          base: Vehicle) -> list[Path]:
-    from dart_hal.identify.plots import completed, draw, evidence_as_paper, evidence_of, missing
+def _drawn(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
+           ) -> tuple[dict[str, Any], dict[str, str]]:
+    """Pictures by name, and why there is none of the other sub-models."""
+    from dart_hal.identify.plots import completed, evidence_of, figures, missing
+    from dart_hal.paper.evidence import evidence_as_paper
 
     fits = completed(outcome.fits, base)
     evidence = (evidence_of(data, fits, reference, base) if isinstance(data, list)
                 else evidence_as_paper(data))
-    pictures = draw(evidence, fits, folder)
+    return figures(evidence, fits), missing(evidence, fits)
+
+
+def _save(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path) -> list[Path]:
+    from dart_hal.identify.plots import draw
+
+    pictures = draw(drawn, folder)
     for picture in pictures:
         console.print(f"picture: {picture}", markup=False, highlight=False)
-    for name, why in missing(evidence, fits).items():
+    for name, why in missing.items():
         console.print(f"no picture of {name}: {why}", style="yellow", markup=False,
                       highlight=False)
     return pictures

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from rich import box
 from rich.table import Table
 
 from dart_hal.cli.output import results
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.outcome import Outcome
+from dart_hal.identify.outcome import Identification
 from dart_hal.identify.write import SECTIONS, why_unsound
+from dart_hal.report.numbers import with_error
+from dart_hal.vehicle.sets import PER_DEGREE
 
-PER_DEGREE = math.pi / 180.0
+PARAMETERS = ("", "value", "paper", "identifiable")
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
 NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"
                     r"change speed|s earlier))")
@@ -28,7 +29,7 @@ MOST_FILES = 20
 """Files listed one by one; more are summed up by reason."""
 
 
-def show(outcome: Outcome, full: bool = False) -> None:
+def show(outcome: Identification, full: bool = False) -> None:
     """Files first, then the fits, so that the result does not scroll away.
 
     full: notes of every session also where there are many files.
@@ -40,10 +41,10 @@ def show(outcome: Outcome, full: bool = False) -> None:
         why = why_unsound(fit)
         if why:
             results.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
-    notes = _notes(outcome)
+    noted = notes(outcome)
     short = {} if full or len(outcome.files) <= MOST_FILES else {
-        note: names for note, names in notes.items() if SESSION.match(note)}
-    for note, names in notes.items():
+        note: names for note, names in noted.items() if SESSION.match(note)}
+    for note, names in noted.items():
         if note not in short:
             results.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
                           highlight=False)
@@ -52,7 +53,7 @@ def show(outcome: Outcome, full: bool = False) -> None:
                       style="dim", markup=False, highlight=False)
 
 
-def _notes(outcome: Outcome) -> dict[str, list[str]]:
+def notes(outcome: Identification) -> dict[str, list[str]]:
     """Each note once, with the sub-models that it is about."""
     found: dict[str, list[str]] = {}
     for name, fit in outcome.fits.items():
@@ -61,7 +62,7 @@ def _notes(outcome: Outcome) -> dict[str, list[str]]:
     return found
 
 
-def _files(outcome: Outcome) -> None:
+def _files(outcome: Identification) -> None:
     reports = outcome.files
     used = sum(1 for r in reports.values() if r.used)
     results.print(f"{used} of {len(reports)} file(s) used, "
@@ -86,30 +87,65 @@ def _files(outcome: Outcome) -> None:
         results.print(line, style="dim", markup=False, highlight=False)
 
 
-def _parameters(outcome: Outcome) -> Table:
-    table = _columns("parameters, +- one standard error",
-                     {"": "left", "value": "left", "paper": "right", "told": "left"})
+def parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
+    """Rows of PARAMETERS; a sub-model's own row has no value, a value in degrees no name."""
+    rows = []
     for name, fit in outcome.fits.items():
         if name == "tyres" and "tyres_front" in outcome.fits:
             continue  # the same values again
         paper = outcome.published[name].values if name in outcome.published else {}
-        table.add_row(f"[bold]{name}[/]")
+        rows.append((name, "", "", ""))
         for key, e in {**fit.parameters, **outcome.derived.get(name, {})}.items():
             beside = f"{paper[key]:.5g}" if key in paper else ""
-            table.add_row(f"  {key}", f"{with_error(e.value, e.std)} {e.unit.strip('-')}",
-                          beside, _told(fit, key, e))
+            rows.append((key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}", beside,
+                         _told(fit, key, e)))
             if e.unit in DEGREES:
-                beside = f"{paper[key] * PER_DEGREE:.4f}" if key in paper else ""
-                value = with_error(e.value * PER_DEGREE, e.std * PER_DEGREE)
-                table.add_row("", f"{value} {DEGREES[e.unit]}", beside, "", style="dim")
-        table.add_section()
+                beside = f"{paper[key] / PER_DEGREE:.4f}" if key in paper else ""
+                value = with_error(e.value / PER_DEGREE, e.std / PER_DEGREE)
+                rows.append(("", f"{value} {DEGREES[e.unit]}", beside, ""))
+    return rows
+
+
+def quality(outcome: Identification) -> list[dict[str, str]]:
+    """One row for each fit, by column; a joint fit is one, whatever it is of."""
+    fits = dict(outcome.fits)
+    if outcome.joint is not None and fits:
+        first = next(iter(fits.values()))
+        fits = {"all": replace(first, converged=all(f.converged for f in fits.values()),
+                               at_bound=tuple(n for f in fits.values() for n in f.at_bound))}
+    papers = {name: p.rmse for name, p in outcome.published.items() if p.rmse is not None}
+    return [{"sub-model": name, "n": str(fit.n),
+             "rmse": f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
+             **({"paper's": f"{papers[name]:.5f}" if name in papers else ""} if papers else {}),
+             "loss": f"{fit.loss:.6g}" if fit.n else "-",
+             "sound": "yes" if fit.sound else "NO", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
+            for name, fit in fits.items()]
+
+
+def _parameters(outcome: Identification) -> Table:
+    table = _columns("parameters, +- one standard error", PARAMETERS, ("paper",))
+    for name, *cells in parameters(outcome):
+        if not cells[0] and table.row_count:
+            table.add_section()
+        table.add_row(f"  {name}" if cells[0] and name else name, *cells,
+                      style="dim" if not name else "bold" if not cells[0] else None)
     return table
 
 
-def _columns(title: str, columns: dict[str, Any]) -> Table:
+def _quality(outcome: Identification) -> Table:
+    rows = quality(outcome)
+    left_out = {"loss"} if results.width < NARROW else set()
+    shown = [column for column in (rows[0] if rows else {}) if column not in left_out]
+    table = _columns("residuals", shown, ("n", "rmse", "paper's", "loss", "CPU ms"))
+    for row in rows:
+        table.add_row(*(row[column] for column in shown))
+    return table
+
+
+def _columns(title: str, columns: Sequence[str], right: Sequence[str]) -> Table:
     table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False)
-    for name, side in columns.items():
-        table.add_column(name, justify=side, no_wrap=True)
+    for name in columns:
+        table.add_column(name, justify="right" if name in right else "left", no_wrap=True)
     return table
 
 
@@ -117,35 +153,3 @@ def _told(fit: Fit, key: str, e: Estimate) -> str:
     if key in fit.at_bound:
         return "at bound"
     return "yes" if e.identifiable else "no"
-
-
-def with_error(value: float, std: float) -> str:
-    """value +- std: the error with two digits, the value to the same place."""
-    if not math.isfinite(std):
-        return f"{value:.5g} +- unknown"
-    if not 1e-9 < std < 1e6:
-        return f"{value:.5g} +- {std:.2g}"
-    place = 1 - math.floor(math.log10(float(f"{std:.1e}")))
-    value, std = round(value, place) + 0.0, round(std, place)  # + 0.0: no minus zero
-    return f"{value:.{max(place, 0)}f} +- {std:.{max(place, 0)}f}"
-
-
-def _quality(outcome: Outcome) -> Table:
-    """One row for each fit; a joint fit is one, whatever it is of."""
-    rows = dict(outcome.fits)
-    if outcome.joint is not None and rows:
-        first = next(iter(rows.values()))
-        rows = {"all": replace(first, converged=all(f.converged for f in rows.values()),
-                               at_bound=tuple(n for f in rows.values() for n in f.at_bound))}
-    papers = {name: p.rmse for name, p in outcome.published.items() if p.rmse is not None}
-    columns = {"sub-model": "left", "n": "right", "rmse": "right", "paper's": "right",
-               "loss": "right", "sound": "left", "CPU ms": "right"}
-    left_out = ({"loss"} if results.width < NARROW else set()) | (set() if papers else {"paper's"})
-    table = _columns("residuals", {c: side for c, side in columns.items() if c not in left_out})
-    for name, fit in rows.items():
-        cells = {"sub-model": name, "n": str(fit.n), "sound": "yes" if fit.sound else "NO",
-                 "rmse": f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
-                 "paper's": f"{papers[name]:.5f}" if name in papers else "",
-                 "loss": f"{fit.loss:.6g}" if fit.n else "-", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
-        table.add_row(*(cells[column] for column in columns if column not in left_out))
-    return table

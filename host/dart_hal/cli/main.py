@@ -16,23 +16,23 @@ from dart_hal.cli.output import console, notices, print_json
 from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
-    "demo": "the whole system on an emulated car: calibrate, drive, diagnose, beside the truth",
-    "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder, and say what to type",
+    "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
+    "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
-    "evaluate": "how well a model predicts recordings, open loop, beside holding the velocities",
-    "diagnose": "what a model gets wrong on recordings, the physical cause, the extended model",
-    "experiment": "drive the test for a sub-model, record it, fit it",
+    "evaluate": "open-loop prediction errors of a model on recordings, against constant velocity",
+    "diagnose": "find what a model gets wrong on recordings, name the cause, extend the model",
+    "experiment": "drive the test manoeuvres for a sub-model, record them, fit it",
     "drive": "drive by keyboard, gamepad or a script",
-    "stop": "throttle to neutral, whoever drives; needs the I2C bus alone",
-    "standby": "the service on the car: neutral whenever the program that drove is gone",
-    "record": "write a run to an MCAP file, raw bytes included",
-    "replay": "run a recording through the same decoder again",
+    "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
+    "standby": "service on the car: neutral throttle whenever no program drives",
+    "record": "record a run, raw bytes included, to an MCAP file",
+    "replay": "decode a recording again with the same code",
     "top": "live view of a car in the terminal",
-    "sim": "serve the virtual car as a serial port, or reveal its hidden truth",
-    "data": "check or repair recordings, or fetch the published ones",
+    "sim": "serve the simulated car as a serial port, or reveal its true parameters",
+    "data": "check, repair or download recordings",
     "flash": "write the firmware to a Nano and wait for its HELLO",
-    "wire": "the frame table; regenerate what is made from the specification",
+    "wire": "print the frame table; regenerate the files made from the specification",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from dart_hal.errors import UsageError
 from dart_hal.recording.dart.reference import Reference
 
 DEFAULT_CAR = "dart-01"
@@ -41,6 +43,30 @@ def json_option(command: F) -> F:
     """``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,
                         help="print one JSON object for machines")(command)
+
+
+class NamedFile(click.Path):
+    """A file to write, whose name has to end in one of ``suffixes``."""
+
+    def __init__(self, *suffixes: str) -> None:
+        super().__init__(path_type=Path, dir_okay=False)
+        self.suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Path:
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.suffix.lower() not in self.suffixes:
+            raise UsageError(f"{path} does not end in {self.suffixes[0]}", found=path.name,
+                             expected=f"a name that ends in {' or '.join(self.suffixes)}",
+                             remedy=f"write {path.with_suffix(self.suffixes[0])}")
+        return path
+
+
+def html_option(command: F) -> F:
+    """``--html``: the result as one page."""
+    return click.option("--html", type=NamedFile(".html", ".htm"), default=None,
+                        metavar="REPORT.HTML",
+                        help="write the report: one page with every figure")(command)
 
 
 class Number(click.FloatRange):

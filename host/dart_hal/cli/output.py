@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
-from pathlib import Path
 from typing import IO, Any, cast
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from dart_hal.report.page import plain
 
 
 class _Output:
@@ -43,23 +42,6 @@ console = Console(stderr=True, soft_wrap=True)
 """Notices and progress: never mixed into what is asked for."""
 results = Console(file=output, soft_wrap=True)
 """What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
-
-
-def plain(value: Any) -> Any:
-    """JSON's types only: arrays become lists, paths strings, NaN and inf null."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Path):
-        return str(value)
-    return value
 
 
 def print_json(value: Any) -> None:

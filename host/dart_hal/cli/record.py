@@ -21,7 +21,7 @@ from dart_hal.cli.summary import Summary
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float, out: Path,
             as_json: bool) -> None:
-    """Record what the car's sensors say; it is not driven (`dart-hal drive --record` does)."""
+    """Record the car's sensors without driving it (to drive: `dart-hal drive --record`)."""
     with opened(url, car_name, cars, record=out) as car:
         summary = Summary(car)
         for _ in with_progress(car.states(duration=duration), duration, "recording"):

@@ -20,7 +20,7 @@ from dart_hal.recording import open_writer
               help="also write the States as a table")
 @json_option
 def command(recording: Path, csv: Path | None, as_json: bool) -> None:
-    """Decode RECORDING again; the States equal those of the run."""
+    """Decode RECORDING again; the States are identical to those of the run."""
     files = {"recording": recording} | ({"csv": csv} if csv else {})
     with Car.open(f"replay://{recording}") as car:
         notices(car.notices)

@@ -26,16 +26,16 @@ LOOK_EVERY = 0.5
 @click.command("sim")
 @url_option
 @click.option("--model", default=None, metavar="M",
-              help="a model.toml, with its effects, or a shipped set: what the car really is")
+              help="true model of the car: a model.toml, with its effects, or a shipped set")
 @click.option("--fail", "fail", multiple=True, metavar="F",
               help="a failure on a timetable, target:kind[=value]@start[+duration], as in "
                    "imu:stuck@3s+1s or enc:wrong=0.5@2s; again for more; a wrong one lists all")
-@click.option("--reveal", "show", is_flag=True, help="print what is true about the hidden car")
+@click.option("--reveal", "show", is_flag=True, help="print the true parameters of this car")
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
 @click.option("--link", type=click.Path(path_type=Path), default=None,
-              help="a name that points to the serial port, as udev's does (with --pty)")
+              help="symbolic link to the serial port, as udev makes (with --pty)")
 @cars_option
 @json_option
 def command(url: str | None, model: str | None, fail: tuple[str, ...], show: bool, pty: bool,

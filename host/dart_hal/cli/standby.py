@@ -21,13 +21,13 @@ from dart_hal.links.notify import notify
 @click.command("standby")
 @car_options
 @click.option("--duration", type=Number(min=0.1), default=None,
-              help="seconds, then end (default: until it is ended)")
+              help="seconds until it ends (default: run until stopped)")
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             as_json: bool) -> None:
-    """Write neutral whenever the program that drove is gone. Never arms, never wakes a chip.
+    """Hold the throttle at neutral whenever no program drives. Never arms, never wakes a chip.
 
-    Speaks to systemd: ready, watchdog, status. The port stays free for drivers.
+    Notifies systemd (ready, watchdog, status). The port stays free for drivers.
     """
     address = real(url)
     throttle, _ = reach(address, car_name, cars)
@@ -61,12 +61,12 @@ class Post:
         self.watch.see(driver)
         if before is not None and driver is None:
             self.departures += 1
-            self._say(f"pid {before} drives no more: neutral")
+            self._say(f"pid {before} no longer drives: neutral")
         if self.watch.due(now):
             self._write(now)
         if self.error is None:
             self._say(f"pid {driver} drives" if driver is not None else
-                      "neutral" if self.watch.owed else "nobody drives")
+                      "neutral" if self.watch.owed else "no program drives")
 
     def _write(self, now: float) -> None:
         try:

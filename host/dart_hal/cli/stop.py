@@ -24,9 +24,9 @@ from dart_hal.ports import Bus
 @car_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) -> int:
-    """Throttle to neutral, whoever drives; exit 1 if somebody goes on driving.
+    """Set the throttle to neutral, whichever program drives; exit 1 if one goes on driving.
 
-    Needs the I2C bus alone, no Nano. The program that drives is asked to end.
+    Needs only the I2C bus, no Nano. The program that drives is asked to end.
     """
     address = real(url)
     throttle, bus = reach(address, car_name, cars)

@@ -22,7 +22,7 @@ EVERY = 10
 @click.command("top")
 @car_options
 @click.option("--duration", type=Number(min=0.1), default=None,
-              help="seconds of the car's time; without it until Ctrl-C")
+              help="seconds of the car's time (default: until Ctrl-C)")
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             as_json: bool) -> None:

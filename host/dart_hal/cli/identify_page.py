@@ -1,0 +1,52 @@
+"""What is on the page that ``dart-hal identify --html`` writes: the terminal's tables, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dart_hal.cli.identify_table import PARAMETERS, notes, parameters, quality
+from dart_hal.identify.outcome import Identification
+from dart_hal.identify.write import why_unsound
+from dart_hal.report import page
+from dart_hal.report.figures import image
+from dart_hal.report.html import Html, el, join, table
+from dart_hal.report.numbers import listed
+
+
+def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Mapping[str, str],
+               path: Path, *, command: str, answer: Mapping[str, Any]) -> Path:
+    """Write the page; figures: by name, missing: why there is none. Errors: OSError."""
+    files = outcome.files
+    drawn = [page.figure(name.replace("_", " "), image(f, name)) for name, f in figures.items()]
+    return page.write(path, page.page("identification", "What these recordings say of the car",
+                                      _result(outcome), {
+        "fits": ("Parameters", _fits(outcome)),
+        "pictures": ("Data, fit, and the paper's curve", join([
+            *drawn, *(page.soft(f"No picture of {name}: {why}.")
+                                   for name, why in missing.items())])),
+        "notes": ("Notes", page.items(f"{', '.join(names)}: {note}"
+                                      for note, names in notes(outcome).items())),
+        "files": ("Recordings", table(
+            ("file", "samples used", "left out", "why"),
+            [(name, str(r.used), str(r.dropped), "; ".join(r.why)) for name, r in files.items()])),
+        "made": ("How this was made", join([el("p", el("code", command)),
+                                            page.download(answer, "identification.json")]))}))
+
+
+def _result(outcome: Identification) -> Html:
+    doubts = {name: why for name, fit in outcome.fits.items() if (why := why_unsound(fit))}
+    sound = [name for name in outcome.fits if name not in doubts]
+    said = f"Identified: {listed(sound, 'and')}." if sound else "Nothing could be identified."
+    return page.card(el("p", said, class_="big"),
+                     page.notices(f"{name}: {why}" for name, why in doubts.items()),
+                     good=bool(sound) and not doubts)
+
+
+def _fits(outcome: Identification) -> Html:
+    rows = [[el("strong", row[0]), *row[1:]] if not row[1] else row for row in parameters(outcome)]
+    fits = quality(outcome)
+    return join([table(PARAMETERS, rows, caption="+- one standard error"),
+                 table(list(fits[0]), [list(f.values()) for f in fits], 1, "residuals")
+                 if fits else Html()])
