@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.as_paper.problem import Problem
+from dart_hal.paper.problem import CurveProblem
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 
@@ -55,7 +55,7 @@ def torch_or_none() -> ModuleType | None:
     return torch
 
 
-def adam(problem: Problem, torch: ModuleType | None) -> Run:
+def adam(problem: CurveProblem, torch: ModuleType | None) -> Run:
     """One run with the paper's settings."""
     settings = SETTINGS[problem.submodel]
     run = _in_numpy if torch is None else _in_torch
@@ -65,11 +65,11 @@ def adam(problem: Problem, torch: ModuleType | None) -> Run:
     return Run(x, problem.rmse(x)**2, took)
 
 
-def _start(p: Problem, settings: Settings) -> np.ndarray:
+def _start(p: CurveProblem, settings: Settings) -> np.ndarray:
     return np.array(settings.start or (0.5,) * len(p.names))
 
 
-def _in_numpy(p: Problem, settings: Settings, _: None) -> np.ndarray:
+def _in_numpy(p: CurveProblem, settings: Settings, _: None) -> np.ndarray:
     low, span = np.array(p.low), np.array(p.high) - np.array(p.low)
     z, n = _start(p, settings), len(p.target)
     first, second = np.zeros_like(z), np.zeros_like(z)
@@ -84,7 +84,7 @@ def _in_numpy(p: Problem, settings: Settings, _: None) -> np.ndarray:
     return low + span * np.clip(z, 0.0, 1.0)
 
 
-def _in_torch(p: Problem, settings: Settings, torch: Any) -> np.ndarray:
+def _in_torch(p: CurveProblem, settings: Settings, torch: Any) -> np.ndarray:
     inputs = [torch.tensor(v, dtype=torch.float32) for v in p.inputs]
     target = torch.tensor(p.target, dtype=torch.float32)
     # one parameter per number and a clamp each, as the paper's modules have them

@@ -1,6 +1,6 @@
 """Published open-loop errors of the paper's models on the DART recordings, to compare with.
 
-Errors at 1 s of holding the velocities (CTRV), of the kinematic and of the
+Errors at 1 s of constant velocity (CTRV), of the kinematic and of the
 dynamic model: v_x, v_y [m/s] / yaw rate [rad/s] / position [m] / yaw [deg].
 """
 

@@ -2,7 +2,7 @@
 
     python benchmarks/bench_doubts.py                 100 hidden cars, 10 h, 2 processes
     python benchmarks/bench_doubts.py --cars 3 --seconds 5
-    python benchmarks/bench_doubts.py --recordings ../shared/data/dart
+    python benchmarks/bench_doubts.py --recordings FOLDER
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import random
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from math import pi, sin
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from recorded_frames import FRAME, drives_of, states_of
 from dart_hal.car import Car
 from dart_hal.config import parse_car
 from dart_hal.links.base import open_backend
+from dart_hal.process.jobs import each
 from dart_hal.recording.dart import read
 from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.sim.motion import Felt
@@ -142,8 +143,9 @@ STYLES: dict[str, tuple[Callable[[Driver, float], None], str]] = {
 """Way of driving, and the model whose physics it needs."""
 
 
-def drive(seed: int, style: str, seconds: float) -> Outcome:
+def drive(case: tuple[int, str], seconds: float) -> Outcome:
     """One hidden car in one style."""
+    seed, style = case
     act, model = STYLES[style]
     backend = open_backend(f"sim://?nano=mock&seed={seed}&model={model}")
     told: Counter[str] = Counter()
@@ -199,12 +201,12 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--recordings", type=Path)
     a = parser.parse_args()
-    with ProcessPoolExecutor(a.jobs) as pool:
-        if a.recordings:
-            show(pool.map(recorded, sorted(a.recordings.rglob("*.csv"))))
-            return
-        cases = [(seed, style) for seed in range(a.first, a.first + a.cars) for style in STYLES]
-        show(pool.map(drive, *zip(*cases, strict=True), [a.seconds] * len(cases)))
+    if a.recordings:
+        files = sorted(a.recordings.rglob("*.csv"))
+        show(each(recorded, files, a.jobs, parts=len(files)))
+        return
+    cases = [(seed, style) for seed in range(a.first, a.first + a.cars) for style in STYLES]
+    show(each(partial(drive, seconds=a.seconds), cases, a.jobs, parts=len(cases)))
 
 
 if __name__ == "__main__":

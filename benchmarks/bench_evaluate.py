@@ -16,7 +16,7 @@ import numpy as np
 from baselines import MODELS, ROWS, Row, off
 from figures import Figure, best_cpu
 
-from dart_hal.identify.evaluation import (
+from dart_hal.evaluate import (
     CHANNELS,
     HORIZONS,
     Case,
@@ -45,7 +45,7 @@ def folder() -> Path:
 
 
 class Baselines:
-    """Errors of held velocities and of models on the recordings of a folder."""
+    """Errors of constant velocity and of models on the recordings of a folder."""
 
     def __init__(self, root: Path) -> None:
         found, _ = read_any([root])

@@ -14,8 +14,8 @@ from pathlib import Path
 from adam import SETTINGS, Run, adam, torch_or_none
 from figures import Figure
 
-from dart_hal.identify.as_paper import fit_as_paper
-from dart_hal.identify.as_paper.problem import Problem, solve
+from dart_hal.paper import fit_as_paper
+from dart_hal.paper.problem import CurveProblem, solve
 
 HOME = Path(__file__).resolve().parents[1]
 EXCERPT = HOME / "tests" / "recorded" / "data"
@@ -36,7 +36,7 @@ def command_cpu(root: Path) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def compare(problem: Problem, torch: object, rounds: int) -> tuple[float, float, Run, float]:
+def compare(problem: CurveProblem, torch: object, rounds: int) -> tuple[float, float, Run, float]:
     """(CPU of least squares, CPU of ADAM, its last run, our loss), in turns, the best of each."""
     ours, theirs = [], []
     for _ in range(rounds):

@@ -1,6 +1,6 @@
 """Every recording of the car predicted by models that have not seen it, one left out at a time.
 
-    python benchmarks/left_out.py ../shared/data/dart --only cornering_drag steering_compliance
+    python benchmarks/left_out.py FOLDER --only cornering_drag steering_compliance
 
 For each recording that is left out, a diagnosis of all others from the paper's
 model, with the effects that may be named (none: the whole catalogue, some
@@ -53,7 +53,7 @@ def main() -> None:
         except DartHalError as err:
             Console(stderr=True).print(f"{left.name}: {err.what}")
             continue
-        rows = {"holding the velocities": d.ctrv, "paper": d.stages[0].horizons,
+        rows = {"constant velocity (CTRV)": d.ctrv, "paper": d.stages[0].horizons,
                 "all that is in it estimated anew": d.stages[1].horizons}
         if not o.given:
             rows["with the causes found"] = d.stages[-1].horizons

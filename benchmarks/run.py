@@ -24,6 +24,7 @@ import bench_firmware
 import bench_identify
 import bench_joint
 import bench_light
+import bench_solver
 import bench_vehicle
 from figures import Figure, machine
 from rich.console import Console
@@ -56,6 +57,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "identify": bench_identify.figures,
     "evaluate": bench_evaluate.figures,
     "joint": bench_joint.figures,
+    "solver": bench_solver.figures,
     "diagnose": bench_diagnose.figures,
 }
 

@@ -19,4 +19,4 @@ with Car.open() as car:
         steering = pursuit.steer(s.pose, s.speed, s.yaw_rate or 0.0)
         car.drive_speed(steering=steering, speed=SPEED)
         worst = max(worst, abs(pursuit.offset))
-    print(f"{pursuit.s:.1f} m along the path, never more than {100 * worst:.1f} cm beside it")
+    print(f"{pursuit.s:.1f} m along the path, never more than {100 * worst:.1f} cm off it")

@@ -67,7 +67,7 @@ def diagnosed(run):
 def main(seconds=60.0):
     """{car: (diagnosis, rms offset [m], speed at first, at last [m/s])}."""
     seen = {}
-    print("         beside the path   speed at first, at last   found")
+    print("         off the path      speed at first, at last   found")
     with tempfile.TemporaryDirectory() as folder:
         for name, url in CARS.items():
             run = Path(folder) / f"{name}.mcap"
