@@ -11,8 +11,9 @@ from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
 from dart_hal.calibration.schedule import make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
 from dart_hal.errors import CalibrationFailed
-from dart_hal.identify.submodels.paper_form import curve, fit, jacobian
+from dart_hal.identify.curves import steering
 from dart_hal.identify.submodels.samples import Samples, approach, blocks, concatenate
+from dart_hal.identify.submodels.steering_map import fit_map
 
 TRUTH = np.array([1.5, 0.35, 0.01, 0.40, 1.4])
 
@@ -25,7 +26,7 @@ def held(rng, block_noise=0.01, noise=0.015, levels=41, length=30, backlash=0.0)
     command = np.repeat(runs, length)
     direction = np.repeat(side, length)
     shared = np.repeat(rng.normal(0.0, block_noise, 2 * levels), length)
-    angle = (curve(TRUTH, command) - direction * backlash / 2.0 + shared
+    angle = (steering(TRUTH, command)[0] - direction * backlash / 2.0 + shared
              + rng.normal(0.0, noise, len(command)))
     age = np.tile(0.1 * np.arange(length), 2 * levels)
     return Samples(command, angle, direction, age, np.ones(len(command)),
@@ -35,27 +36,28 @@ def held(rng, block_noise=0.01, noise=0.015, levels=41, length=30, backlash=0.0)
 def test_jacobian_is_the_slope_of_the_curve():
     s = np.linspace(-1.0, 1.0, 21)
     step = np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
-    exact = (curve(TRUTH + step, s) - curve(TRUTH, s)) / 1e-3
-    assert jacobian(TRUTH, s)[:, 0] == pytest.approx(exact, abs=1e-4)
+    exact = (steering(TRUTH + step, s)[0] - steering(TRUTH, s)[0]) / 1e-3
+    assert steering(TRUTH, s)[1][:, 0] == pytest.approx(exact, abs=1e-4)
 
 
 def test_form_is_recovered_without_noise():
     samples = held(np.random.default_rng(0), 0.0, 0.0)
-    assert fit(samples).parameters == pytest.approx(TRUTH, rel=2e-4)
+    assert fit_map(samples).parameters == pytest.approx(TRUTH, rel=2e-4)
 
 
+@pytest.mark.more
 def test_standard_errors_hold_over_repeats_although_samples_are_not_independent():
     at = np.linspace(-0.9, 0.9, 9)
     inside, naive_inside = [], []
     for seed in range(40):
         samples = held(np.random.default_rng(seed))
-        fitted = fit(samples)
-        error = fitted.angle(at) - curve(TRUTH, at)
+        fitted = fit_map(samples)
+        error = fitted.angle(at) - steering(TRUTH, at)[0]
         inside += list(np.abs(error) < 1.645 * fitted.std(at))
-        jac = jacobian(fitted.parameters, samples.command)
+        jac = steering(fitted.parameters, samples.command)[1]
         residual = samples.angle - fitted.angle(samples.command)
         naive = np.linalg.inv(jac.T @ jac) * residual.var()
-        slope = jacobian(fitted.parameters, at)
+        slope = steering(fitted.parameters, at)[1]
         naive_std = np.sqrt(np.einsum("ni,ij,nj->n", slope, naive, slope))
         naive_inside += list(np.abs(error) < 1.645 * naive_std)
     assert 0.82 <= np.mean(inside) <= 0.97
@@ -130,11 +132,11 @@ def windows(backlash: float, kappa: float, speeds=(0.35, 0.55), noise=0.0, level
     rng = np.random.default_rng(9)
     s = np.linspace(-1.0, 1.0, levels)
     order = [*range(levels), *range(levels - 1, -1, -1)]
-    moved, side = contact(np.array(order), curve(TRUTH, s), backlash, -1.0)
+    moved, side = contact(np.array(order), steering(TRUTH, s)[0], backlash, -1.0)
     out, before = [], 0.0
     for i, k in enumerate(order):
         v = speeds[0] if i < levels else speeds[1]
-        wheel = curve(TRUTH, s)[moved[i]] - side[i] * backlash / 2.0
+        wheel = steering(TRUTH, s)[0][moved[i]] - side[i] * backlash / 2.0
         angle = np.arctan(np.tan(wheel) / (1.0 + kappa * v * v)) + rng.normal(0.0, noise)
         direction = np.sign(s[k] - before) or out[-1].direction
         out.append(Window(s[k], 1500.0 + 375.0 * s[k], angle, max(noise, 1e-4), v,
@@ -147,7 +149,7 @@ def windows(backlash: float, kappa: float, speeds=(0.35, 0.55), noise=0.0, level
 @pytest.mark.parametrize("kappa", [0.0, 0.04, 0.08])
 def test_loop_separates_map_backlash_and_slip(backlash, kappa):
     fitted = fit_loop(windows(backlash, kappa), 0.175, Systematic(0.0, 0.0))
-    assert fitted.angle == pytest.approx(curve(TRUTH, fitted.command), abs=1.5e-3)
+    assert fitted.angle == pytest.approx(steering(TRUTH, fitted.command)[0], abs=1.5e-3)
     assert fitted.backlash.value == pytest.approx(backlash, abs=1.5e-3)
     assert fitted.kappa.value == pytest.approx(kappa, abs=6e-3)
 
@@ -156,8 +158,8 @@ def test_one_way_only_would_be_wrong_by_half_the_backlash():
     both = windows(0.04, 0.0)
     fitted = fit_loop(both, 0.175, Systematic(0.0, 0.0))
     rising = np.array([w.angle for w in both[3:10]])
-    assert np.abs(rising - curve(TRUTH, fitted.command[3:10])).min() > 0.018
-    assert np.abs(fitted.angle - curve(TRUTH, fitted.command)).max() < 2e-3
+    assert np.abs(rising - steering(TRUTH, fitted.command[3:10])[0]).min() > 0.018
+    assert np.abs(fitted.angle - steering(TRUTH, fitted.command)[0]).max() < 2e-3
 
 
 def test_common_errors_are_in_the_covariance():
@@ -187,7 +189,7 @@ def test_resampling_between_levels_keeps_the_curve():
     fitted = fit_loop(windows(0.0, 0.0), 0.175, Systematic(0.0, 0.0))
     at = np.linspace(-1.0, 1.0, 41)
     pulse, angle, covariance = resample(fitted, at)
-    assert np.degrees(np.abs(angle - curve(TRUTH, at))).max() < 0.15
+    assert np.degrees(np.abs(angle - steering(TRUTH, at)[0])).max() < 0.15
     assert pulse == pytest.approx(1500.0 + 375.0 * at)
     assert np.all(np.diag(covariance) > 0.0)
 

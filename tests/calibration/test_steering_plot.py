@@ -17,11 +17,13 @@ def result(bench):
 
 
 @pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("b.svg", b"<?xml")])
+@pytest.mark.few("b.svg-*")
 def test_figure_in_the_format_of_its_suffix(result, tmp_path, name, magic):
     path = plot_steering(result, tmp_path / "new" / name)
     assert path.read_bytes().startswith(magic)
 
 
+@pytest.mark.more
 def test_unknown_format_is_refused(result, tmp_path):
     with pytest.raises(UsageError, match="format"):
         plot_steering(result, tmp_path / "a.txt")

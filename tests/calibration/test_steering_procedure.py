@@ -13,6 +13,7 @@ from dart_hal.config import load_car
 from dart_hal.errors import CalibrationFailed
 
 
+@pytest.mark.more
 def test_finds_map_and_backlash_of_hidden_cars(drawn):
     inside, rms, backlash, reach = [], [], [], []
     for seed in range(20):
@@ -48,6 +49,7 @@ def test_slip_is_removed(bench):
     assert slipping.extra["understeer"]["value"] == pytest.approx(0.08, abs=0.015)
 
 
+@pytest.mark.more
 def test_dry_run_writes_nothing(bench, files):
     result = calibrate_steering(bench(), dry_run=True)
     assert result.written is None
@@ -105,6 +107,7 @@ def test_nothing_moves_without_consent(bench):
     assert "floor" in questions[0]
 
 
+@pytest.mark.more
 def test_notes_hold_what_raw_mode_did_not_ask_for(bench):
     clock = "PWM clock of this car was never measured"
     known = calibrate_steering(bench(), dry_run=True)

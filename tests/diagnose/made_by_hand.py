@@ -10,8 +10,8 @@ from tempfile import mkdtemp
 import hidden_drive
 import numpy as np
 
-from dart_hal.diagnose.drive import prepare
-from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.result import (
     Cause,
     Considered,
@@ -22,7 +22,7 @@ from dart_hal.diagnose.result import (
     Stage,
     Unexplained,
 )
-from dart_hal.identify.evaluation import evaluate
+from dart_hal.evaluate import evaluate
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue

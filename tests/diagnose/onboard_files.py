@@ -7,8 +7,8 @@ from pathlib import Path
 import hidden_drive
 import numpy as np
 
-from dart_hal.diagnose.onboard import OnboardEvidence
-from dart_hal.diagnose.onboard_drive import outings
+from dart_hal.diagnose.evidence.onboard import OnboardEvidence
+from dart_hal.diagnose.evidence.onboard_drive import sessions
 from dart_hal.recording.dart import Messages, Recording, read
 from dart_hal.vehicle import PAPER
 
@@ -35,7 +35,7 @@ def recorded(folder, p=PAPER, seed=0, seconds=60.0):
 
 
 def evidence(*recordings):
-    return OnboardEvidence([o for r in recordings for o in outings(r)], PAPER.body.l_r)
+    return OnboardEvidence([o for r in recordings for o in sessions(r)], PAPER.body.l_r)
 
 
 def made(n=120, speed=1.0, **columns):

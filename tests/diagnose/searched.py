@@ -11,12 +11,12 @@ from stranger import Car
 from stranger_causes import hide
 from stranger_files import Habits, record
 
-from dart_hal.diagnose.fit import refit
-from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search import Search
-from dart_hal.diagnose.selection import Settings
-from dart_hal.diagnose.space import Space, Timing
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.diagnose.search.forward import Search
+from dart_hal.diagnose.search.selection import Settings
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER

@@ -53,6 +53,7 @@ def whole(files, tmp_path_factory):
     return ended.value.code, json.loads(out.getvalue()), folder
 
 
+@pytest.mark.cpu(8)
 def test_the_hidden_effects_are_named_and_the_answer_has_its_shape(whole):
     code, answer, _ = whole
     assert code == 0
@@ -89,6 +90,7 @@ def test_the_extended_model_is_a_model_with_its_effects_and_their_errors(whole, 
     assert "dart-hal diagnose" in model.provenance["command"]
 
 
+@pytest.mark.more
 def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole, files, run):
     _, _, folder = whole
     code, answer, err = run("--model", folder / "model.toml", "--no-refit", "--train", files[1],
@@ -122,7 +124,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
                          "--only", "gyro_scale")
     assert code == 0
-    for words in ("steering_lag, k 0.1", "holding the velocities", "on recordings it has not seen"):
+    for words in ("steering_lag, k 0.1", "velocity (CTRV)", "on recordings it has not seen"):
         assert words in out
     assert "40 % of each training recording" in err
 

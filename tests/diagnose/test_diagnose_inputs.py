@@ -11,11 +11,11 @@ import made_by_hand as made
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.agreement import check_model, check_units, ratio, slope
-from dart_hal.diagnose.drive import prepare
+from dart_hal.diagnose.evidence.agreement import check_model, check_units, ratio, slope
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.motion import driving_seconds
+from dart_hal.diagnose.evidence.split import split
 from dart_hal.diagnose.inputs import checked, effects_named, fitted_before
-from dart_hal.diagnose.motion import driving_seconds
-from dart_hal.diagnose.split import split
 from dart_hal.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -215,6 +215,7 @@ def test_effects_are_named_as_in_the_catalogue():
         effects_named(["grip"], ["grip"])
 
 
+@pytest.mark.more
 def test_the_recordings_of_the_real_car_are_not_refused_for_their_units():
     found = 0
     for path in sorted(EXCERPT.rglob("*.csv*")):

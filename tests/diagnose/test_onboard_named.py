@@ -32,6 +32,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
     assert not found.unexplained
 
 
+@pytest.mark.more
 def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
     """With the negative control: no other name becomes the right one, at any size."""
     found = diagnosed(tmp_path, apply(PAPER, "rolling_resistance", k=0.25), 33, NEAR)
@@ -43,6 +44,7 @@ def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
     assert max(others) < found.ranking[first.effect] - 15.0
 
 
+@pytest.mark.more
 def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(tmp_path):
     found = diagnosed(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
     assert [c.effect for c in found.causes] == ["encoder_scale"]
@@ -52,6 +54,7 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
     assert found.causes[0].gain.low > 0.0
 
 
+@pytest.mark.more
 def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
     """A refit that predicts the other drive worse is no explanation, and that is said."""
     file, base = find_model("paper")

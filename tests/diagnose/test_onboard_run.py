@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.onboard import OnboardEvidence
+from dart_hal.diagnose.evidence.onboard_drive import counted, sessions
 from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.noise import measure
-from dart_hal.diagnose.onboard import OnboardEvidence
-from dart_hal.diagnose.onboard_drive import counted, outings
 from dart_hal.diagnose.run import diagnose
 from dart_hal.identify.runs import read_run
 from dart_hal.sim.hidden import NOMINAL_VEHICLE
@@ -53,9 +53,11 @@ def run(tmp_path_factory):
 
 
 def evidence(recording):
-    return OnboardEvidence(outings(recording), EXACT.body.l_r)
+    return OnboardEvidence(sessions(recording), EXACT.body.l_r)
 
 
+@pytest.mark.cpu(3)
+@pytest.mark.more
 def test_the_model_of_the_simulated_car_predicts_its_run(run):
     seen = evidence(run)
     windows, _, rest = counted(seen.drives)
@@ -73,16 +75,18 @@ def test_the_model_of_the_simulated_car_predicts_its_run(run):
     assert np.sqrt(np.mean(late.motion[:, 1::2]**2)) > 1.5 * gyro
 
 
+@pytest.mark.more
 def test_every_residual_of_a_run_has_a_size(run):
     seen = evidence(run)
     noise = measure(seen.residuals(EXACT), seen.blocks(2.0))
     assert np.isfinite(noise.motion).all()
     assert (noise.sensors > 1e-5).all()
-    assert (noise.worth > 0.0).all()
+    assert (noise.weight > 0.0).all()
 
 
 @pytest.mark.parametrize("effect", [
     "", pytest.param("motor_gain:-0.08", marks=pytest.mark.slow)])
+@pytest.mark.more
 def test_a_run_is_diagnosed(run, tmp_path, effect):
     recording = drive(tmp_path / "hidden.mcap", effect) if effect else run
     file, _ = find_model("paper")

@@ -8,9 +8,8 @@ import made_by_hand as made
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.onboard import OnboardEvidence
-from dart_hal.diagnose.onboard_drive import outings
-from dart_hal.diagnose.report import svg
+from dart_hal.diagnose.evidence.onboard import OnboardEvidence
+from dart_hal.diagnose.evidence.onboard_drive import sessions
 from dart_hal.diagnose.report.along import (
     Rows,
     _error,
@@ -19,7 +18,6 @@ from dart_hal.diagnose.report.along import (
     most,
     stages_of,
 )
-from dart_hal.diagnose.report.html import Html, el, table
 from dart_hal.diagnose.result import Stage
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -82,33 +80,10 @@ def test_folding_adds_left_and_right_up():
 
 
 def test_without_mocap_the_lag_shows_in_the_gyro():
-    evidence = OnboardEvidence(outings(made.recording()), PAPER.body.l_r)
+    evidence = OnboardEvidence(sessions(made.recording()), PAPER.body.l_r)
     lag = apply(PAPER, "steering_lag", k=0.12)
     before, after = (Stage("", p, {}, evidence.residuals(p)) for p in (PAPER, lag))
     assert {c.channel for c in columns(evidence)} == {"encoder", "gyro", "accel_x", "accel_y"}
     found = most(Rows(evidence, lag), columns(evidence, "gyro"), before, after)
     assert (found.column.channel, found.variable) == ("gyro", "steering_rate")
     assert found.column.after == pytest.approx(0.3)
-
-
-def test_ticks_are_round_and_inside():
-    for low, high in ((-0.013, 0.09), (0.0, 322.0), (1e-4, 3e-4), (-3.0, 5.0)):
-        marks = svg.ticks(low, high)
-        assert 2 <= len(marks) <= 7
-        assert all(low - 1e-12 <= m <= high + 1e-12 for m in marks)
-        shown = [svg.label(m, (low, high)) for m in marks]
-        assert len(set(shown)) == len(shown)
-        np.testing.assert_allclose([float(s) for s in shown], marks, rtol=1e-6, atol=1e-9)
-
-
-def test_an_interval_without_any_number_can_still_be_drawn():
-    low, high = svg.around(np.array([np.nan]), zero=True)
-    assert low < 0.0 < high
-
-
-def test_markup_is_kept_and_text_is_escaped():
-    assert el("p", "a < b +- 1", el("b", "x")) == "<p>a &lt; b ± 1<b>x</b></p>"
-    assert el("p", class_="n", data_x='"') == '<p class="n" data-x="&quot;"></p>'
-    assert isinstance(table(("a",), [("<i>",)]), Html)
-    with pytest.raises(ValueError, match="attribute"):
-        el("line", x1=float("nan"))

@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from stranger_files import pair
 
 from dart_hal.errors import DartHalError
+from dart_hal.process.jobs import each
 
 HOME = Path(__file__).resolve().parents[2]
 SECONDS = (120.0, 80.0)
@@ -41,14 +43,14 @@ KEEP = ("verdict", "base", "causes", "unexplained", "withdrawn", "notes", "error
 Answer = dict[str, Any]
 
 
-def ask(model: str, train: Path, test: Path, refit: bool) -> Answer:
-    """What the diagnosis says about files, as its JSON document."""
+def ask(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
+    """What the diagnosis says about files, as its JSON document; how: as for ``diagnose``."""
     from dart_hal.diagnose import diagnose
     from dart_hal.recording.dart import read
     from dart_hal.vehicle.load import find_model
 
     file, vehicle = find_model(model)
-    return diagnose(file, vehicle, [read(train)], [read(test)], refit=refit).to_json()
+    return diagnose(file, vehicle, [read(train)], [read(test)], refit=refit, **how).to_json()
 
 
 def run(case: Case, seconds: tuple[float, float] = SECONDS,
@@ -76,16 +78,8 @@ def run(case: Case, seconds: tuple[float, float] = SECONDS,
 
 
 def results(wanted: Sequence[Case], lengths: tuple[float, float], jobs: int) -> Iterator[Answer]:
-    """Of every case, as they are done; on several cores where joblib is there."""
-    try:
-        from joblib import Parallel, delayed
-    except ImportError:
-        jobs = 1
-    if jobs == 1:
-        yield from (run(case, lengths) for case in wanted)
-    else:
-        yield from Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch=2 * jobs)(
-            delayed(run)(case, lengths) for case in wanted)
+    """Of every case, one after the other; on several cores, or on a cluster."""
+    return each(partial(run, seconds=lengths), wanted, jobs, parts=len(wanted))
 
 
 def done(path: Path) -> dict[str, Answer]:
@@ -158,7 +152,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--first-seed", type=int, default=0, metavar="N",
                    help="other draws than those from 0 on, which the search was built with")
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
-    p.add_argument("--jobs", type=int, default=2, help="cores (needs joblib)")
+    p.add_argument("--jobs", type=int, default=2, help="cores")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
     p.add_argument("--fresh", action="store_true", help="forget earlier results")
     p.add_argument("--picture", type=Path, default=None, help="confusion matrix as a picture")

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from outsiders import FAR, NEAR
+from out_of_catalogue import FAR, NEAR
 from stranger import Car
 from stranger_causes import ACTUATORS, CAUSES, FORCES, SENSORS, hide, signed
 from stranger_files import Habits, drawn

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from campaign_cases import GROUPS, Case
-from outsiders import FAMILY
+from out_of_catalogue import FAMILY
 
 SET = 3
 """An honest "cannot be told from" names no more than so many."""

@@ -3,7 +3,7 @@
 Nothing of the package is used: what the diagnosis takes for true must also hold
 for a simulator that somebody else wrote. Midpoint rule, 2 ms, plain floats.
 A cause is a function that hangs hooks on a ``Car`` (stranger_causes.py,
-outsiders.py); a driver says what is commanded (stranger_drivers.py); what ends
+out_of_catalogue.py); a driver says what is commanded (stranger_drivers.py); what ends
 up in a file is decided in stranger_files.py.
 """
 

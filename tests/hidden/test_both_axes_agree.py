@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
-from campaign import run
+from campaign import ask, run
 from campaign_cases import cases
 
-from dart_hal.diagnose import selection
+from dart_hal.diagnose.policy import NamingPolicy, Policy
 
 
 @pytest.fixture(scope="module")
@@ -15,14 +17,15 @@ def waves():
     return next(c for c in cases(["null"]) if c.seed == 77)
 
 
-def named(case):
-    return [c["effect"] for c in run(case)["causes"]]
+def named(case, policy=None):
+    return [c["effect"] for c in run(case, asked=partial(ask, policy=policy or Policy()))["causes"]]
 
 
+@pytest.mark.more
 def test_what_smoothing_leaves_of_a_turn_is_no_lever_arm(waves):
     assert named(waves) == []
 
 
-def test_without_asking_both_axes_it_would_be_one(waves, monkeypatch):
-    monkeypatch.setattr(selection, "AT_ODDS", 1e9)
-    assert named(waves) == ["imu_lever_arm"]
+@pytest.mark.more
+def test_without_asking_both_axes_it_would_be_one(waves):
+    assert named(waves, Policy(naming=NamingPolicy(axes=1e9))) == ["imu_lever_arm"]

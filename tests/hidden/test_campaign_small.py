@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
 from campaign_score import confusion, rows, score
-from outsiders import FAMILY, FAR, NEAR
+from out_of_catalogue import FAMILY, FAR, NEAR
 from stranger import Car
 from stranger_causes import CAUSES, EITHER_SIGN, SIZES
 from stranger_files import Habits, record
@@ -86,7 +86,7 @@ def test_every_effect_has_a_stranger_of_the_sizes_that_the_catalogue_states():
     assert set(catalogue()) >= set(CAUSES)
 
 
-def test_outsiders_are_in_no_catalogue_and_families_are():
+def test_strange_causes_are_in_no_catalogue_and_families_are():
     assert not (set(FAR) | set(NEAR)) & set(catalogue())
     assert set(FAMILY) == set(NEAR)
     assert set().union(*FAMILY.values()) <= set(catalogue())
@@ -114,6 +114,7 @@ def test_the_paper_of_the_stranger_is_that_of_the_package(tmp_path):
     assert model.friction["a"].std == pytest.approx(0.035 * ours.friction.a)
 
 
+@pytest.mark.more
 def test_a_seed_writes_one_file(tmp_path):
     texts = [record(tmp_path / f"{i}.csv", Car(), Habits(), 5.0, seed).read_bytes()
              for i, seed in enumerate((1, 1, 2))]
@@ -121,6 +122,8 @@ def test_a_seed_writes_one_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", [*CAUSES, *FAR, *NEAR])
+@pytest.mark.few("grip", "gyro_bias", "steering_lag", "mocap_offset_x", "compass_gyro",
+                 "square_cornering")
 def test_what_is_hidden_shows_in_the_file(tmp_path, name):
     """The negative control of the campaign: a cause that changes nothing could not be found."""
     group = "large" if name in CAUSES else "far" if name in FAR else "near"
@@ -154,7 +157,7 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
         return said()
 
     real = campaign.run
-    monkeypatch.setattr(campaign, "run", lambda c, lengths: real(c, lengths, ask))
+    monkeypatch.setattr(campaign, "run", lambda c, seconds: real(c, seconds, ask))
     order = ["--only", "null", "--cases", "2", "--seconds", "4", "4", "--jobs", "1", "--json",
              "--out", str(tmp_path / "r.jsonl")]
     assert campaign.main(order) == 0
@@ -166,6 +169,7 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
     assert '"group": "null"' in capsys.readouterr().out
 
 
+@pytest.mark.more
 def test_from_files_to_names():
     """Nine cases with the base as it is: whatever is named, nothing where nothing is hidden."""
     by_key = {c.key: c for c in cases()}

@@ -8,12 +8,12 @@ from stranger_causes import SIZES, hide
 from stranger_files import Habits, pair
 
 from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.fit import refit
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.inputs import effects_named
-from dart_hal.diagnose.noise import measure
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.scan import scan
-from dart_hal.diagnose.space import Space, Timing
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.diagnose.search.scan import scan
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
@@ -60,7 +60,7 @@ def share_of_right(without, recording, name, other=""):
     noise = measure(seen.residuals(PAPER), seen.blocks(2.0))
     exact = Space(PAPER, ())
     point = refit(seen, noise, exact, exact.point(Timing()))
-    gains = {t.effect: t.gain for t in scan(seen, noise, point, [name, other])}
+    gains = {t.effect: t.gain for t in scan(seen, point, [name, other])}
     return gains[other] / gains[name]
 
 
@@ -74,6 +74,7 @@ def by_default(names):
 
 
 @pytest.mark.parametrize("name", by_default(SHOWN))
+@pytest.mark.more
 def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name):
     recordings = files(tmp_path, name, 7)
     without = asked(recordings, effects_named((), (name,)))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from hidden_drive import Plan, write
 
-from dart_hal.diagnose.drive import prepare
-from dart_hal.diagnose.fit import refit
-from dart_hal.diagnose.noise import measure
-from dart_hal.diagnose.residuals import Evidence
-from dart_hal.diagnose.scan import scan
-from dart_hal.diagnose.space import Space, Timing
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.evidence.space import Space, Timing
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.diagnose.search.scan import scan
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -26,7 +26,7 @@ def scanned(tmp_path, p, seed, names=None):
     noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(Timing()))
-    return scan(evidence, noise, point, names)
+    return scan(evidence, point, names)
 
 
 def test_nothing_hidden_is_quiet(tmp_path):
@@ -36,6 +36,8 @@ def test_nothing_hidden_is_quiet(tmp_path):
 @pytest.mark.parametrize(("name", "k"), [
     ("steering_lag", 0.06), ("steering_trim", -0.01), ("grip", -0.1), ("throttle_lag", 0.08),
     ("gyro_bias", 0.02), ("mocap_offset_x", 0.008), ("rolling_resistance", 0.25)])
+@pytest.mark.few("rolling_resistance-0.25")
+@pytest.mark.more
 def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
     best = scanned(tmp_path, apply(PAPER, name, k=k), 12)[0]
     assert best.effect == name
@@ -43,6 +45,7 @@ def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
     assert best.values["k"] == pytest.approx(k, rel=0.3)
 
 
+@pytest.mark.more
 def test_without_the_cause_in_the_catalogue_another_name_gains_less(tmp_path):
     """The negative control: what is left when the right answer is not on offer is a worse one."""
     p = apply(PAPER, "steering_lag", k=0.06)

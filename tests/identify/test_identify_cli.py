@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shutil
 from pathlib import Path
 
 import pytest
 
-from dart_hal.cli.identify_table import with_error
 from dart_hal.cli.main import main
 from dart_hal.config import load_model
 from dart_hal.errors import UsageError
-from dart_hal.identify.evaluation import evaluate
+from dart_hal.evaluate import evaluate
 from dart_hal.identify.runs import read_any
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
+from pages import foreign
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 FIT_KEYS = {"parameters", "n", "rmse", "loss", "unit", "converged", "identifiable", "cpu_s"}
@@ -125,14 +124,6 @@ def test_a_narrow_terminal_costs_a_column_and_no_digits(run, monkeypatch, column
     assert "0.18994" in table  # the paper's
 
 
-@pytest.mark.parametrize(("value", "std", "text"), [
-    (13.348, 9.3, "13.3 +- 9.3"), (1.72584, 0.0213, "1.726 +- 0.021"),
-    (0.0, 0.013, "0.000 +- 0.013"), (9.96, 0.996, "10.0 +- 1.0"), (1234.5, 172.0, "1230 +- 170"),
-    (-0.0001, 0.31, "0.00 +- 0.31"), (1.0, math.inf, "1 +- unknown")])
-def test_value_and_error_end_at_the_same_place(value, std, text):
-    assert with_error(value, std) == text
-
-
 def test_a_dry_run_writes_nothing(run, tmp_path):
     status, document, err = run("friction", "--as-paper", EXCERPT, "--out", "m.toml", "--dry-run",
                                 "--json")
@@ -179,12 +170,29 @@ def test_a_broken_model_file_is_not_overwritten(run, tmp_path):
     assert path.read_text() == "this is [no toml"
 
 
+@pytest.mark.more
 def test_pictures(run, tmp_path):
     pytest.importorskip("matplotlib")
     _, document, _ = run("all", "--as-paper", EXCERPT, "--plot", "pics", "--json")
     names = {Path(p).name for p in document["plots"]}
     assert names == {f"{n}.png" for n in (*NAMES, "step_response")}
     assert all((tmp_path / p).read_bytes()[:4] == b"\x89PNG" for p in document["plots"])
+
+
+@pytest.mark.more
+def test_a_page_has_the_tables_and_the_pictures(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    _, document, err = run("all", "--as-paper", EXCERPT, "--html", "new/report.html", "--json")
+    assert document["report"] == "new/report.html"
+    assert "report: new/report.html" in err
+    text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
+    assert "1.726 \u00b1 0.021 N" in text  # friction a, as in the terminal's table
+    assert all(name in text for name in (*NAMES, "tyres_front"))
+    assert text.count("<img") == len(NAMES) + 1  # and the step response
+    assert not foreign(text)
+    status, _, err = run("all", "--as-paper", EXCERPT, "--html", "report.pdf")
+    assert status == 2
+    assert "does not end in .html" in err
 
 
 def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
@@ -214,6 +222,7 @@ def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
         assert document["model"] is None
 
 
+@pytest.mark.more
 def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
     """Fitted to two days of September, judged on one of July beside its base."""
     train = [EXCERPT / name for name in ("81_throttle_ramps", "91_free_driving_16_sept_2024")]
@@ -233,6 +242,7 @@ def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
         assert rms[1][channel] < 0.5 * rms[0][channel], channel
 
 
+@pytest.mark.more
 def test_a_joint_fit_is_not_its_own_prior(run, tmp_path):
     """The same recordings again: their errors are in the base already and must not count twice."""
     files = [EXCERPT / "91_free_driving_16_sept_2024"]
@@ -253,6 +263,7 @@ def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
     assert not (tmp_path / "model.toml").exists()
 
 
+@pytest.mark.more
 def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     pytest.importorskip("matplotlib")
     status, out, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
@@ -279,6 +290,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     assert (tmp_path / "m.toml").exists()
 
 
+@pytest.mark.more
 def test_pictures_of_recordings(run, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((EXCERPT / "10_step_input_data_rubbery_floor").glob("*14_59_59*"))

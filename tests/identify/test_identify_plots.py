@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.as_paper import fit_as_paper
 from dart_hal.identify.plots import (
     completed,
     draw,
-    evidence_as_paper,
     evidence_of,
+    figures,
     missing,
     style,
 )
 from dart_hal.identify.plots.from_recordings import HELD, Motion
 from dart_hal.identify.runs import read_any
+from dart_hal.paper import fit_as_paper
+from dart_hal.paper.evidence import evidence_as_paper
 from dart_hal.vehicle import PAPER, make_friction
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
@@ -99,5 +100,5 @@ def test_a_curve_of_many_sessions_says_so(made):
 def test_only_what_was_fitted_is_drawn(made, tmp_path):
     pytest.importorskip("matplotlib")
     evidence = evidence_as_paper(made)
-    pictures = draw(evidence, {"steering": made.fits["steering"]}, tmp_path)
+    pictures = draw(figures(evidence, {"steering": made.fits["steering"]}), tmp_path)
     assert [p.name for p in pictures] == ["steering.png"]

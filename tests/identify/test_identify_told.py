@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.fit import TIME_TOLD
+from dart_hal.identify.fit import TIME_KNOWN
 from dart_hal.identify.runs import read_any
 from dart_hal.identify.submodels import delay, fit_submodels
 from dart_hal.identify.submodels.driving import Driving
@@ -21,8 +21,8 @@ NOT_DRIVEN = Driving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)
 
 
 @pytest.mark.parametrize(("std", "apart", "told"), [
-    (0.9 * TIME_TOLD, True, True),  # a lag of zero can be told: its error counts, not its share
-    (1.1 * TIME_TOLD, True, False), (0.9 * TIME_TOLD, False, False)])
+    (0.9 * TIME_KNOWN, True, True),  # a lag of zero can be told: its error counts, not its share
+    (1.1 * TIME_KNOWN, True, False), (0.9 * TIME_KNOWN, False, False)])
 def test_a_time_is_told_by_its_error_alone(monkeypatch, std, apart, told):
     found = Timing(np.array([0.03, 0.0]), std**2 * np.eye(2), apart, (), 100, 0.1, True)
     monkeypatch.setattr(delay, "turning_of", lambda *_: object())

@@ -9,8 +9,8 @@ import pytest
 
 from dart_hal.errors import RecordingError, UsageError
 from dart_hal.fitting.levenberg_marquardt import descend
-from dart_hal.identify.commands import actuated, delayed, lagged
 from dart_hal.identify.shooting import Problem, fit_jointly
+from dart_hal.predict.actuators import actuated, delayed, first_order_lag
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
@@ -46,6 +46,7 @@ def joint():
     return fit_jointly(Problem.of([driven(1), driven(2)]), PAPER)
 
 
+@pytest.mark.cpu(5)
 def test_every_parameter_lies_within_its_interval(joint):
     scores = {}
     for i, name in enumerate(joint.names):
@@ -65,6 +66,7 @@ def test_predictions_reach_the_noise(joint):
     assert joint.after[2] < 0.06
 
 
+@pytest.mark.more
 def test_what_the_data_do_not_show_is_said():
     """Straight driving tells nothing about tyres and the ends of the steering map."""
     g = driven(3, 30.0)
@@ -77,6 +79,7 @@ def test_what_the_data_do_not_show_is_said():
     assert fits["steering"].parameters["s0"].identifiable
 
 
+@pytest.mark.more
 def test_the_order_of_recordings_does_not_matter(joint):
     other = fit_jointly(Problem.of([driven(2), driven(1)]), PAPER)
     for name in joint.names:
@@ -84,6 +87,7 @@ def test_the_order_of_recordings_does_not_matter(joint):
                                                            abs=2e-3)
 
 
+@pytest.mark.more
 def test_what_the_base_knows_better_stays_known():
     """A standard error of the base is its prior: a poor recording does not wash it out."""
     problem = Problem.of([driven(5, 20.0)])
@@ -112,7 +116,8 @@ def test_bad_samples_are_never_predicted():
     bad[700:900] = True
     part = Grid(g.t, g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega, g.throttle, g.steering, g.encoder,
                 bad, g.reference)
-    for first in Problem.of([part]).first:
+    [(_, starts)] = Problem.of([part]).parts
+    for first in starts:
         assert not bad[first - 8:first + 107].any()
     bad[:] = True
     with pytest.raises(RecordingError, match="no stretch"):
@@ -127,7 +132,7 @@ def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
     for i in range(len(u)):
         y = u[0] if i == 0 else y + (1.0 - np.exp(-0.01 / 0.03)) * (u[i - 1] - y)
         expected.append(y)
-    np.testing.assert_allclose(lagged(u, 0.03), expected, atol=1e-14)
+    np.testing.assert_allclose(first_order_lag(u, 0.03), expected, atol=1e-14)
 
 
 def test_descent_stops_at_bounds_and_goes_on_along_them():

@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import sys
+import sysconfig
 import time
 import types
 from dataclasses import replace
@@ -197,6 +198,7 @@ def wrong(text: str, site: int) -> str:
 
 @needs_compiler
 @pytest.mark.parametrize("site", range(0, 49, 7))
+@pytest.mark.more
 def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
     """The negative control of the check before first use: mutants are refused, the original not."""
     form = form_of(KINEMATIC)
@@ -269,6 +271,8 @@ def test_building_the_package_compiles_all_variants(hook, version, pure):
     assert data["pure_python"] is pure
     assert bool(data["artifacts"]) is not pure
     assert "4 libraries" in said[0]
+    tag = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
+    assert data.get("tag") == (None if pure else tag)
 
 
 def test_building_without_a_compiler_succeeds_and_says_so(hook, monkeypatch):

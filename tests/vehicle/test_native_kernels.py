@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.errors import UsageError
@@ -87,6 +87,7 @@ def test_one_step_from_random_states(p, lanes, n):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
+@pytest.mark.few("*PaperTyres*", "*-capped")
 def test_two_seconds_of_transients(p, lanes):
     """200 steps under steps and sines of both commands: floats, numpy, kernel.
 
@@ -112,6 +113,7 @@ def test_two_seconds_of_transients(p, lanes):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
+@pytest.mark.few("*PaperTyres*")
 def test_rollouts_of_windows(p, lanes):
     """Held inputs and substeps, read at samples in any order and twice."""
     state, draw = driving(p, N, seed=5)[:6], np.random.default_rng(6)
@@ -126,7 +128,6 @@ def test_rollouts_of_windows(p, lanes):
 
 
 @given(data=st.data())
-@settings(max_examples=60)
 def test_any_car_at_any_place_of_a_batch(data):
     """A lane does not know its neighbours nor the size of its batch."""
     n = data.draw(st.integers(1, 300))
@@ -216,6 +217,7 @@ def test_motion_of_floats_equals_a_native_window():
     assert got[0, :, 0] == pytest.approx(step(*one, 0.3, 0.2), rel=1e-13)
 
 
+@pytest.mark.more
 def test_any_step_can_become_a_kernel(tmp_path):
     """Equations composed at run time: here the paper's car with a wind from ahead."""
     def make(symbol, xp):

@@ -52,6 +52,7 @@ def test_the_kinematic_circle_has_the_radius_of_geometry(engine, seed):
 
 @ENGINE
 @pytest.mark.parametrize(("front_b", "sign"), [(8.0, 1), (20.0, -1)], ids=["under", "over"])
+@pytest.mark.few("*-native")
 def test_the_circle_of_linear_tyres_is_that_of_the_understeer_gradient(engine, front_b, sign):
     """delta = l / R + (m / l)(l_r / C_f - l_f / C_r) v^2 / R, for small angles.
 
@@ -85,6 +86,7 @@ LEFT_RIGHT = np.array([1, -1, -1, 1, -1, -1, 1, -1.0])[:, None]
 @pytest.mark.parametrize("p", BOTH_SIDES, ids=IDS)
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15)
+@pytest.mark.few("*-native")
 def test_a_mirrored_drive_is_the_mirror_image(engine, p, seed):
     draw = np.random.default_rng(seed)
     n, steps = 5, 60
@@ -112,6 +114,8 @@ def energy(p, states):
 @pytest.mark.parametrize("p", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=20)
+@pytest.mark.few("paper-*")
+@pytest.mark.few("*-native")
 def test_without_throttle_energy_only_falls(engine, p, seed):
     """Forwards, backwards, sliding, with turned wheels."""
     draw = np.random.default_rng(seed)
@@ -151,6 +155,7 @@ COMMANDS = (0.35, -0.3)
 @given(vx=st.floats(0.4, 4), vy=st.floats(-0.4, 0.4), om=st.floats(-4, 4),
        tau=st.floats(-0.4, 0.6), s=st.floats(-1, 1))
 @settings(max_examples=20)
+@pytest.mark.few("kinematic", "P1")
 def test_casadi_floats_and_arrays_are_one_step(p, vx, vy, om, tau, s):
     casadi = pytest.importorskip("casadi")
     state = (*STATE[:3], vx, vy, om, *STATE[6:])

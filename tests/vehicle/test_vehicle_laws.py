@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from dart_hal.errors import ConfigError, NotMonotone, UsageError
 from dart_hal.vehicle import (
@@ -174,6 +175,23 @@ def test_gains_and_amplitudes_exchanged_give_the_printed_absurdity():
     locks = [math.degrees(make_steering(swapped)(s)) for s in (1, -1)]
     assert locks[0] > 25
     assert locks[1] < -27
+
+
+@pytest.mark.parametrize("v", [1.0, 2.5])
+def test_linearised_it_is_the_a_and_b_of_the_docstring(v):
+    p, h = PAPER, 1e-6
+    accelerate, (front, rear) = make_acceleration(p), make_tyres(p.tyres, p.body)
+    c_f, c_r = ((axle(h) - axle(-h)) / (2 * h) for axle in (front, rear))
+    m, i_z, l_f, l_r = p.body.mass, p.body.yaw_inertia, p.body.l_f, p.body.l_r
+    a_b = [[-(c_f + c_r) / (m * v), (l_r * c_r - l_f * c_f) / (m * v) - v, c_f / m],
+           [(l_r * c_r - l_f * c_f) / (i_z * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v),
+            l_f * c_f / i_z]]
+    throttle = brentq(lambda tau: accelerate(v, 0.0, 0.0, tau, 0.0)[0], 0.0, 1.0)
+    columns = [[(up - down) / (2 * h) for up, down in zip(
+        accelerate(v, *(h * e for e in unit[:2]), throttle, h * unit[2])[1:],
+        accelerate(v, *(-h * e for e in unit[:2]), throttle, -h * unit[2])[1:], strict=True)]
+        for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    np.testing.assert_allclose(np.transpose(columns), a_b, rtol=1e-4)
 
 
 def test_a_map_that_falls_is_refused():

@@ -12,12 +12,12 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "hidden"))
 
 from hidden_drive import Plan, write
 
-from dart_hal.diagnose.fit import refit
-from dart_hal.diagnose.noise import measure
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Stage
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.scan import Scan
-from dart_hal.diagnose.space import Space, Timing
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.diagnose.search.scan import Scan
 from dart_hal.experiment.floor import Floor
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -50,11 +50,11 @@ DRIVES = {
 
 @dataclass(frozen=True)
 class Case:
-    """truth hidden in a drive of one kind; rival: what it cannot be told from there."""
+    """truth hidden in a drive of one kind; confounder: what it cannot be told from there."""
 
     drive: str
     truth: tuple[str, float]
-    rival: str
+    confounder: str
     free: tuple[str, ...] = ()
 
     @property
@@ -72,18 +72,18 @@ def recorded(path, case, series, seed, mocap):
 
 
 def diagnosis(case, recordings):
-    """As if the truth had been named, and its rival listed with it."""
+    """As if the truth had been named, and its confounder listed with it."""
     evidence, _ = evidence_of(recordings, PAPER.body.l_r)
     name, k = case.truth
     cause = Cause(name, "", catalogue()[name].stage, {"k": Number(k, 0.0, "")}, 0.0, 0.0, (),
-                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.rival,), "")
+                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,), "")
     moved = {n: Moved(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
     stage = Stage("", case.car, {}, evidence.residuals(case.car))
     return Diagnosis("explained", "paper", moved, (cause,), (), (), (stage,), evidence, {}, {}, {})
 
 
 def gains(case, recordings):
-    """{effect: drop of the robust loss} of truth and rival, as a diagnosis scans."""
+    """{effect: drop of the robust loss} of truth and confounder, as a diagnosis scans."""
     evidence, _ = evidence_of(recordings, PAPER.body.l_r)
     space = Space(PAPER, case.free, {n: MOTOR[n] for n in case.free})
     x = space.point(Timing(0.0, 0.02))
@@ -92,8 +92,8 @@ def gains(case, recordings):
         noise = measure(evidence.residuals(p, timing), evidence.blocks(2.0))
         point = refit(evidence, noise, space, x)
         x = point.x
-    scan = Scan(evidence, noise, point)
-    return {name: scan.best(name).gain for name in (case.truth[0], case.rival)}
+    scan = Scan(evidence, point)
+    return {name: scan.best(name).gain for name in (case.truth[0], case.confounder)}
 
 
 FLOOR = Floor(10.0, 10.0)

@@ -11,13 +11,12 @@ import pytest
 from open_question import DRIVES, FLOOR, Case, diagnosis, recorded
 
 from dart_hal.cli.main import main
-from dart_hal.diagnose.drive import prepare
-from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.suggest import suggest
 from dart_hal.diagnose.suggest.contest import Contest
 from dart_hal.diagnose.suggest.evidence import MIDDLE
 from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
-from dart_hal.diagnose.suggest.picture import plot
 from dart_hal.diagnose.suggest.question import ask
 from dart_hal.diagnose.suggest.side import Side
 from dart_hal.diagnose.suggest.virtual import record
@@ -55,6 +54,7 @@ def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     assert np.nanmax(np.abs(own.sensors[:, :2])) < 0.05
 
 
+@pytest.mark.more
 def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(question, rollouts):
     _, q = question
     truth = apply(PAPER, "grip", k=-0.12)
@@ -73,6 +73,7 @@ def test_without_rivals_there_is_nothing_to_suggest(question):
     assert suggest(replace(d, causes=(alone,))) == ()
 
 
+@pytest.mark.more
 def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
     d, _ = question
     first, again = (suggest(d, floor=Floor(3.0, 3.0), seed=4)[0].to_json() for _ in range(2))
@@ -84,6 +85,7 @@ def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
     assert [t["least"] >= 4.0 for t in first["tried"]] == [True]
 
 
+@pytest.mark.more
 def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
     still = tuple(c for c in CHOICES if c.name == "standstill")
     monkeypatch.setattr("dart_hal.diagnose.suggest.choose.rehearsed",
@@ -97,6 +99,7 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
     assert s.by_hand.startswith("Steering steps")
 
 
+@pytest.mark.more
 def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_simulated(question):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))
@@ -106,6 +109,7 @@ def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_sim
     assert "(14.5) already" in surer.caution()
 
 
+@pytest.mark.more
 def test_a_rival_that_explains_nothing_needs_no_drive(question):
     d, _ = question
     told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
@@ -114,6 +118,7 @@ def test_a_rival_that_explains_nothing_needs_no_drive(question):
     assert "by themselves" in s.sentence()
 
 
+@pytest.mark.more
 def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, capsys):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))
@@ -128,14 +133,15 @@ def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, cap
         assert (tmp_path / told["recording"]).stat().st_size > 10_000
 
 
-def test_the_picture(question, tmp_path):
+@pytest.mark.more
+def test_the_prediction(question):
     (s,) = suggest(question[0], floor=Floor(3.0, 3.0))
     assert s.prediction.channel == "gyro"
     bias, trim = s.prediction.says.values()
     assert np.mean(bias - trim) == pytest.approx(0.02, abs=0.002)
-    assert plot(s, tmp_path / "one.png").stat().st_size > 10_000
 
 
+@pytest.mark.more
 def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
     short = tuple(c for c in CHOICES if c.name in ("standstill", "rollouts", "circles", "weave"))
     drives = list(rehearsed(FLOOR, None, short))

@@ -46,6 +46,7 @@ def test_a_dead_encoder_without_mocap_is_named(driven):
     assert all("encoder dead" in " ".join(f.why) for f in files.values())
 
 
+@pytest.mark.more
 def test_one_bad_file_does_not_change_the_fit(driven):
     dead = replace(blind(driven[0], speed=np.full(len(driven[0].messages), np.nan)),
                    encoder="dead", path=driven[0].path.with_name("dead.csv"))
@@ -77,6 +78,7 @@ def test_a_wrong_name_and_nothing_to_fit(driven):
         fit_submodels([], ("motor",))
 
 
+@pytest.mark.more
 def test_mixed_schemas_of_real_recordings_give_every_sub_model_or_a_reason():
     everything, _ = read_any([EXCERPT])
     count: dict[Path, int] = {}

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.fitting.covariance import wider
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.submodels.coasting import driven, fit_coasting
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.motor_fit import fit_motor
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.sessions import outings, wider
+from dart_hal.identify.submodels.sessions import sessions_of
 from dart_hal.identify.submodels.speeds import speeds_of
 from dart_hal.identify.submodels.straight import NAMES, solve_straight
 from dart_hal.identify.submodels.stretches import cut
@@ -50,6 +51,7 @@ def prepared(recordings):
     return series, cut(series), first_guess(series, PAPER, PAPER.body.mass)
 
 
+@pytest.mark.more
 def test_the_truth_lies_within_the_stated_intervals(fits):
     z = []
     for fit in fits:
@@ -60,6 +62,7 @@ def test_the_truth_lies_within_the_stated_intervals(fits):
     assert all(f.converged for fit in fits for f in fit.values())
 
 
+@pytest.mark.more
 def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     """Cars that chance pushes roll longer: taken as long as they roll, friction seems to fade."""
     right, wrong = [], []
@@ -72,6 +75,7 @@ def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     assert np.mean(wrong) > 1.5 / TRUTH["b"]
 
 
+@pytest.mark.more
 def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, lively):
     """A battery that gives way under load: together, the friction takes what the motor cannot."""
     rng = np.random.default_rng(9)
@@ -87,6 +91,7 @@ def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, liv
     assert abs(together.value("c") - TRUTH["c"]) > 2.5 * together.std("c")
 
 
+@pytest.mark.more
 def test_the_error_of_the_friction_is_in_the_motor(sets):
     """As much as the motor moves when it is fitted again with another friction."""
     series = [s for r in sets[0] if (s := speeds_of(r, None, Ledger())) is not None]
@@ -109,6 +114,7 @@ def test_the_error_of_the_friction_is_in_the_motor(sets):
     assert found.std("g") > 1.1 * exact.std("g")
 
 
+@pytest.mark.more
 def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
     """Three days, three dead bands: d and e as of one, g their mean and as unsure as they differ.
 
@@ -132,7 +138,7 @@ def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
     assert motor.parameters["d"].std < 0.6 * one.std("d")
 
 
-def test_an_outing_ends_with_an_hour_of_rest(workshop, steps, lively):
+def test_a_session_ends_with_an_hour_of_rest(workshop, steps, lively):
     """Whatever the folders; recordings without a time stay with their folder."""
     rng = np.random.default_rng(11)
     throttle = steps([0.3], rng, pulse=1.0, coast=0.5)
@@ -141,10 +147,10 @@ def test_an_outing_ends_with_an_hour_of_rest(workshop, steps, lively):
     def at(name):
         return replace(recording, path=recording.path.parent / name)
 
-    found = outings([at("a/car_1_Datarecording_01_22_2024_11_40_46.csv"),
-                     at("b/car_1_Datarecording_01_22_2024_12_15_11.csv"),
-                     at("b/car_1_Datarecording_01_22_2024_15_00_29.csv"),
-                     at("b/run.csv"), at("c/run.csv")])
+    found = sessions_of([at("a/car_1_Datarecording_01_22_2024_11_40_46.csv"),
+                         at("b/car_1_Datarecording_01_22_2024_12_15_11.csv"),
+                         at("b/car_1_Datarecording_01_22_2024_15_00_29.csv"),
+                         at("b/run.csv"), at("c/run.csv")])
     assert found == ["2024-01-22 11:40 a + b", "2024-01-22 11:40 a + b", "2024-01-22 15:00 b",
                      "b", "c"]
 
@@ -158,12 +164,14 @@ def test_the_wider_of_two_covariances_is_narrower_than_neither():
     assert wider(first, 0.1 * first) == pytest.approx(first)
 
 
+@pytest.mark.more
 def test_the_values_are_worth_having(fits):
     for name, share in (("a", 0.15), ("d", 0.12), ("e", 0.25), ("g", 0.08)):
         got = [(f["friction"].parameters | f["motor"].parameters)[name].value for f in fits]
         assert np.std(got) < share * abs(TRUTH[name])
 
 
+@pytest.mark.more
 def test_samples_taken_as_independent_would_promise_too_much(sets, fits):
     ratio = []
     for recordings, fit in zip(sets[:1], fits, strict=False):
@@ -174,6 +182,7 @@ def test_samples_taken_as_independent_would_promise_too_much(sets, fits):
     assert np.mean(ratio) > 1.5
 
 
+@pytest.mark.more
 def test_without_its_delay_the_motor_is_biased(workshop, lively):
     """Throttle that changes every half second: 0.19 s of delay and lag turn into less motor."""
     rng = np.random.default_rng(4)
@@ -192,6 +201,7 @@ def test_without_its_delay_the_motor_is_biased(workshop, lively):
     assert total == pytest.approx(0.19, abs=0.03)
 
 
+@pytest.mark.more
 def test_the_error_of_the_mass_is_in_every_force(sets, fits):
     plain = fits[0]
     vague = fit_submodels(sets[0], ("friction", "motor"),
@@ -203,6 +213,7 @@ def test_the_error_of_the_mass_is_in_every_force(sets, fits):
     assert vague["motor"].parameters["g"].std == pytest.approx(plain["motor"].parameters["g"].std)
 
 
+@pytest.mark.more
 def test_twice_the_mass_is_twice_the_forces(sets, fits):
     twice = fit_submodels(sets[0], ("motor",), mass=Estimate(3.34, 0.0, "kg"))[0]["motor"]
     once = fits[0]["motor"]
@@ -210,6 +221,7 @@ def test_twice_the_mass_is_twice_the_forces(sets, fits):
     assert twice.values()["g"] == pytest.approx(once.values()["g"], abs=0.002)
 
 
+@pytest.mark.more
 def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
     rng = np.random.default_rng(5)
     throttle = steps([0.3] * 4, rng)
@@ -242,6 +254,7 @@ def test_friction_alone_needs_only_the_coasting(sets):
     assert "0 driven" in friction.notes[0]
 
 
+@pytest.mark.more
 def test_mocap_and_encoder_see_the_same_car(workshop, steps, lively):
     rng = np.random.default_rng(8)
     throttle = steps(LEVELS, rng)

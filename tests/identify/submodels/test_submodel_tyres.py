@@ -41,6 +41,7 @@ def ramps(workshop, car):
     return [workshop.recordings(d, i, "B", range(4 * i, 4 * i + 4), "ramp") for i in range(seeds)]
 
 
+@pytest.mark.more
 def test_both_axles_lie_within_the_stated_intervals(ramps, logged):
     front, _ = make_tyres(logged.tyres, logged.body, np)
     alpha = np.radians([1.0, 3.0, 6.0, 9.0])
@@ -67,6 +68,7 @@ def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
     assert wrong.rmse > 1.3 * right.rmse
 
 
+@pytest.mark.more
 def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
     rng = np.random.default_rng(7)
     n = 2500
@@ -82,6 +84,7 @@ def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
     assert stiffness == pytest.approx(4.0 * 1.3 * 9.0, rel=0.15)
 
 
+@pytest.mark.more
 def test_crawling_is_refused_because_noise_makes_a_tyre_look_soft(workshop, car, logged):
     steering = np.repeat([[0.5], [-0.5]], 2000, axis=1)
     d = workshop.drive(car, np.full_like(steering, 0.21), steering, np.random.default_rng(1))

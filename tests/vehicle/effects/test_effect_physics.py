@@ -135,6 +135,7 @@ def test_all_at_once_is_still_a_car(base_drive):
 
 
 @pytest.mark.parametrize("car", CARS)
+@pytest.mark.few("paper")
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
     x, p = states()[:, :8], CARS[car]

@@ -9,7 +9,7 @@ import pytest
 from effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.commands import actuated
+from dart_hal.predict.actuators import actuated
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack

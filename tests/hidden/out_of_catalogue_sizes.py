@@ -1,9 +1,9 @@
-"""How large an outsider must be to disturb as much as a steering lag of medium size.
+"""How large a cause outside the catalogue must be to disturb as much as a medium steering lag.
 
-    python tests/hidden/outsider_sizes.py [NAME ...]
+    python tests/hidden/out_of_catalogue_sizes.py [NAME ...]
 
 For what no list gives sizes, medium is what raises the loss of the right model
-as much as a lag of 0.06 s does, in the mean over drives. ``outsiders.FAR`` has
+as much as a lag of 0.06 s does, in the mean over drives. ``out_of_catalogue.FAR`` has
 what this prints, rounded; between two sizes that were tried where the loss is steep.
 """
 
@@ -19,17 +19,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
-from outsiders import FAR
+from out_of_catalogue import FAR
 from stranger import Car
 from stranger_causes import SIZES, hide
 from stranger_files import Habits, pair
 
-from dart_hal.diagnose.fit import Point, refit
-from dart_hal.diagnose.noise import Noise, measure
-from dart_hal.diagnose.residuals import Evidence
-from dart_hal.diagnose.rows import BLOCK
+from dart_hal.diagnose.evidence.noise import Noise, measure
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.evidence.space import Space, Timing
+from dart_hal.diagnose.policy import BlockPolicy
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.space import Space, Timing
+from dart_hal.diagnose.search.fit import Point, refit
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
@@ -62,7 +62,7 @@ class Drops:
         self._without = {}
         for drive in DRIVES:
             seen = evidence(lambda car: None, *drive)
-            blocks = seen.blocks(BLOCK)
+            blocks = seen.blocks(BlockPolicy().seconds)
             noise = measure(seen.residuals(PAPER, Timing()), blocks, seen.overlap)
             timing = fitted(seen, noise).timing
             noise = measure(seen.residuals(PAPER, timing), blocks, seen.overlap)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from onboard_files import evidence, recorded
 
-from dart_hal.diagnose.noise import measure
-from dart_hal.diagnose.onboard import limits, unseen
-from dart_hal.diagnose.onboard_drive import READS
-from dart_hal.diagnose.space import Timing
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.onboard import limits, unseen
+from dart_hal.diagnose.evidence.onboard_drive import READS
+from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 
@@ -38,6 +38,7 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)), GYRO) > 2.0 * size(r, GYRO)
 
 
+@pytest.mark.more
 def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     """What cannot be told is found from the equations; here it is felt."""
     base = plain.residuals(PAPER)
@@ -56,6 +57,7 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
 @pytest.mark.parametrize(("name", "k"), [
     ("encoder_scale", 0.04), ("encoder_latency", 0.06), ("gyro_scale", 0.06),
     ("gyro_bias", 0.05), ("gyro_latency", 0.08), ("clock_offset", 0.06)])
+@pytest.mark.few("gyro_bias-*", "encoder_scale-*")
 def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, plain, name, k):
     """Its error is in the start of every window, too, and is taken off there."""
     wrong = evidence(recorded(tmp_path, apply(PAPER, name, k=k), seed=21))
@@ -80,12 +82,13 @@ def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
 
 
 def test_by_how_much_a_standing_car_counts_more_is_known_and_taken_off_again(plain):
-    quieter = type(plain)([replace(d, felt=np.array([7.0, 9.0])) for d in plain.drives], plain.l_r)
+    scale = np.array([7.0, 9.0])
+    quieter = type(plain)([replace(d, noise_scale=scale) for d in plain.drives], plain.l_r)
     one, other = (e.residuals(PAPER).sensors for e in (plain, quieter))
     at_rest = plain.sensor_still
     assert not np.allclose(one[at_rest, 2], other[at_rest, 2])
-    np.testing.assert_allclose(one / plain.louder, other / quieter.louder, rtol=1e-12)
-    assert (quieter.louder[~at_rest] == 1.0).all()
+    np.testing.assert_allclose(one / plain.noise_scale, other / quieter.noise_scale, rtol=1e-12)
+    assert (quieter.noise_scale[~at_rest] == 1.0).all()
 
 
 def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):

@@ -20,12 +20,13 @@ from searched import (
 )
 from stranger_files import COMMANDS, Habits, record
 
-from dart_hal.diagnose import drive as prepared
-from dart_hal.diagnose import scan as scanning
-from dart_hal.diagnose import search as searching
-from dart_hal.diagnose.readings import SENSORS
+from dart_hal.diagnose.evidence import drive as prepared
+from dart_hal.diagnose.evidence.readings import SENSORS
+from dart_hal.diagnose.policy import ScanPolicy
 from dart_hal.diagnose.run import standard_errors
-from dart_hal.diagnose.scan import scan
+from dart_hal.diagnose.search import forward as searching
+from dart_hal.diagnose.search import scan as scanning
+from dart_hal.diagnose.search.scan import scan
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -50,12 +51,14 @@ def test_noise_alone_makes_no_car_lighter():
 @pytest.mark.parametrize("wrong", [
     {"md": 0.92}, *(pytest.param(w, marks=pytest.mark.slow) for w in ({"me": 1.2}, {"fa": 1.1}))],
     ids=lambda w: next(iter(w)))
+@pytest.mark.more
 def test_a_wrong_throttle_is_no_wrong_mass(wrong):
     found = search(drive(**wrong), names=INERT)
     assert names(found) == []
     assert names(search(drive(**wrong), names=("motor_gain", "rolling_resistance"))) != []
 
 
+@pytest.mark.more
 def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
     """Sixteen parameters off by 2 to 5 %: the refit takes them, and no name does."""
     case = next(c for c in cases(["null rough"]) if c.seed == 1)
@@ -72,6 +75,7 @@ def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "k"), [("mass", 0.2), ("yaw_inertia", 1.2)])
+@pytest.mark.few("mass-0.2")
 def test_a_mass_that_is_wrong_is_still_found(name, k):
     found = search(drive((name, k)), names=(*INERT, "grip", "steering_delay", "motor_gain"))
     assert names(found) == [name]
@@ -98,6 +102,7 @@ LATERAL = ("grip", "front_grip", "steering_gain", "steering_trim", "steering_com
            "centre_of_mass", "yaw_damping", "roll_compliance", "rear_saturation")
 
 
+@pytest.mark.more
 def test_a_steering_map_that_is_wrong_is_not_grip():
     found = search(drive(habits=Habits(style="gentle"), a_left=1.08, a_right=1.08), names=LATERAL)
     assert names(found) == ["steering_gain"]
@@ -109,12 +114,14 @@ def test_a_steering_map_that_is_wrong_is_not_grip():
 @pytest.mark.parametrize("commands", [
     c if c == "anytime" else pytest.param(c, marks=pytest.mark.slow)
     for c in COMMANDS])
+@pytest.mark.more
 def test_nothing_is_named_whenever_commands_change(commands):
     found = search(drive(seed=4, habits=Habits(commands=commands)), free=ALL_FREE)
     assert names(found) == []
     assert found.ranking[0].gain < QUIET
 
 
+@pytest.mark.more
 def test_a_wrong_clock_of_the_messages_is_named(monkeypatch):
     """The negative control: every message 40 ms and its way later than it was."""
     monkeypatch.setattr(prepared, "message_time", lambda m: m.arrival + 0.04)
@@ -141,6 +148,7 @@ def delayed(request):
     return seen, noise, point, change
 
 
+@pytest.mark.few("steps")
 def test_the_slope_of_a_delay_foretells_what_a_delay_does(delayed):
     _, _, point, change = delayed
     (up, down), *_ = point.space.steps(point.x)
@@ -155,12 +163,13 @@ def test_the_slope_of_a_delay_foretells_what_a_delay_does(delayed):
 
 
 @pytest.mark.parametrize("start", [0.10, 0.20])
+@pytest.mark.few("steps-0.1")
 def test_a_delay_is_found_from_either_side(delayed, start):
     """Of delay and age of the commands the difference is known: where a command acts."""
     seen, noise, point, _ = delayed
     p = replace(PAPER, delay=replace(PAPER.delay, steering_s=start))
     _, from_there = fitted(seen, p, ("delay.steering_s",), noise)
-    acts = [q.vehicle.delay.steering_s - q.timing.ahead for q in (point, from_there)]
+    acts = [q.vehicle.delay.steering_s - q.timing.command_age for q in (point, from_there)]
     assert acts[1] == pytest.approx(acts[0], abs=3e-3)
 
 
@@ -171,6 +180,8 @@ BESIDE = ("motor_gain", "steering_gain", "steering_delay")
 
 
 @pytest.mark.parametrize(("name", "k"), BENT)
+@pytest.mark.few("steering_backlash-0.1")
+@pytest.mark.more
 def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     found = search(drive((name, k)), names=(name, *BESIDE))
     assert names(found)[:1] == [name]
@@ -180,26 +191,27 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
 
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
-    monkeypatch.setattr(scanning, "LADDER", (0.01, 0.01, 0.01))
     monkeypatch.setattr(scanning, "_beyond", lambda *given: None)
     seen = evidence(drive((name, k)))
-    trial, = scan(seen, *fitted(seen), [name])
+    trial, = scan(seen, fitted(seen)[1], [name], policy=ScanPolicy(ladder=(0.01, 0.01, 0.01)))
     monkeypatch.undo()
-    right, = scan(seen, *fitted(seen), [name])
+    right, = scan(seen, fitted(seen)[1], [name])
     assert trial.gain < 0.05 * right.gain
 
 
 @pytest.mark.parametrize(("name", "k"), [("encoder_scale", 0.04), ("encoder_scale", 0.08)])
+@pytest.mark.more
 def test_a_size_beyond_the_last_rung_is_reached(name, k):
     """Else a relative that gets there gains more, and nothing says that the two are alike."""
     seen = evidence(drive((name, k)))
-    trial, = scan(seen, *fitted(seen), [name])
+    trial, = scan(seen, fitted(seen)[1], [name])
     assert trial.values["k"] == pytest.approx(k, rel=0.1)
 
 
 # 6: what is significant where it was fitted need not be true elsewhere
 
 @pytest.mark.parametrize("recordings", [4, pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.more
 def test_what_one_recording_has_is_no_cause(recordings):
     """Even where a chance of one half is enough: data left out of the fit do not like it."""
     drives = [drive(*([] if i else [("gyro_bias", 0.0075 * recordings)]), seconds=20.0, seed=30 + i)
@@ -212,6 +224,7 @@ def test_what_one_recording_has_is_no_cause(recordings):
     assert "left out" in one.why
 
 
+@pytest.mark.more
 def test_what_all_recordings_have_is_one():
     drives = [drive(("gyro_bias", 0.03), seconds=20.0, seed=30 + i) for i in range(4)]
     found = search(*drives, names=["gyro_bias"])
@@ -225,6 +238,7 @@ SOME = tuple(catalogue())[::3]
 
 
 @pytest.mark.parametrize("push", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
+@pytest.mark.more
 def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     """Sizes of a quiet drive held against a rough one: all gains grow, and nothing is named."""
     quiet, rough = (drive(seed=9, habits=Habits(push=p)) for p in (0.06, push))
@@ -237,6 +251,7 @@ def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     assert frozen.ranking[0].gain > QUIET, "a limit that stood still would be passed by nothing"
 
 
+@pytest.mark.more
 def test_the_same_cause_counts_for_less_in_a_rougher_drive():
     gains = [search(drive(("grip", -0.1), seed=9, habits=Habits(push=p)), names=("grip",)
                     ).ranking[0].gain for p in (0.12, 0.36)]

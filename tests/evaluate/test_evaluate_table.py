@@ -1,4 +1,4 @@
-"""The published baselines: kinematic and dynamic model of the paper, held velocities."""
+"""The published baselines: kinematic and dynamic model of the paper, constant velocity."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.evaluation import (
+from dart_hal.evaluate import (
     HORIZONS,
     errors,
     hold,
@@ -19,13 +19,13 @@ from dart_hal.identify.evaluation import (
     predict,
     prepare,
 )
-from dart_hal.identify.evaluation.cases import Case
+from dart_hal.evaluate.cases import Case
 from dart_hal.identify.runs import read_any
 from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle.sets import PAPER
 
-SOURCE = Path(__file__).resolve().parents[3] / "benchmarks" / "baselines.py"
+SOURCE = Path(__file__).resolve().parents[2] / "benchmarks" / "baselines.py"
 spec = importlib.util.spec_from_file_location("published_baselines", SOURCE)
 baselines = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = baselines

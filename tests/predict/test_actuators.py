@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.commands import actuated, delayed, following, lagged
+from dart_hal.predict.actuators import actuated, delayed, first_order_lag, low_pass
 from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
@@ -25,14 +25,30 @@ def recursion(u, lag):
 @pytest.mark.parametrize("lag", [0.003, 0.0843, 0.5])
 def test_lag_is_its_recursion(lag):
     u = np.random.default_rng(1).normal(size=400)
-    assert np.abs(lagged(u, lag) - recursion(u, lag)).max() < 1e-12
+    assert np.abs(first_order_lag(u, lag) - recursion(u, lag)).max() < 1e-12
 
 
 def test_a_step_reaches_its_share_after_one_time_constant():
     u = np.where(np.arange(200) < 50, 0.0, 1.0)
-    assert lagged(u, 0.2)[50 + 20] == pytest.approx(1.0 - math.exp(-1.0), abs=1e-12)
-    assert lagged(u, 0.2)[50] == 0.0, "the lag answers one sample later"
-    assert np.array_equal(lagged(u, 0.0), u)
+    assert first_order_lag(u, 0.2)[50 + 20] == pytest.approx(1.0 - math.exp(-1.0), abs=1e-12)
+    assert first_order_lag(u, 0.2)[50] == 0.0, "the lag answers one sample later"
+    assert np.array_equal(first_order_lag(u, 0.0), u)
+
+
+@pytest.mark.parametrize("lag", [0.003, 0.0843])
+def test_a_lag_may_be_taken_in_the_middle_of_a_sample_or_as_its_mean(lag):
+    parts = 1000  # of a sample, in which the recursion is all but continuous
+    u = np.random.default_rng(4).normal(size=30)
+    step, y, dense = math.exp(-0.01 / parts / lag), u[0], []
+    for held in np.repeat(u, parts):
+        dense.append(y)
+        y = held + step * (y - held)
+    dense = np.reshape(dense, (30, parts))
+    for sampled, expected in (("start", dense[:, 0]), ("middle", dense[:, parts // 2]),
+                              ("mean", dense.mean(axis=1))):
+        assert np.abs(first_order_lag(u, lag, sampled) - expected).max() < 3e-2 / parts / lag
+        assert np.array_equal(first_order_lag(u, 0.0, sampled), u)
+    assert np.abs(dense[:, 0] - dense.mean(axis=1)).max() > 0.05, "the three differ"
 
 
 @pytest.mark.parametrize("shape", [(1,), (63,), (65,), (3, 200)])
@@ -42,7 +58,7 @@ def test_blocks_of_a_lag_are_its_recursion(shape, keep):
     y = [u[..., 0]]
     for i in range(1, shape[-1]):
         y.append(keep * y[-1] + (1.0 - keep) * u[..., i - 1])
-    assert np.abs(following(u, keep) - np.stack(y, axis=-1)).max() < 1e-12
+    assert np.abs(low_pass(u, keep) - np.stack(y, axis=-1)).max() < 1e-12
 
 
 @pytest.mark.parametrize(("delay", "samples"), [(0.0, 0), (0.004, 0), (0.15, 15), (0.1501, 15),

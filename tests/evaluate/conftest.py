@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.commands import actuated
-from dart_hal.identify.evaluation.cases import Case
-from dart_hal.identify.evaluation.windows import find_windows
+from dart_hal.evaluate.cases import Case
+from dart_hal.predict.actuators import actuated
+from dart_hal.predict.windows import find_windows
 from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.sets import PAPER
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")

@@ -9,11 +9,13 @@ import pytest
 from searched import car, drive, evidence, fitted, names, search, size_of
 from stranger_files import Habits, record
 
-from dart_hal.diagnose import diagnose, readings
-from dart_hal.diagnose import search as searching
-from dart_hal.diagnose.readings import at_rest
-from dart_hal.diagnose.scan import Trial, ladder, scan
-from dart_hal.diagnose.space import Space
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.evidence import readings
+from dart_hal.diagnose.evidence.readings import at_rest
+from dart_hal.diagnose.evidence.space import Space
+from dart_hal.diagnose.policy import NamingPolicy, Policy
+from dart_hal.diagnose.search import forward as searching
+from dart_hal.diagnose.search.scan import Trial, ladder, scan
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import ActiveEffect
@@ -32,6 +34,7 @@ TWO = [{"steering_lag": 0.06, "throttle_lag": 0.08}, {"steering_delay": 0.04, "g
 
 @pytest.mark.parametrize("two", [TWO[0], *(pytest.param(t, marks=pytest.mark.slow)
                                            for t in TWO[1:])], ids="+".join)
+@pytest.mark.more
 def test_two_delays_are_those_two_and_no_third(two):
     found = search(drive(*two.items(), seconds=50.0, seed=6), names=TIMING)
     assert sorted(names(found)) == sorted(two)
@@ -55,10 +58,10 @@ def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),
                                               pytest.param(0.0, ["steering_delay", "steering_lag"],
                                                            marks=pytest.mark.slow)])
+@pytest.mark.more
 def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, left):
     """A delay that was named for a lag goes when the lag comes; without the way back it stays."""
-    if needed is not None:
-        monkeypatch.setattr(searching, "NEEDED", needed)
+    policy = Policy() if needed is None else Policy(naming=NamingPolicy(sure=needed))
     rounds = []
 
     def scan_that_first_forgets(*args, **how):
@@ -66,10 +69,12 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
         return [t for t in scan(*args, **how) if len(rounds) > 1 or t.effect != "steering_lag"]
 
     monkeypatch.setattr(searching, "scan", scan_that_first_forgets)
-    found = search(drive(("steering_lag", 0.06), seed=8), names=(*TIMING, "grip", "gyro_bias"))
+    found = search(drive(("steering_lag", 0.06), seed=8), names=(*TIMING, "grip", "gyro_bias"),
+                   policy=policy)
     assert sorted(names(found)) == left
 
 
+@pytest.mark.more
 def test_what_is_said_of_a_cause_counts_from_the_fit_without_it():
     """Named second and left alone: its gain, and what it is like, are those of the first round."""
     found = search(drive(("yaw_damping", 0.03), seconds=60.0, seed=14))
@@ -115,17 +120,18 @@ def push_with_speed(newton):
     return act
 
 
+@pytest.mark.more
 def test_what_pushes_is_no_negative_drag(tmp_path):
     strange = car()
     strange.force.append(push_with_speed(0.15))
     seen = evidence(read(record(tmp_path / "a.csv", strange, Habits(), 40.0, 3)))
     noise, point = fitted(seen)
-    trial, = scan(seen, noise, point, ["quadratic_drag"])
+    trial, = scan(seen, point, ["quadratic_drag"])
     assert trial.gain == 0.0
     _, forced = fitted(seen, apply(PAPER, "quadratic_drag"), noise=noise)
     assert forced.vehicle.friction.q == PAPER.friction.q, "the fit stays on its side"
     resisted = evidence(drive(("quadratic_drag", 0.2)))
-    trial, = scan(resisted, *fitted(resisted), ["quadratic_drag"])
+    trial, = scan(resisted, fitted(resisted)[1], ["quadratic_drag"])
     assert trial.gain > 50.0
 
 
@@ -147,8 +153,8 @@ def twins(monkeypatch):
     twin = replace(grip, name="twin", parameters=(half,),
                    vehicle=lambda p, k: grip.vehicle(p, 0.5 * k))
     known["twin"] = twin
-    everywhere = ("dart_hal.diagnose.scan", "dart_hal.diagnose.selection",
-                  "dart_hal.diagnose.search", "dart_hal.diagnose.telling",
+    everywhere = ("dart_hal.diagnose.search.scan", "dart_hal.diagnose.search.selection",
+                  "dart_hal.diagnose.search.forward", "dart_hal.diagnose.conclude",
                   "dart_hal.vehicle.effects")
     for place in everywhere:
         monkeypatch.setattr(f"{place}.catalogue", lambda: known)
@@ -158,19 +164,21 @@ def twins(monkeypatch):
 def test_two_names_for_one_thing_are_said_to_be_alike(twins):
     found = search(drive(("grip", -0.2)), names=("grip", "twin", "motor_gain", "gyro_bias"))
     one, = found.named
-    assert {one.effect, *one.like} == {"grip", "twin"}
+    assert {one.effect, *one.confounders} == {"grip", "twin"}
 
 
+@pytest.mark.more
 def test_one_that_explains_much_less_is_not_alike():
     found = search(drive(("grip", -0.2)), names=("grip", "mass", "motor_gain", "gyro_bias"))
     one, = found.named
-    assert (one.effect, one.like) == ("grip", ())
+    assert (one.effect, one.confounders) == ("grip", ())
 
 
+@pytest.mark.more
 def test_relatives_stay_alike_beside_another_cause(twins):
     found = search(drive(("grip", -0.2), ("gyro_bias", 0.03)),
                    names=("grip", "twin", "gyro_bias", "gyro_scale"))
-    like = {n.effect: set(n.like) for n in found.named}
+    like = {n.effect: set(n.confounders) for n in found.named}
     assert len(like) == 2
     assert like.pop("gyro_bias") == set()
     (name, relatives), = like.items()
@@ -187,6 +195,7 @@ def told(train, test, **how):
     return diagnose(model, vehicle, train, test, refit=False, **how)
 
 
+@pytest.mark.more
 def test_levels_that_differ_are_no_friction_and_are_said():
     """Nothing of the car explains them; that they differ from recording to recording does."""
     drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i, k in enumerate(LEVELS)]
@@ -196,6 +205,7 @@ def test_levels_that_differ_are_no_friction_and_are_said():
     assert ("v_x", "recording") in [(u.channel, u.along[0]) for u in d.unexplained]
 
 
+@pytest.mark.more
 def test_a_level_that_all_have_is_named():
     drives = [drive(("motor_gain", -0.1), seconds=20.0, seed=20 + i) for i in range(4)]
     found = search(*drives, names=("motor_gain", "rolling_resistance", "quadratic_drag",
@@ -204,6 +214,7 @@ def test_a_level_that_all_have_is_named():
     assert size_of(found, "motor_gain") == pytest.approx(-0.1, abs=0.02)
 
 
+@pytest.mark.more
 def test_a_battery_that_runs_down_is_that_and_no_drag():
     """Steps of the throttle, up and down: speed and time do not go together."""
     found = search(drive(("battery_fade", -0.15), seconds=80.0, seed=61),
@@ -220,10 +231,11 @@ def tilted(k, rest):
 
 
 def pitch(seen) -> Trial:
-    trial, = scan(seen, *fitted(seen), ["imu_pitch"])
+    trial, = scan(seen, fitted(seen)[1], ["imu_pitch"])
     return trial
 
 
+@pytest.mark.more
 def test_a_tilt_shows_in_two_seconds_of_standstill_and_not_in_thirty_of_driving():
     standing, driving = (pitch(tilted(0.03, rest)) for rest in (True, False))
     assert standing.values["k"] == pytest.approx(0.03, rel=0.1)

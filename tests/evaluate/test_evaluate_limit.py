@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.identify.evaluation import kinematic, kinematic_limit
-from dart_hal.identify.evaluation.limit import find_limits
-from dart_hal.identify.evaluation.noslip import SLIP_TOLERANCE, crossing
-from dart_hal.identify.evaluation.takeover import Bin, Gain, Takeover
-from dart_hal.identify.evaluation.windows import find_windows
+from dart_hal.evaluate import kinematic, kinematic_limit
+from dart_hal.evaluate.limit import find_limits
+from dart_hal.evaluate.noslip import SLIP_TOLERANCE, crossing
+from dart_hal.evaluate.takeover import Bin, Gain, Takeover
+from dart_hal.predict.windows import find_windows
 from dart_hal.vehicle.sets import PAPER
 
 L_R = PAPER.body.l_r
@@ -47,6 +47,7 @@ def test_slip_of_a_linear_rear_tyre_is_found(ramps):
     assert slip.recordings == 4
 
 
+@pytest.mark.more
 def test_the_mounting_angle_is_not_slip(ramps):
     def turned(case, by):
         g = case.grid
@@ -79,7 +80,7 @@ def test_loss_of_curvature_is_found_at_its_speed(empty):
         return driven_case(f"{k}", g)
 
     def driven_case(file, g):
-        from dart_hal.identify.evaluation import Case
+        from dart_hal.evaluate import Case
         return Case(file, g, find_windows(g))
 
     _, loss = find_limits([case(k) for k in (0.6, 0.9, -1.2, 1.5)], L_R)
@@ -96,6 +97,7 @@ def test_one_recording_gives_no_interval(ramps):
     assert not slip.supported
 
 
+@pytest.mark.more
 def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps):
     limit = kinematic_limit(PAPER, ramps())
     found = {(t.channel, t.by): t for t in limit.takeover}
@@ -140,9 +142,10 @@ def test_edges_need_certainty_all_the_way():
     assert np.isnan(few.taken_from)
 
 
+@pytest.mark.more
 def test_the_legend_explains_only_what_is_drawn(ramps):
     pytest.importorskip("matplotlib")
-    from dart_hal.identify.evaluation.picture_limit import draw_limit
+    from dart_hal.evaluate.picture_limit import draw_limit
 
     limit = kinematic_limit(PAPER, ramps())
 

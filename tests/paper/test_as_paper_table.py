@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.as_paper import curves, fit_as_paper, read_folder
-from dart_hal.identify.as_paper.filters import smooth
-from dart_hal.identify.as_paper.longitudinal import LABEL_FRICTION, friction_problem, motor_problem
-from dart_hal.identify.as_paper.problem import solve
+from dart_hal.identify import curves
+from dart_hal.identify.filters import smooth
+from dart_hal.paper import fit_as_paper, read_folder
+from dart_hal.paper.problem import solve
+from dart_hal.paper.problems import LABEL_FRICTION, friction_problem, motor_problem
 from dart_hal.vehicle import PAPER, make_friction, make_motor, make_steering, make_tyres
 
 HOME = Path(__file__).resolve().parents[2]

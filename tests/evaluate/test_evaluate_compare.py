@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.identify.evaluation import gain, gains
-from dart_hal.identify.evaluation.compare import LEAST_BLOCKS, block_of, blocks
+from dart_hal.evaluate import gain, gains
+from dart_hal.evaluate.compare import LEAST_BLOCKS, blocks
 
 
 def test_an_exact_gain_has_an_interval_of_no_width():
@@ -28,6 +28,7 @@ def correlated(rng, blocks_: int, size: int):
     return (scale[:, :, None] * noise).reshape(2, -1)
 
 
+@pytest.mark.more
 def test_interval_covers_the_truth_and_one_over_windows_does_not():
     rng = np.random.default_rng(3)
     of_blocks = of_windows = 0
@@ -59,12 +60,12 @@ def test_the_same_seed_gives_the_same_interval():
 
 def test_blocks_never_reach_across_recordings(driven):
     cases = [driven(file=str(k), seconds=27.0) for k in range(3)]
-    block = block_of(cases, 10.0)
+    block, unit = blocks(cases)
     owner = np.repeat(np.arange(3), [len(c) for c in cases])
     for label in np.unique(block):
         assert len(set(owner[block == label])) == 1
     assert len(np.unique(block)) == 9
-    assert blocks(cases)[1] == "stretches of 10 s"
+    assert unit == "stretches of 10 s"
     many = [replace(cases[0], file=str(k)) for k in range(8)]
     by, unit = blocks(many)
     assert unit == "recordings"

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.noise import measure
-from dart_hal.diagnose.residuals import Residuals
-from dart_hal.diagnose.selection import HeldOut
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.residuals import Residuals
+from dart_hal.diagnose.policy import NamingPolicy
+from dart_hal.diagnose.search.selection import HeldOut
+
+USUAL = NamingPolicy()
 
 WINDOWS, COLUMNS, AGES = 400, 6, 0.025
 MOVED = slice(0, 2)
@@ -58,13 +61,13 @@ FEW_GAIN_MOST = (-35.0, -20.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 30.0, 40.0)
 
 
 def test_what_most_recordings_like_needs_not_be_liked_evenly():
-    assert HeldOut(FEW_GAIN_MOST).doubt(11) == ""
-    assert "surely" in HeldOut(FEW_GAIN_MOST).doubt(4), "as stretches of few recordings"
+    assert HeldOut(FEW_GAIN_MOST).doubt(True, USUAL) == ""
+    assert "surely" in HeldOut(FEW_GAIN_MOST).doubt(False, USUAL), "as stretches of few recordings"
     half = (-30.0, -15.0, -2.0, -3.0, -4.0, 5.0, 6.0, 7.0, 8.0, 40.0, 50.0)
     assert sum(half) > 0.0
-    assert "surely" in HeldOut(half).doubt(11), "six of eleven"
+    assert "surely" in HeldOut(half).doubt(True, USUAL), "six of eleven"
 
 
 def test_what_one_recording_likes_is_not_enough():
-    assert "single" in HeldOut((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -9.0, 30.0)).doubt(8)
-    assert "surely" in HeldOut().doubt(1)
+    assert "single" in HeldOut((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -9.0, 30.0)).doubt(True, USUAL)
+    assert "surely" in HeldOut().doubt(False, USUAL)

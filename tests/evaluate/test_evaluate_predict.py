@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.identify.evaluation import (
+from dart_hal.evaluate import (
     errors,
     hold,
     kinematic,
     measured,
     predict,
-    prediction,
     score,
 )
-from dart_hal.identify.evaluation.prediction import CHANNELS, LANES, starts
-from dart_hal.identify.evaluation.takeover import at_measured_speed
+from dart_hal.evaluate.prediction import CHANNELS
+from dart_hal.evaluate.takeover import at_measured_speed
+from dart_hal.predict import rollout
+from dart_hal.predict.rollout import LANES
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 
@@ -41,7 +42,7 @@ def test_another_car_is_not(driven):
 def test_the_memory_bound_changes_nothing(driven, monkeypatch):
     cases = [driven(PAPER, weave=0.4, seconds=12.0)]
     whole = predict(PAPER, cases)
-    monkeypatch.setattr(prediction, "LANES", 7)
+    monkeypatch.setattr(rollout, "LANES", 7)
     seen = []
     assert np.array_equal(predict(PAPER, cases, seen.append), whole)
     assert seen == sorted(seen)
@@ -108,4 +109,5 @@ def test_at_the_measured_speed_only_the_turning_is_predicted(driven):
     assert np.abs(free[3] - truth[3]).max() > 0.3
     assert np.abs(given[3] - truth[3]).max() < 0.03
     assert np.abs(given[5] - truth[5]).max() < 0.1 * np.abs(free[5] - truth[5]).max()
-    assert np.array_equal(starts(cases)[3], cases[0].grid.v_x[cases[0].windows.start]), "untouched"
+    speed = cases[0].grid.v_x[cases[0].windows.start]
+    assert np.array_equal(measured(cases, (0,))[0, 3], speed), "untouched"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.subsample import FINE, fine
+from dart_hal.predict.substeps import FINE, fine
 
 
 def stepped(at, n=40):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import RecordingError
-from dart_hal.identify.evaluation import prepare
-from dart_hal.identify.evaluation.cases import short
-from dart_hal.identify.evaluation.windows import covered, find_windows
-from dart_hal.identify.runs import RUN, read_any
+from dart_hal.evaluate import prepare
+from dart_hal.evaluate.cases import short
+from dart_hal.identify.runs import read_any
+from dart_hal.predict.windows import covered, find_windows
+from dart_hal.recording.dart import RUN
 
 
 @pytest.fixture

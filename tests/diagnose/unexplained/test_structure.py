@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.readings import SENSORS
-from dart_hal.diagnose.residuals import MOTION
-from dart_hal.diagnose.structure import Group, shares, structure
+from dart_hal.diagnose.evidence.readings import SENSORS
+from dart_hal.diagnose.evidence.residuals import MOTION
+from dart_hal.diagnose.unexplained.structure import Group, shares, structure
 
 SECONDS = 120.0
 
@@ -58,6 +58,7 @@ def planted(of, channel, curve, share=0.25):
     return replace(of, y=y)
 
 
+@pytest.mark.more
 def test_noise_is_no_structure():
     fired = [seed for seed in range(20) if structure([windows(seed, memory=0.15)], seed)]
     assert len(fired) <= 1
@@ -86,6 +87,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     (windows, "v_x", lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3 + 2.0), {("way",)}),
     (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
 ])
+@pytest.mark.few("windows-v_x-*-along0", "messages-gyro-*")
 def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
     found = structure([planted(make(5), channel, curve, 0.4)], 1)
     assert [u.channel for u in found] == [channel]
@@ -98,6 +100,7 @@ def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
 
 @pytest.mark.parametrize("curve", [lambda f: f["speed"],
                                    lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3)])
+@pytest.mark.more
 def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     """The negative control: as large, as smooth, but it follows no function of the features."""
     of = planted(windows(5), "v_x", curve, 0.6)
@@ -119,6 +122,7 @@ def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_o
     assert size == pytest.approx(0.8 * of.size[0, 0], rel=0.15)
 
 
+@pytest.mark.more
 def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_place():
     of = windows(6, recordings=3)
     x = {**of.features, "x": 4.0 * np.sin(0.11 * np.arange(len(of.y)))}
@@ -146,6 +150,7 @@ def test_a_level_of_each_recording_is_called_that():
     assert "at recording day/0.csv" in found[0].structure, "by name: the order of files is ours"
 
 
+@pytest.mark.more
 def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_variable():
     of = windows(8, recordings=4)
     turns = np.array([1.0, -1.0, 1.0, -1.0])[of.recording]
@@ -164,6 +169,7 @@ def test_share_falls_to_nothing_with_the_cause():
     assert set(before) == set(MOTION)
 
 
+@pytest.mark.more
 def test_same_seed_same_answer_and_too_little_says_nothing():
     of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
     assert structure([of], 4) == structure([of], 4)

@@ -3,7 +3,7 @@
 ``FAR``: must end as unexplained, under no other name. ``NEAR``: the same physics
 as a catalogue entry in another functional form; ``FAMILY`` says which names are
 then an honest answer. Sizes of ``FAR`` disturb as much as a steering lag of medium
-size, see ``outsider_sizes.py``; those of ``NEAR`` about as much as their relative.
+size, see ``out_of_catalogue_sizes.py``; those of ``NEAR`` about as much as their relative.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from outsiders_near import FAMILY, NEAR
+from near_relatives import FAMILY, NEAR
 from stranger import MOMENT, SIDE_FRONT, SIDE_REAR, Car, H, Now, Truth, X, Y
 from stranger_causes import Cause
 

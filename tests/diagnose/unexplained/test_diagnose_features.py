@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.drive import Drive
-from dart_hal.diagnose.features import UNITS, message_features, window_features
-from dart_hal.diagnose.residuals import Evidence
+from dart_hal.diagnose.evidence.drive import Drive
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.unexplained.features import UNITS, message_features, window_features
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering

@@ -1,0 +1,33 @@
+"""The demo from its first word to its page, with a diagnosis made by hand; test-more makes one."""
+
+from __future__ import annotations
+
+import json
+
+import made_by_hand as made
+import pytest
+
+from dart_hal.cli.main import main
+
+
+@pytest.mark.more
+def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("dart_hal.cli.demo_real.excerpt", lambda: None)
+    monkeypatch.setattr("dart_hal.cli.demo.LAPS", 1)
+    monkeypatch.setattr("dart_hal.diagnose.inputs._long_enough", lambda *_: None)
+    for name in ("BEFORE", "AFTER", "UNSEEN"):
+        monkeypatch.setattr(f"dart_hal.cli.demo_diagnosis.{name}", 10.0)
+    monkeypatch.setattr("dart_hal.cli.demo_diagnosis.diagnose", lambda *_, **__: made.diagnosis())
+    out = tmp_path / "demo"
+    with pytest.raises(SystemExit) as ended:
+        main(["demo", "--url", "sim://?seed=7&nano=mock&effect=steering_lag:0.12", "--out",
+              str(out), "--json"])
+    said = capsys.readouterr()
+    assert not ended.value.code, said.err
+    told = json.loads(said.out)
+    assert 0 < told["summary"]["steering_rms_deg"] < 0.5
+    assert told["summary"]["diagnosis"]["named"] is True
+    assert all((tmp_path / path).stat().st_size > 0 for path in told["files"].values())
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "steering_lag" in page
+    assert "diagnosis.html" in page

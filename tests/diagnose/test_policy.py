@@ -1,0 +1,121 @@
+"""Every threshold of the diagnosis stands in its policy, says what it is, and is used."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import FrozenInstanceError, fields, replace
+from pathlib import Path
+
+import numpy as np
+import policy_sensitivity as sensitivity
+import pytest
+from policy_sensitivity import COMPARED, Watched, altered, changed, usual
+from searched import drive, evidence, names, search
+
+from dart_hal.diagnose import policy as module
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.policy import USUAL, InputPolicy, Policy
+from dart_hal.errors import RecordingError
+from dart_hal.vehicle import PAPER
+
+ROOM = Path(module.__file__).parent
+GRIDS = {"ROUNDS", "QUICK", "STEPS", "FAINT", "PASSES", "AGES", "OLDER"}
+"""Numbers of a search that decide no name: iterations, starts, rounding."""
+
+
+def bare(text):
+    """Fields of dataclasses that no comment explains."""
+    return re.findall(r"^    (\w+): (?:float|int|tuple\[.*\]) = [^#\n]*$", text, flags=re.M)
+
+
+def test_every_threshold_says_what_it_is():
+    text = Path(module.__file__).read_text(encoding="utf-8")
+    assert bare(text) == []
+    assert bare("    close: float = 0.7\n") == ["close"]
+
+
+def test_every_threshold_is_used():
+    text = "".join(p.read_text(encoding="utf-8") for p in ROOM.rglob("*.py") if p != Path(
+        module.__file__))
+    for group in fields(USUAL):
+        for one in fields(getattr(USUAL, group.name)):
+            assert re.search(rf"\.{one.name}\b", text), f"{group.name}.{one.name}"
+
+
+def test_the_search_has_no_threshold_of_its_own():
+    found = {target.id for path in (ROOM / "search").glob("*.py")
+             for node in ast.parse(path.read_text(encoding="utf-8")).body
+             if isinstance(node, ast.Assign) and any(isinstance(n, ast.Constant) and isinstance(
+                 n.value, float | int) for n in ast.walk(node.value))
+             for target in ast.walk(node.targets[0]) if isinstance(target, ast.Name)}
+    assert found <= GRIDS
+
+
+def test_a_policy_is_frozen_and_equal_to_its_like():
+    with pytest.raises(FrozenInstanceError):
+        USUAL.naming = USUAL.naming
+    assert Policy() == USUAL
+    assert changed(USUAL, "naming.firm", 1.0) != USUAL
+
+
+def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
+    short = [drive(seconds=12.0)]
+    assert checked(short, [], PAPER, policy=InputPolicy(train_s=5.0)).train
+    with pytest.raises(RecordingError, match="too little driving"):
+        checked(short, [], PAPER, policy=InputPolicy(train_s=60.0))
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("threshold", ["naming.least_size", "naming.own_part"])
+def test_a_search_decides_by_the_policy_that_it_is_given(threshold):
+    lag = drive(("steering_lag", 0.06), seed=8)
+    assert names(search(lag, names=("steering_lag",))) == ["steering_lag"]
+    strict = changed(USUAL, threshold, 100.0)
+    assert names(search(lag, names=("steering_lag",), policy=strict)) == []
+
+
+@pytest.mark.more
+def test_blocks_and_loss_are_those_of_the_policy():
+    seen, one = evidence(drive()), ("gyro_bias",)
+    found = search(drive(), names=one)
+    other = search(drive(), names=one, policy=replace(
+        USUAL, noise=replace(USUAL.noise, robust=6.0), blocks=replace(USUAL.blocks, seconds=4.0)))
+    assert other.noise.policy.robust == 6.0
+    assert not np.array_equal(other.noise.weight, found.noise.weight)
+    assert seen.blocks(4.0)[0].max() == seen.blocks(2.0)[0].max() // 2
+
+
+def test_a_watched_threshold_decides_as_it_is_and_notes_what_half_and_double_would():
+    noted = set()
+    share = Watched.of(0.5, (0.25, 1.0), noted)
+    for gain in (10.0, np.float64(10.0)):
+        assert not gain * 0.2 > share * gain
+        assert not noted, "nothing to note: 2 is below 2.5, 5 and 10"
+    assert np.float64(6.0) > share * np.float64(10.0)
+    assert noted == {1}, "6 is above 5 and below 10"
+    assert max(3.0, share * 10.0) == 5.0
+    assert noted == {0, 1}, "with half it would be 3"
+
+
+def test_half_and_double_are_of_what_is_usual():
+    for name in COMPARED:
+        policy = altered(name, 2.0)["policy"]
+        group, key = name.split(".")
+        assert getattr(getattr(policy, group), key) == 2.0 * usual(name)
+    assert altered("false_alarm", 0.5) == {"false_alarm": 0.005}
+
+
+def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
+    asked = []
+
+    def ask(*files, policy=USUAL, **how):
+        asked.append(how)
+        return {"verdict": str(policy.naming.close < 1.0)}  # 0.7 is, and 0.35; 1.4 is not
+
+    monkeypatch.setattr(sensitivity, "ask", ask)
+    monkeypatch.setattr(sensitivity, "run", lambda case, seconds, asked: asked())
+    line = sensitivity.examine(None, (1.0, 1.0))
+    assert set(line["changed"]) == {"naming.close x 2", *(
+        f"{name} x {f:g}" for name in sensitivity.ALWAYS for f in (0.5, 2.0))}
+    assert len(asked) == 1 + len(line["changed"])

@@ -1,0 +1,106 @@
+"""The page builder, the chart kit and the numbers: sound markup, round ticks, honest digits."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from base64 import b64decode
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dart_hal.report import charts, figures, page, svg
+from dart_hal.report.html import VOID, Html, el, table
+from dart_hal.report.numbers import with_error
+from pages import foreign, shown
+
+
+class Reader(HTMLParser):
+    """Whether every element that is opened is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.open += [tag] * (tag not in VOID)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_ticks_are_round_and_inside():
+    for low, high in ((-0.013, 0.09), (0.0, 322.0), (1e-4, 3e-4), (-3.0, 5.0)):
+        marks = svg.ticks(low, high)
+        assert 2 <= len(marks) <= 7
+        assert all(low - 1e-12 <= m <= high + 1e-12 for m in marks)
+        shown = [svg.label(m, (low, high)) for m in marks]
+        assert len(set(shown)) == len(shown)
+        np.testing.assert_allclose([float(s) for s in shown], marks, rtol=1e-6, atol=1e-9)
+
+
+def test_an_interval_without_any_number_can_still_be_drawn():
+    low, high = svg.around(np.array([np.nan]), zero=True)
+    assert low < 0.0 < high
+
+
+def test_markup_is_kept_and_text_is_escaped():
+    assert el("p", "a < b +- 1", el("b", "x")) == "<p>a &lt; b ± 1<b>x</b></p>"
+    assert el("p", class_="n", data_x='"') == '<p class="n" data-x="&quot;"></p>'
+    assert isinstance(table(("a",), [("<i>",)]), Html)
+    with pytest.raises(ValueError, match="attribute"):
+        el("line", x1=float("nan"))
+
+
+def test_a_table_without_rows_is_not_there():
+    assert table(("a", "b"), []) == ""
+    assert "thead" in table(("a", "b"), [("1", "2")])
+    assert "thead" not in table(("", ""), [("1", "2")])
+
+
+@pytest.mark.parametrize(("value", "std", "text"), [
+    (13.348, 9.3, "13.3 +- 9.3"), (1.72584, 0.0213, "1.726 +- 0.021"),
+    (0.0, 0.013, "0.000 +- 0.013"), (9.96, 0.996, "10.0 +- 1.0"), (1234.5, 172.0, "1230 +- 170"),
+    (-0.0001, 0.31, "0.00 +- 0.31"), (1.0, math.inf, "1 +- unknown")])
+def test_value_and_error_end_at_the_same_place(value, std, text):
+    assert with_error(value, std) == text
+
+
+def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
+    pytest.importorskip("matplotlib")
+    x, reach = np.arange(3.0), np.array([0.1, math.nan, 0.2])
+    figure = figures.new_figure()
+    figures.finish(figure.subplots(), "x", "y", "title")
+    drawn = [charts.lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
+             charts.steps("steps", "y", np.array([2.0, math.nan, 1.0]), 3.0, "CTRV"),
+             charts.bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
+             figures.image(figure, "a <picture>")]
+    sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
+                "two": ("Second", page.card(el("p", "told"), good=True))}
+    whole = page.page("of <a test>", "Heading", page.text("lead"), sections)
+    written = page.write(tmp_path / "new" / "page.html", whole).read_text(encoding="utf-8")
+    assert written == whole
+    assert not Reader(whole).open
+    assert not foreign(whole)
+    assert not re.search(r"\b(nan|inf|None)\b", shown(whole))
+    assert all(f'href="#{key}"' in whole and f'id="{key}"' in whole for key in sections)
+    assert "<caption>" not in whole
+    assert whole.count("<svg") == 3
+
+
+@pytest.mark.parametrize("tag", ['<img src="http://a.b/c.png">', "<script>", "<link rel=x>",
+                                 "<p style='background: url(x)'>", '<iframe src="x">'])
+def test_what_asks_for_something_from_outside_is_seen(tag):
+    assert foreign(page.page("a", "b", Html(tag), {}))
+
+
+def test_what_is_downloaded_is_the_answer():
+    given = {"a": math.nan, "b": np.arange(2), "c": Path("x"), "d": (1, {"e": np.float64(2.5)})}
+    button = page.download(given, "x.json")
+    data = json.loads(b64decode(button.partition("base64,")[2].partition('"')[0]))
+    assert data == {"a": None, "b": [0, 1], "c": "x", "d": [1, {"e": 2.5}]}
