@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
+export PYTHONDONTWRITEBYTECODE := # else each process compiles every file again
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults fuzz soak mutants lint bench campaign docs firmware native hardware clean
+.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign docs firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -13,9 +14,16 @@ help: ## list the targets
 demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; writes demo/index.html
 	@$(BIN)/dart-hal demo --out demo $(ARGS)
 
-test: $(VENV)/.dev toolchain ## run every test (about five minutes)
-	@$(BIN)/python -m pytest -n 2 -m "not slow" $(ARGS)
+# Real time comes behind the tests that keep the processors busy. 5: none of it was asked for.
+QUICK := --cpu-limit 2 $(ARGS)
+test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about four minutes)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(QUICK) || test $$? -eq 5
 	@echo "All good: tests, types, style and floors hold."
+
+test-more: $(VENV)/.dev toolchain ## the other cases of it, and more examples of each law
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "more and realtime and not slow" $(ARGS) || test $$? -eq 5
 
 test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
 	@$(BIN)/python -m pytest -m slow $(ARGS)

@@ -3,13 +3,14 @@
 Without one, or when it fails, the package is built all the same: the first use
 tries again, and numpy computes what nobody compiled. The libraries are for the
 processor they were built on, so a wheel that holds them says which platform it
-is for, and on another processor of that platform they are not found.
+is for (any Python 3 of it), and on another processor of that platform they are not found.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import sys
+import sysconfig
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,7 +36,8 @@ class KernelHook(BuildHookInterface):
         if version != "editable":
             build_data["artifacts"] += [str(NATIVE / "_built" / "*.so")]
             build_data["pure_python"] = False
-            build_data["infer_tag"] = True
+            platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+            build_data["tag"] = f"py3-none-{platform}"
 
 
 def _module(path: Path) -> ModuleType:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,46 @@ if IN_CI:
     os.environ.setdefault("DART_HAL_REQUIRE_EMULATOR", "1")
 
 
-settings.register_profile("dart", deadline=None)  # how long an example takes is the machine's
-settings.load_profile("dart")
+# How long an example takes is the machine's: no deadline.
+settings.register_profile("dev", deadline=None, max_examples=20)
+settings.register_profile("ci", deadline=None, max_examples=200)
+settings.load_profile("dev")
+
+sys.path.append(str(Path(__file__).parent))
+import cpu_time  # noqa: E402
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.append(str(HOME / "tests" / "wire"))  # wire_samples: traffic and damage for every room
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--cpu-limit", type=float, default=0.0, metavar="SECONDS",
+                     help="fail a test that takes more CPU time and has no mark for it")
+    parser.addoption("--cpu-list", type=Path, metavar="FILE", help="write each test's CPU seconds")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    keep = None if hasattr(config, "workerinput") else config.getoption("--cpu-list")
+    config.pluginmanager.register(
+        cpu_time.Watch(config.getoption("--cpu-limit"), keep), "cpu-time")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What a mark ``few`` does not name is for ``make test-more``."""
+    dead: set[tuple[str, str]] = set()
+    live: set[tuple[str, str]] = set()
+    for item in items:
+        few, case = item.get_closest_marker("few"), getattr(item, "callspec", None)
+        if few and case:
+            name = item.nodeid.partition("[")[0]
+            named = {(name, i) for i in few.args if fnmatchcase(case.id, i)}
+            live |= named
+            dead |= {(name, i) for i in few.args}
+            if not named:
+                item.add_marker("more")
+    if dead - live and not any("[" in asked for asked in config.args):
+        raise pytest.UsageError(f"marks `few` for cases that are not there: {sorted(dead - live)}")
 
 
 @pytest.fixture(scope="session")

@@ -31,6 +31,7 @@ def test_there_are_examples_of_both_kinds():
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
+@pytest.mark.few("drive_circle")
 def test_a_program(program, tmp_path):
     said = run([program], tmp_path, URLS[0])
     assert any(c.isdigit() for c in said)
@@ -45,6 +46,7 @@ def test_a_script_for_drive(script, tmp_path):
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_an_example_on_the_firmware(tmp_path):
     said = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
     assert "turned" in said

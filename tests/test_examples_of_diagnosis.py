@@ -43,6 +43,7 @@ def upgraded(seconds, only):
     return example.main(seconds)
 
 
+@pytest.mark.more
 def test_the_extended_model_tunes_the_better_controller():
     found, driven = tuned(LAG, short=True)
     assert [c.effect for c in found.causes] == ["steering_lag"]
@@ -79,6 +80,7 @@ def check_upgrades(seen):
     assert after[3] == pytest.approx(after[2], rel=0.03)
 
 
+@pytest.mark.more
 def test_both_upgrades_are_told_from_a_drive_before_and_after():
     check_upgrades(upgraded(32.0, LOSSES))
 

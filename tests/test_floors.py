@@ -57,8 +57,10 @@ def let_import(house: Path, room: str, other: str) -> None:
     ("types", "cli"), ("vehicle", "ports"),                             # up; the physics
     ("links", "actuation"), ("actuation", "links"),                     # sideways
     ("links", "recording"), ("recording", "links"), ("control", "estimation"),
-    ("vehicle", "wire"), ("report", "car"), ("sim", "calibration"),
+    ("vehicle", "wire"), ("report", "car"), ("sim", "calibration"), ("identify", "evaluate"),
+    ("evaluate", "identify"), ("predict", "evaluate"),
 ])
+@pytest.mark.few("types-cli", "recording-links", "sim-calibration")
 def test_an_import_up_or_sideways_would_be_seen(house, room, other):
     """The negative control."""
     let_import(house, room, other)
@@ -125,6 +127,7 @@ def test_import_dart_hal_is_light():
     "import dart_hal.actuation", "import dart_hal.links.serial_port", "import dart_hal.vehicle",
     "import dart_hal.estimation", "import dart_hal.calibration", "import dart_hal.control.speed",
 ])
+@pytest.mark.few("from dart_hal import Car, Fleet", "import dart_hal.calibration")
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got

@@ -9,7 +9,7 @@ from fractions import Fraction
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pwm_world import World, car_files
 
@@ -135,7 +135,6 @@ def test_time_that_goes_back_is_refused() -> None:
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2))
-@settings(max_examples=40, deadline=None)
 def test_no_command_passes_the_limits_and_clipping_is_said(steering, throttle) -> None:
     world, actuator = opened(car_files(max_throttle=0.5, min_throttle=-0.3, max_steering=0.25))
     drive(world, actuator, steering, throttle, frames=3)
@@ -147,7 +146,6 @@ def test_no_command_passes_the_limits_and_clipping_is_said(steering, throttle) -
 
 
 @given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-1, 1)), min_size=1, max_size=15))
-@settings(max_examples=30, deadline=None)
 def test_slew_limits_hold_between_any_two_frames(commands) -> None:
     world, actuator = opened(car_files(steering_slew=2.0, throttle_slew=5.0))
     last = actuator.applied

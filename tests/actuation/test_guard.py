@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.guard import GIVE_UP, LAST_WORDS, Watch, watch
+from dart_hal.actuation.guard import GIVE_UP, LAST_WORDS, SILENCE, Watch, watch
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.owner import own
 from dart_hal.errors import BusError
@@ -158,6 +158,7 @@ def wait_for_neutral(bench: Bench) -> None:
         pass
 
 
+@pytest.mark.realtime
 def test_a_killed_driver_leaves_neutral_on_the_bus(bench: Bench) -> None:
     driver = start(bench, "guarded")
     driver.kill()
@@ -176,6 +177,7 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("workers", ["let go", "keeps"])
+@pytest.mark.realtime
 def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers: str) -> None:
     """Two forked workers live on. In the second case they even keep the guard's pipe open."""
     driver = start(bench, "guarded", workers)
@@ -197,6 +199,7 @@ def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers:
         os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.realtime
 def test_a_child_holds_no_pipe_of_the_guard(bench: Bench) -> None:
     """The control is the second line: what the parent has there is a pipe."""
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
@@ -216,6 +219,7 @@ def test_a_child_holds_no_pipe_of_the_guard(bench: Bench) -> None:
     guard.close()
 
 
+@pytest.mark.realtime
 def test_the_guard_is_of_a_session_of_its_own(bench: Bench) -> None:
     """A closed terminal ends the driver's session and process group."""
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
@@ -225,6 +229,7 @@ def test_the_guard_is_of_a_session_of_its_own(bench: Bench) -> None:
     guard.close()
 
 
+@pytest.mark.realtime
 def test_a_whole_process_group_is_killed_and_the_guard_is_not_of_it(bench: Bench) -> None:
     driver = subprocess.Popen([sys.executable, "-c", DRIVER, bench.spec, "guarded"], text=True,
                               stdout=subprocess.PIPE, start_new_session=True)
@@ -295,6 +300,7 @@ def test_a_guard_on_a_bus_that_stays_dead_ends() -> None:
         os.close(fd)
 
 
+@pytest.mark.realtime
 def test_without_the_guard_the_last_throttle_stays(bench: Bench) -> None:
     """The negative control: nobody writes after the kill."""
     driver = start(bench, "alone")
@@ -321,6 +327,7 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
         wait_for_neutral(bench)
 
 
+@pytest.mark.realtime
 def test_a_dead_guard_is_seen_by_the_driver(bench: Bench) -> None:
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     assert guard.gate() == "GUARD_SILENT", "nobody watches before the first beat"
@@ -332,6 +339,40 @@ def test_a_dead_guard_is_seen_by_the_driver(bench: Bench) -> None:
     guard.beat()
 
 
+@pytest.mark.realtime
+def test_a_trip_that_is_acknowledged_is_over(bench: Bench) -> None:
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
+    guard.beat()
+    wait_for_neutral(bench)                                   # no second beat came
+    while guard.gate() != "GUARD_TRIPPED":
+        time.sleep(0.01)
+    until = time.monotonic() + 20.0                           # a busy machine trips it again
+    while guard.gate() is not None:
+        assert time.monotonic() < until
+        guard.acknowledge()
+        guard.beat()
+        time.sleep(0.01)
+    guard.close()
+
+
+@pytest.mark.realtime
+def test_a_guard_that_hangs_does_not_hold_up_the_driver(bench: Bench) -> None:
+    """Its pipe takes 64 KiB of beats and no more; the frame step must not wait for it."""
+    guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
+    os.kill(guard.pid, signal.SIGSTOP)
+    try:
+        beats = threading.Thread(target=lambda: [guard.beat() for _ in range(70_000)], daemon=True)
+        beats.start()
+        beats.join(60.0)
+        assert not beats.is_alive()
+        time.sleep(2 * SILENCE)
+        assert guard.gate() == "GUARD_SILENT"
+    finally:
+        os.kill(guard.pid, signal.SIGCONT)
+        os.kill(guard.pid, signal.SIGKILL)
+
+
+@pytest.mark.realtime
 def test_a_guard_that_is_closed_writes_nothing(bench: Bench) -> None:
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     guard.beat()
@@ -345,6 +386,7 @@ def test_a_guard_without_a_bus_does_not_start(tmp_path: Path) -> None:
     assert "no simulated I2C bus" in caught.value.found
 
 
+@pytest.mark.realtime
 def test_a_guard_whose_opener_has_no_name_does_not_start(bench: Bench) -> None:
     """The guard is another process: it finds a function by the name of its module."""
     with pytest.raises(BusError, match="does not start"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import accumulate
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from pwm_world import car_files
 
@@ -47,7 +47,6 @@ def test_the_map_goes_through_its_points(curve: Pchip) -> None:
     assert [curve(x) for x in curve.x] == pytest.approx(list(curve.y), abs=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
 @given(curves(), st.floats(0, 1))
 def test_the_map_is_the_pchip_that_scipy_computes(curve: Pchip, u: float) -> None:
     from scipy.interpolate import PchipInterpolator

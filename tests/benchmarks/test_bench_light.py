@@ -8,6 +8,7 @@ import bench_light
 import pytest
 
 
+@pytest.mark.more
 def test_rows():
     pytest.importorskip("gymnasium", reason="needs the extra gym")
     rows = bench_light.figures(0.002)

@@ -9,7 +9,7 @@ import bench_identify
 import numpy as np
 import pytest
 
-from dart_hal.identify.as_paper import fit_as_paper
+from dart_hal.paper import fit_as_paper
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 
@@ -44,6 +44,7 @@ def test_torch_takes_the_same_steps(made):
         assert with_tape.x == pytest.approx(by_hand.x, rel=1e-2)
 
 
+@pytest.mark.more
 def test_every_row_is_there(monkeypatch):
     monkeypatch.setattr(bench_identify, "recordings", lambda: EXCERPT)
     rows = {f.name: f for f in bench_identify.figures(0.01)}

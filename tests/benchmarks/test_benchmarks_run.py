@@ -35,6 +35,7 @@ def by_name(figures: list[Figure]) -> dict[str, Figure]:
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_encoder():
     rows = by_name(bench_encoder.figures(TINY))
     assert len(rows) == 7
@@ -61,6 +62,7 @@ def test_decode():
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_emulation():
     rows = by_name(bench_emulation.figures(TINY))
     assert rows["different byte streams by read slice"].ok
@@ -75,6 +77,7 @@ def test_another_drive_gives_another_stream():
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_clock():
     rows = by_name(bench_clock.figures(TINY))
     assert len(rows) == 4
@@ -82,6 +85,7 @@ def test_clock():
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_clock_errors_are_seen():
     """A zero that is 1 ms off shows as 1 ms of error."""
     zero = bench_clock.tick_zero()

@@ -21,6 +21,7 @@ class Ran:
     @property
     def json(self) -> dict:
         """The one JSON object on standard output."""
+        assert self.out, self.err
         value, end = json.JSONDecoder().raw_decode(self.out)
         assert self.out[end:].strip() == "", "more than one object on standard output"
         assert isinstance(value, dict)

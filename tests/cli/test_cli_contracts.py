@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.cli.main import VERBS
+from pages import foreign
 
 MOCK = "sim://?seed=7&nano=mock"
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
@@ -63,6 +64,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
     assert answer not in ran.err
 
 
+@pytest.mark.more
 def test_demo(verb, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_hal.cli.demo_real.excerpt", lambda: None)
     for name, seconds in (("BEFORE", 50.0), ("AFTER", 30.0), ("UNSEEN", 30.0)):
@@ -91,8 +93,11 @@ def test_demo(verb, tmp_path, monkeypatch):
     assert said["real_car"] == {"skipped": said["real_car"]["skipped"]}
     assert "diagnosis_real" not in result["files"]
     assert "Skipped:" in page
+    for name in ("index.html", "diagnosis.html"):
+        assert not foreign((tmp_path / "demo" / name).read_text())
 
 
+@pytest.mark.more
 def test_calibrate_steering(verb, tmp_path):
     cars = tmp_path / "cars"
     done = verb("calibrate", "steering", "--url", MOCK, "--cars", cars, "--json")
@@ -111,6 +116,7 @@ def test_calibrate_steering(verb, tmp_path):
     assert result["car"] == "sim-7"
 
 
+@pytest.mark.more
 def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
     runs = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
     script = tmp_path / "weave.py"
@@ -196,6 +202,7 @@ def test_as_a_program(tmp_path):
 
 
 @pytest.mark.parametrize("verb", [("wire",), ("wire", "--json"), ("sim", "--reveal")])
+@pytest.mark.few("verb1")
 def test_a_reader_that_has_enough_is_no_failure(verb, tmp_path):
     """As `| head` closes its end: what is left to do is done, and nothing is complained of."""
     with subprocess.Popen([sys.executable, "-m", "dart_hal.cli.main", *verb], cwd=tmp_path,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import html
 import math
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 from rich.console import Console
 
 from dart_hal.cli import evaluate_table
+from dart_hal.report.numbers import significant
+from pages import foreign
 
 DATA = Path(__file__).resolve().parents[1] / "recorded" / "data"
 FREE = DATA / "91_free_driving_16_sept_2024"
@@ -95,7 +98,7 @@ def test_table_shows_both_on_standard_output(verb):
     ran = verb("evaluate", FREE)
     assert ran.code == 0
     assert ran.err.strip() == ""
-    assert "holding the velocities" in ran.out
+    assert "constant velocity (CTRV)" in ran.out
     assert ".42|.78" in ran.out, "yaw rate at 1 s, model and held"
     assert "how far the kinematic model reaches" in ran.out
 
@@ -189,6 +192,7 @@ def test_what_no_equation_knows_is_not_passed_over(verb, tmp_path, more):
     assert ran.error["code"] == "D-FILE-01"
 
 
+@pytest.mark.more
 def test_pictures_one_file_or_a_folder(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE, "--plot", tmp_path / "a.png").json
@@ -199,6 +203,23 @@ def test_pictures_one_file_or_a_folder(verb, tmp_path):
     for path in [*got["plots"], tmp_path / "a.png"]:
         assert Path(path).read_bytes()[:4] == b"\x89PNG"
         assert Path(path).stat().st_size > 20_000
+
+
+@pytest.mark.more
+def test_a_page_has_every_error_and_the_pictures(verb, tmp_path):
+    pytest.importorskip("matplotlib")
+    got = verb("evaluate", "--json", FREE, "--html", tmp_path / "new" / "a.html").json
+    text = Path(got["report"]).read_text(encoding="utf-8")
+    for score in (got["horizons"], got["ctrv"]):
+        for of in score.values():
+            assert all(f"{significant(of['pooled'][c])} ({significant(of['median'][c])})" in text
+                       for c in CHANNELS)
+    for sentence in got["kinematic_limit"]["statement"]:
+        assert html.escape(sentence, quote=True) in text
+    assert text.count("<img") == 3
+    assert not foreign(text)
+    assert "does not end in .html" in verb(
+        "evaluate", "--json", FREE, "--html", tmp_path / "a.png").error["what"]
 
 
 def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.cli.output import plain, print_json
+from dart_hal.cli.output import print_json
+from dart_hal.report.page import plain
 
 NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf"),
               np.array(np.nan)]

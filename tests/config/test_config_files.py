@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.config import (
@@ -73,19 +73,16 @@ models = st.builds(
                      max_size=3).map(tuple))
 
 
-@settings(max_examples=25, deadline=None)
 @given(calibrations())
 def test_a_calibration_that_was_written_reads_the_same(cal: Calibration) -> None:
     assert parse_calibration(dump(cal), "x", cal.car) == cal
 
 
-@settings(max_examples=25, deadline=None)
 @given(calibrations(), calibrations())
 def test_writing_over_an_older_calibration_leaves_nothing_of_it(old, new) -> None:
     assert parse_calibration(merge(dump(old), new), "x", new.car) == new
 
 
-@settings(max_examples=25, deadline=None)
 @given(models, models)
 def test_a_model_that_was_written_reads_the_same(old: ModelFile, new: ModelFile) -> None:
     assert parse_model(dump(new), "x") == new

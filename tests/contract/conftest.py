@@ -27,8 +27,6 @@ PATIENCE = 30.0
 """s that anything in real time may take on a machine that does something else."""
 
 URLS = {"mock": "sim://?nano=mock", "avr": "sim://?nano=avr"}
-KINDS = ["mock", pytest.param("avr", marks=pytest.mark.emulator), "pty"]
-VIRTUAL = KINDS[:2]
 
 
 def counts(bus) -> tuple[int, int]:

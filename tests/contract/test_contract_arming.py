@@ -303,6 +303,7 @@ def test_drive_and_pulses_outside_their_modes(tmp_path):
 
 @pytest.mark.emulator
 @pytest.mark.parametrize("wait", [1.5, 3.5, 4.1, 4.3, 4.5])
+@pytest.mark.few("1.5")
 def test_the_imu_saving_its_offsets_does_not_keep_the_car_from_arming(tmp_path, wait):
     """A calibrated BNO055 at rest is read out once: no samples for some 70 ms."""
     with Car.open("sim://", cars=tmp_path) as car:

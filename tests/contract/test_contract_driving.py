@@ -9,12 +9,14 @@ import pytest
 
 from dart_hal.errors import BadCommand
 
-ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator), "pty"]
+ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator),
+       pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.more])]
 NEUTRAL = range(305, 309)
 """Counts of 4.88 us around the neutral of 1500 us."""
 every_car = pytest.mark.parametrize("bench", ALL, indirect=True)
 every_car_in_time = pytest.mark.parametrize(
-    "bench", [*ALL[:2], pytest.param("pty", marks=pytest.mark.slow)], indirect=True)
+    "bench", [*ALL[:2], pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.slow])],
+    indirect=True)
 """The same; the served car in the long suite alone."""
 
 
@@ -39,6 +41,7 @@ def test_disarmed_it_carries_neutral_and_says_so(bench):
 
 
 @every_car
+@pytest.mark.few("mock", "pty")
 def test_left_circle_gives_positive_yaw_and_y(bench):
     car = bench.ready()
     first = next(car.states())
@@ -55,6 +58,7 @@ def test_left_circle_gives_positive_yaw_and_y(bench):
 
 
 @every_car_in_time
+@pytest.mark.few("mock", "pty")
 def test_a_right_turn_gives_negative_yaw(bench):
     car = bench.ready()
     first = next(car.states())

@@ -100,6 +100,7 @@ def test_without_a_fault_nothing_is_lost(undamaged):
 
 
 @pytest.mark.parametrize("spoil", FAULTS, ids=lambda f: f.__name__)
+@pytest.mark.few("flip", "swallow")
 def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged, spoil):
     states, clean, timing, touched = heard(tmp_path, spoil)
     got = {s.seq: s for s in states}

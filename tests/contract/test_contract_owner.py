@@ -16,6 +16,8 @@ from dart_hal.links import i2c
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.power_monitor import PowerMonitor
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE = 30.0
 NEUTRAL = range(305, 309)
 
@@ -44,6 +46,7 @@ with Car.open(url, car=name, cars=cars) as car:
 """
 
 
+@pytest.mark.more
 def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served, tmp_path):
     folder = tmp_path / "other"
     folder.mkdir()
@@ -67,6 +70,8 @@ def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served
 
 
 @pytest.mark.parametrize("workers", ["go", "keep"])
+@pytest.mark.few("go")
+@pytest.mark.cpu(4)
 def test_forked_workers_of_a_killed_driver_keep_nothing(served, workers):
     """The control: with what the hook takes away, port and chip stay taken."""
     program = subprocess.Popen(

@@ -18,6 +18,8 @@ import pytest
 from dart_hal.actuation import guarded
 from dart_hal.errors import LinkLost, PortBusy, PortMissing
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE = 30.0
 NEUTRAL = range(305, 309)
 
@@ -80,6 +82,7 @@ def driver(served):
     pytest.param(signal.SIGINT, None, marks=pytest.mark.slow),
     pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.slow),
 ])
+@pytest.mark.cpu(4)
 def test_a_signal_leaves_neutral(served, driver, number, code):
     assert wait_for(lambda: driven(served)), "it drives before the signal"
     driver.send_signal(number)
@@ -131,6 +134,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         assert car.mode != "ARMED"
 
 
+@pytest.mark.more
 def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
     threads = threading.active_count()
     with served.open() as car:
@@ -152,6 +156,7 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
         served.open()
 
 
+@pytest.mark.more
 def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
     with served.open() as car:
         states = []
@@ -198,6 +203,7 @@ def test_an_error_in_the_block_leaves_neutral(served, arm):
     assert served.counts()[1] in NEUTRAL
 
 
+@pytest.mark.more
 def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
     with served.open() as car:
         for _ in car.states(duration=0.1, timeout=PATIENCE):
@@ -215,6 +221,7 @@ def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
         assert car.timing.lost == 0
 
 
+@pytest.mark.more
 def test_open_and_close_leave_nothing_behind(served):
     def census():
         return len(os.listdir("/proc/self/fd")), threading.active_count()
@@ -227,6 +234,7 @@ def test_open_and_close_leave_nothing_behind(served):
     assert served.counts()[1] in NEUTRAL
 
 
+@pytest.mark.more
 def test_a_hundred_frames_a_second_arrive_under_load(served):
     """Two busy threads beside the loop: frames may be skipped, never lost."""
     done = threading.Event()

@@ -67,6 +67,7 @@ def closed_loop(url, cars, record=None, slice_s=None, seconds=2.0):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.few("mock")
 def test_replay_gives_the_states_of_the_run(kind, tmp_path):
     path = tmp_path / "run.mcap"
     states, _, _ = closed_loop(f"sim://?seed=5&nano={kind}", tmp_path, record=path)
@@ -91,6 +92,7 @@ def test_a_replay_is_not_driven_and_says_so(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.more
 def test_two_runs_are_one_file(kind, tmp_path):
     files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     url = f"sim://?seed=9&nano={kind}&jitter=usb"
@@ -106,6 +108,7 @@ def test_two_runs_are_one_file(kind, tmp_path):
     pytest.param("avr", "", marks=pytest.mark.emulator),
     pytest.param("avr", "&jitter=busy&ber=1e-5", marks=[pytest.mark.emulator, pytest.mark.slow]),
 ])
+@pytest.mark.more
 def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
     url = f"sim://?seed=3&nano={kind}{extra}"
     first, *others = (closed_loop(url, tmp_path, slice_s=s, seconds=1.0)
@@ -114,6 +117,8 @@ def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.few("mock")
+@pytest.mark.cpu(4)
 def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
     script, run = tmp_path / "wave.py", tmp_path / "run.mcap"
     script.write_text(SCRIPT)

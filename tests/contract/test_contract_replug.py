@@ -11,6 +11,8 @@ import pytest
 from dart_hal.car import pump
 from dart_hal.errors import LinkLost
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE = 30.0
 NEUTRAL = range(305, 309)
 
@@ -23,6 +25,7 @@ def drive_until_lost(car, served):
             served.process.send_signal(signal.SIGUSR1)
 
 
+@pytest.mark.cpu(4)
 def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(served_by_name, arm):
     with served_by_name.open() as car:
         arm(car)
@@ -40,6 +43,7 @@ def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(serv
             car.drive(throttle=0.3, valid_for=0.5)
 
 
+@pytest.mark.more
 def test_it_goes_on_disarmed_under_another_name(served_by_name):
     before = os.readlink(served_by_name.port)
     with served_by_name.open() as car:
@@ -61,6 +65,7 @@ def test_it_goes_on_disarmed_under_another_name(served_by_name):
         assert served_by_name.counts()[1] in NEUTRAL
 
 
+@pytest.mark.more
 def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
     """The control: what makes it the same car is the number in HELLO, not the name."""
     real = pump.Search
@@ -74,6 +79,7 @@ def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
             next(car.states(timeout=4.0))
 
 
+@pytest.mark.more
 def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
     """Steps of the search and frames of the pins in a second, not processor time."""
     with served_by_name.open() as car:

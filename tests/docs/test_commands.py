@@ -59,6 +59,8 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.few("README")
+@pytest.mark.cpu(5)
 def test_what_a_page_tells_to_type_works(page, tmp_path):
     assert play(page, tmp_path, slow=False)
 

@@ -13,7 +13,7 @@ from dart_hal.links import pty as pty_module
 from dart_hal.links.emulator import EmulatedNano
 from dart_hal.links.pty import Pty
 
-pytestmark = pytest.mark.emulator
+pytestmark = [pytest.mark.emulator, pytest.mark.realtime]
 
 
 def wait_for(condition, seconds=5.0):

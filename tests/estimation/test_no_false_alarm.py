@@ -19,14 +19,15 @@ DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
 
 
 @pytest.mark.parametrize("style", STYLES)
+@pytest.mark.more
 def test_no_style_of_driving_is_doubted(style):
-    assert drive(17, style, 9.0).doubts == ()
+    assert drive((17, style), 9.0).doubts == ()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES)
 def test_no_style_of_driving_is_doubted_on_ten_cars(style):
-    assert [d for seed in range(30, 40) for d in drive(seed, style, 36.0).doubts] == []
+    assert [d for seed in range(30, 40) for d in drive((seed, style), 36.0).doubts] == []
 
 
 def told(path: Path) -> dict[str, set[str]]:

@@ -151,6 +151,7 @@ def nees(noise, seeds):
     OdometryNoise(gyro_noise=2e-3),
     OdometryNoise(gyro_scale=0.002, travel_scale=0.002, slip_gain=0.04),
 ], ids=["default", "noisy gyro", "calibrated, slippery"])
+@pytest.mark.more
 def test_covariance_is_honest(noise):
     """Mean of 60 chi-square values of 3 degrees: 3 +- 0.32, so 4 sigma."""
     assert 1.75 < nees(noise, range(60)) < 4.3

@@ -121,6 +121,7 @@ def test_top_speed_ends_a_drive_that_runs_away(files):
     assert max(f.speed for f in drive.frames) < 1.6
 
 
+@pytest.mark.more
 def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
     path = tmp_path / "aborted.mcap"
     with Car.open("sim://?seed=3&nano=mock", cars=tmp_path, record=path) as car:
@@ -141,6 +142,7 @@ def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
     assert any("needed" in note for note in fit.notes)
 
 
+@pytest.mark.more
 def test_simulated_car_without_its_encoder(tmp_path):
     """Through the whole Car: no edge, so the throttle is cut, and the drive ends with the cause."""
     with Car.open("sim://?seed=3&nano=mock&fail=enc:off@0", cars=tmp_path) as car:

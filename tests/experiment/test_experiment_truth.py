@@ -31,6 +31,7 @@ FAR = 3.0
 """standard errors: one in 400 by chance; the campaign counts 90 % intervals."""
 
 
+@pytest.mark.more
 def test_friction_of_a_hidden_car(experiment, misses, truth_of):
     done = experiment("friction", 3)
     assert not done.drive.stopped
@@ -84,6 +85,7 @@ def test_steering_of_a_hidden_car(experiment, misses, truth_of):
     assert all(abs(z) < FAR for z in away.values()), away
 
 
+@pytest.mark.more
 def test_delay_of_a_hidden_car(experiment):
     done = experiment("delay", 3, QUICK)
     fit = done.fit
@@ -110,6 +112,7 @@ def test_delay_of_a_hidden_car(experiment):
     assert 0.01 < fit.parameters["steering_lag_s"].value < 0.05
 
 
+@pytest.mark.more
 def test_understeer_of_a_hidden_car(experiment, true_slope):
     done = experiment("tyres", 6)
     told = done.outcome.understeer
@@ -126,6 +129,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_understeer_through_the_real_firmware(experiment, true_slope):
     done = experiment("tyres", 4, nano="avr")
     told = done.outcome.understeer

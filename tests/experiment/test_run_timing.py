@@ -34,6 +34,7 @@ def pulled(tmp_path_factory):
 
 
 @pytest.mark.parametrize("every", [1, 2, 5, 10])
+@pytest.mark.few("2", "10")
 def test_speed_is_the_mean_of_the_step_and_not_older(pulled, every):
     path, world = pulled
     m = read_run(path, every).messages
@@ -50,6 +51,7 @@ def test_speed_is_the_mean_of_the_step_and_not_older(pulled, every):
 
 
 @pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.few("10")
 def test_neutral_is_zero_and_jumps_keep_their_time(pulled, every):
     path, _ = pulled
     fine, m = read_run(path, 1).messages, read_run(path, every).messages
@@ -82,6 +84,7 @@ def woven(tmp_path_factory):
 
 
 @pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.few("10")
 def test_yaw_rate_is_the_mean_of_the_step_and_not_older(woven, every):
     path, world = woven
     m = read_run(path, every).messages

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes as c
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 U32 = 1 << 32
@@ -26,7 +26,6 @@ def run(core: c.CDLL, edges: list[int], updates: list[int], start: int) -> list[
     return results
 
 
-@settings(max_examples=200)
 @given(st.lists(st.integers(200, 200_000), max_size=60),
        st.integers(0, U32 - 1), st.integers(1000, 59_000))
 def test_counts_times_and_intervals_are_exact(core: c.CDLL, gaps: list[int], start: int,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from firmware_rig import crc16
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.wire import codec, messages
@@ -61,7 +61,6 @@ def test_frames_of_the_golden_vectors(core: c.CDLL) -> None:
         assert built.hex() == vector["wire"], vector["message"]
 
 
-@settings(max_examples=60)
 @given(st.sampled_from(FIXED), st.integers(0, 255), st.data())
 def test_every_message_gives_the_same_bytes(core: c.CDLL, message: messages.Message, seq: int,
                                             data: st.DataObject) -> None:
@@ -93,7 +92,6 @@ def test_the_parser_returns_what_was_sent(core: c.CDLL, sent: list[tuple[message
     assert counts[:3] == (len(sent), 0, 0)
 
 
-@settings(max_examples=150)
 @given(st.lists(st.sampled_from(DOWN), min_size=2, max_size=6), st.data())
 def test_mutated_streams_cost_only_what_was_hit(core: c.CDLL, sent: list[messages.Message],
                                                 data: st.DataObject) -> None:

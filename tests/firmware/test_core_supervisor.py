@@ -6,7 +6,7 @@ import ctypes as c
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 BOOT, IDLE, LINKED, LIVE, TRIPPED, LOCKED = range(6)
@@ -251,7 +251,6 @@ def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(s
 
 # --- laws --------------------------------------------------------------------
 
-@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(1, 200), st.sampled_from([DISARMED, ARMED, RAW, STOP]),
                           st.booleans()), max_size=120),
        st.integers(0, 2_147_483))

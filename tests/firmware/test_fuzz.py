@@ -49,6 +49,7 @@ def test_the_seeds_name_commands_as_the_firmware_numbers_them() -> None:
 
 
 @with_clang
+@pytest.mark.more
 def test_nothing_is_found_in_a_few_thousand_inputs() -> None:
     fuzz = fuzz_of(FIRMWARE)
     build(FIRMWARE, *fuzz.LONGEST)

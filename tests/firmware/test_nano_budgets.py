@@ -31,6 +31,7 @@ def budgets_module() -> ModuleType:
 
 
 @pytest.mark.emulator
+@pytest.mark.cpu(4)
 def test_every_budget_holds(nano: Make, elf: Path, test_elf: Path) -> None:
     budgets, isr = budgets_module().measure(elf, test_elf)
     assert len(budgets) == 9

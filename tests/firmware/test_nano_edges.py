@@ -9,6 +9,8 @@ from collections.abc import Callable
 import pytest
 from firmware_rig import FLAG, Rig, eeprom_image
 
+from dart_hal.wire.messages import PARAM_BY_NAME
+
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 GAPS_US = (25, 60, 90, 110, 150, 400, 3_000, 12_000, 32_768, 33_000, 65_540, 98_310)
@@ -16,6 +18,7 @@ GAPS_US = (25, 60, 90, 110, 150, 400, 3_000, 12_000, 32_768, 33_000, 65_540, 98_
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("edge_min_us", [0, 100, 2000])
+@pytest.mark.few("0-*", "2000-2")
 def test_both_take_and_refuse_the_same_edges(core: c.CDLL, nano: Make, seed: int,
                                              edge_min_us: int) -> None:
     draw = random.Random(seed)
@@ -71,6 +74,23 @@ def test_a_storm_of_interrupts_loses_nothing(nano: Make) -> None:
     assert diags[-1]["uart_overrun"] == 0
     assert diags[-1]["rx_seq_gap"] == 0
     assert rig.decoder.counters.gaps == 0
+
+
+def test_a_new_glitch_rule_holds_at_once_on_both_rings(nano: Make) -> None:
+    """Edges 1 ms apart, and then a shortest interval of 1.5 ms: every second one is too early."""
+    rig = nano(eeprom=eeprom_image(edge_min_us=0, ring_b=1))
+    rig.nano.set_ring(1, [(i + 0.3) / 20 for i in range(20)])
+    rig.run(0.5)
+    rig.nano.set_wheel(50)
+    rig.run(0.2)
+    assert not rig.state()["flags"] & FLAG["ENC_REJECT"]
+    answer = rig.ask("PARAM_SET", "PARAM_VALUE", id=PARAM_BY_NAME["edge_min_us"].id, value=1500)
+    assert answer["status"] == 0
+    first = rig.state()
+    rig.run(0.2)
+    last = rig.state()
+    for count in ("enc_count", "enc2_count"):
+        assert (last[count] - first[count]) % 65536 < 150    # of 200
 
 
 def test_a_preset_of_the_simulator_is_read(nano: Make) -> None:

@@ -29,6 +29,7 @@ def truth(url: str) -> float:
 
 
 @pytest.mark.parametrize("seed", [7, 8, 9])
+@pytest.mark.few("7")
 def test_it_finds_the_hidden_clock(seed):
     url = f"sim://?seed={seed}&nano=mock"
     hertz, std = measure_clock.measure(url)
@@ -37,6 +38,7 @@ def test_it_finds_the_hidden_clock(seed):
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_the_firmware_times_it():
     url = "sim://?seed=7&nano=avr"
     try:
@@ -65,6 +67,7 @@ def short(monkeypatch):
     monkeypatch.setattr(measure_clock, "PATIENCE", 5.0)
 
 
+@pytest.mark.more
 def test_without_comparing_the_clocks_the_resonator_shows(monkeypatch):
     """Control: the Nano of seed 7 is 565 ppm off, and that is taken out."""
     monkeypatch.setattr(measure_clock, "rate", lambda pairs: (0.5e-6, 0.0))
@@ -96,6 +99,7 @@ def without_bus(url):
     return backend
 
 
+@pytest.mark.more
 def test_it_prints_what_car_toml_takes(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["measure_clock.py", "sim://?seed=7&nano=mock"])
     assert measure_clock.main() == 0

@@ -72,6 +72,7 @@ SEPTEMBER = ("80_circles_rubbery_floor", "81_throttle_ramps", "91_free_driving_1
              "steering_identification_25_sept_2024", "circles_27_sept_2024_fast_ramp")
 
 
+@pytest.mark.more
 def test_reference_point_from_driving_to_both_sides(recordings):
     found, _ = read_all([recordings / folder for folder in SEPTEMBER])
     fitted = fit_reference(found)

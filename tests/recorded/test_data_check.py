@@ -99,6 +99,7 @@ def test_name_against_the_sensor_clock(excerpt):
 
 
 @pytest.mark.recordings
+@pytest.mark.more
 def test_all_windows_and_nothing_unread(recordings):
     found, skipped = read_all([recordings])
     whole = summary([check(r) for r in found])
@@ -226,6 +227,7 @@ def test_without_files_the_data_folder_is_checked(cli, excerpt, monkeypatch):
 # ---- pictures
 
 @pytest.mark.parametrize("part", ["15_28_11", "racetrack", "2025-04-24"])
+@pytest.mark.more
 def test_a_picture_of_each_schema(cli, excerpt, tmp_path, part):
     pytest.importorskip("matplotlib")
     _, out, _ = cli(next(excerpt.rglob(f"*{part}*")), "--plot", tmp_path / "one.png")
@@ -233,6 +235,7 @@ def test_a_picture_of_each_schema(cli, excerpt, tmp_path, part):
     assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.more
 def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((excerpt / "40_sinusoidal_steering_data").glob("*"))[:2]
@@ -244,6 +247,7 @@ def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
     assert cli(*files, "--plot", tmp_path / "a.txt")[0] == 2
 
 
+@pytest.mark.more
 def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     from dart_hal.report.recordings import BAD, plot_check

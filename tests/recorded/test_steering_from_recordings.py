@@ -85,6 +85,7 @@ def test_slow_recording_says_that_it_is_slow(excerpt):
     assert result.n > 3381
 
 
+@pytest.mark.more
 def test_dead_encoder_and_schema_c_fall_back_to_the_mocap(excerpt):
     result = steering_from([excerpt])
     assert any("encoder dead: speed and yaw rate from the mocap" in n for n in result.notes)
@@ -125,6 +126,7 @@ def test_levels_of_25_september(recordings):
 
 
 @pytest.mark.recordings
+@pytest.mark.more
 def test_everything_at_once(recordings):
     result = steering_from([recordings])
     assert np.all(np.diff(result.angle) > 0.0)

@@ -81,6 +81,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path, writing):
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
+@pytest.mark.more
 def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     path = tmp_path / "cut.mcap"
     writing(path, frames=12)
@@ -356,6 +357,7 @@ def test_raw_bytes_and_text_follow_their_definitions(run_file, frame_of):
 
 
 @given(st.binary(max_size=80), st.text(max_size=40))
+@pytest.mark.more
 def test_cdr_inverses(data, text):
     assert cdr.byte_array_of(cdr.byte_array(data)) == data
     assert cdr.string_of(cdr.string(text)) == text

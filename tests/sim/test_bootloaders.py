@@ -26,6 +26,7 @@ def reset(raw_car, nano, boot, cause, more=""):
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.parametrize(("boot", "cause", "least", "most"), WAITS)
+@pytest.mark.few("*-mock", "optiboot-reset-*-avr")
 def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause, least, most):
     car = reset(raw_car, nano, boot, cause)
     before = car.stamps[-1]

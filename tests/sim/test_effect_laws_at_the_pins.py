@@ -53,6 +53,7 @@ def test_steering_delay_shifts_the_answer(pair):
     assert late(*pair("steering_delay:0.08", TURN)) == pytest.approx(0.08, abs=2e-3)
 
 
+@pytest.mark.more
 def test_throttle_delay_shifts_the_start(pair):
     plain, seen = pair("throttle_delay:0.12", ROLL)
     edges = np.array([5.0, 50.0, 300.0])
@@ -61,6 +62,7 @@ def test_throttle_delay_shifts_the_start(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
     plain, seen = pair("pwm_clock:0.01", ROLL, f"&nano={nano}")
     for (_, one, width), (_, other, longer) in zip(plain.pulses[:60], seen.pulses, strict=False):
@@ -71,6 +73,7 @@ def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
     assert np.mean(seen.gyro[fast[1]]) > 0.15
 
 
+@pytest.mark.more
 def test_pwm_quantisation_makes_stairs(driven):
     """Two commands within one step of 0.2 turn the same circle."""
     circles = [driven(f"sim://?nano=mock&model=kinematic{effect}", ((s, 0.3, 1.5),))
@@ -97,12 +100,14 @@ def test_steering_lag_rounds_the_answer(pair, share):
 
 
 @pytest.mark.parametrize("size", [0.1, 0.2])
+@pytest.mark.few("0.2")
 def test_steering_rate_limit_takes_longer_for_a_large_step(pair, size):
     expected = 0.5 * size * (0.5 - 1.0 / 10.2)
     assert step(pair, "steering_rate_limit:0.5", size, 0.5) == pytest.approx(expected, abs=0.006)
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_steering_trim_turns_a_straight_drive(pair, nano):
     plain, seen = pair("steering_trim:0.02", ROLL, f"&model=kinematic&nano={nano}")
     end = seen.t > seen.t[-1] - 0.2
@@ -124,6 +129,7 @@ def test_steering_backlash_remembers_the_side_it_came_from(driven):
     assert split("&effect=steering_backlash:0.1") == pytest.approx(0.1, abs=5e-3)
 
 
+@pytest.mark.more
 def test_motor_saturation_gives_no_more_for_more(driven):
     def speeds(effect):
         return [driven(f"sim://?nano=mock{effect}", ((STRAIGHT, tau, 1.5),)).covered(0, 9)
@@ -134,6 +140,7 @@ def test_motor_saturation_gives_no_more_for_more(driven):
     assert held[1] == pytest.approx(held[0], abs=0.01)
 
 
+@pytest.mark.more
 def test_battery_fade_is_of_the_time_in_the_world(driven):
     """The same start from standstill, at once and after 20 s: 0.9 of the force."""
     def later(effect):
@@ -147,6 +154,7 @@ def test_battery_fade_is_of_the_time_in_the_world(driven):
 
 # -- force, motion --------------------------------------------------------------
 
+@pytest.mark.more
 def test_quadratic_drag_balances_the_motor_at_a_lower_speed(pair):
     plain, seen = pair("quadratic_drag:0.2", ((STRAIGHT, 0.3, 9.0),))
     motor, friction = make_motor(PAPER.motor), make_friction(PAPER.friction)
@@ -164,6 +172,7 @@ def test_a_slope_is_felt_at_rest_and_rolls_the_car(pair):
     assert seen.edges[-1] > plain.edges[-1] == 0
 
 
+@pytest.mark.more
 def test_lateral_pull_turns_by_its_sign(driven):
     left, plain, right = (driven(f"sim://?nano=mock{e}", ROLL).gyro[-30:].mean() for e in (
         "&effect=lateral_pull:0.03", "", "&effect=lateral_pull:-0.03"))
@@ -194,6 +203,7 @@ def intervals(seen_url, raw_car):
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
     plain, seen = pair("encoder_ring:missing=0.1", ROLL, f"&nano={nano}")
     assert seen.covered(0, 9) == pytest.approx(0.9 * plain.covered(0, 9), abs=0.01)
@@ -206,11 +216,13 @@ def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
 
 @pytest.mark.parametrize(("missing", "counted"), [(0.05, 0.95), (0.2, 0.8), (-0.1, 1.1)])
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock-*", "avr-0.2-0.8")
 def test_marks_go_one_by_one_and_come_twice(pair, missing, counted, nano):
     plain, seen = pair(f"encoder_ring:{missing}", ROLL, f"&nano={nano}")
     assert seen.covered(0, 9) == pytest.approx(counted * plain.covered(0, 9), abs=0.01)
 
 
+@pytest.mark.more
 def test_an_uneven_ring_ripples_and_keeps_its_mean(pair, raw_car):
     plain, seen = pair("encoder_ring:uneven=0.2", ROLL)
     assert seen.covered(0, 9) == pytest.approx(plain.covered(0, 9), abs=0.005)
@@ -218,6 +230,7 @@ def test_an_uneven_ring_ripples_and_keeps_its_mean(pair, raw_car):
     assert found.max() / found.min() == pytest.approx(1.5, rel=0.05)
 
 
+@pytest.mark.more
 def test_the_phase_of_the_ring_is_where_the_gap_comes(driven):
     first = [driven(f"sim://?nano=mock&effect=encoder_ring:missing=0.5:phase={phase}",
                     ((STRAIGHT, 0.16, 2.0),)) for phase in (0.0, 0.5)]
@@ -252,6 +265,7 @@ def test_a_clock_offset_is_of_all_sensors(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_gyro_bias_shows_at_rest(pair, nano):
     plain, seen = pair("gyro_bias:0.05", ((STRAIGHT, 0.0, 0.5),), f"&nano={nano}")
     still = seen.between(1.5, 2.5)
@@ -267,6 +281,7 @@ def test_gyro_scale_and_latency(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_a_tilted_imu_feels_gravity_and_turns_its_axes(pair, nano):
     plain, seen = pair("imu_pitch:0.1,imu_roll:0.05", TURN, f"&nano={nano}")
     still = seen.between(1.5, 2.2)

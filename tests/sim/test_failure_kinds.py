@@ -96,6 +96,7 @@ def drive(raw_car, nano, failure):
     pytest.param(nano, failure, marks=pytest.mark.emulator if nano == "avr" else ())
     for nano in ("mock", "avr") for failure in SYMPTOMS
     if nano == "mock" or failure.split("=")[0] in IN_THE_BRIDGE])
+@pytest.mark.more
 def test_symptom_and_healing(raw_car, nano, failure):
     seen, symptom = drive(raw_car, nano, failure), SYMPTOMS[failure]
     assert symptom(seen, seen.during)

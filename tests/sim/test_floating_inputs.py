@@ -61,6 +61,7 @@ GOOD = [("mock", "mux"), ("mock", "oe"), ("mock", "mux-no-ground"),
 
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
+@pytest.mark.few("mock-*", "avr-oe")
 def test_unplugging_the_nano_stops_the_car(raw_car, nano, cutoff):
     assert not live_after(raw_car, f"nano={nano}&cutoff={cutoff}", "power:nano", 1.0)
 
@@ -73,6 +74,7 @@ def test_controls_of_unplugging(raw_car, cutoff):
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
 @pytest.mark.parametrize("boot", ["old", "optiboot"])
+@pytest.mark.few("*-mock-*", "optiboot-avr-mux")
 def test_a_bootloader_passes_nothing(raw_car, nano, cutoff, boot):
     options = f"nano={nano}&cutoff={cutoff}&boot={boot}"
     assert not live_after(raw_car, options, "mcu:reset", 0.9)

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from dart_hal.control.paths import Path
 from dart_hal.errors import UsageError
-from dart_hal.sim.gym import TRACKS, track_of
+from dart_hal.sim.gym import TRACKS
 from dart_hal.sim.gym.tracks import make_locate, make_point, track_named
 from dart_hal.sim.light.ops import ARRAY_OPS, SCALAR_OPS
 
@@ -77,7 +78,7 @@ def test_arc_length_grows_over_laps():
 
 def test_refusals():
     with pytest.raises(UsageError, match="not closed"):
-        track_of("open", [(1.0, 0.0)])
+        Path([(1.0, 0.0)], closed=True)
     with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
     assert "docs/how_to/learning.md" in refused.value.remedy

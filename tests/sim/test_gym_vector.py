@@ -31,6 +31,7 @@ def actions(n, k):
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+@pytest.mark.few("speed", "paper")
 def test_together_as_alone(options):
     """150 steps beside gymnasium's own SyncVectorEnv, across many resets."""
     n = 5

@@ -46,6 +46,7 @@ def test_bounds(seed):
     assert -0.44 < curve(-1.0) < -0.27
 
 
+@pytest.mark.more
 def test_no_car_looks_like_a_stuck_imu(raw_car):
     """Firmware takes 20 equal samples in motion for a dead sensor."""
     car = raw_car("sim://?nano=mock").armed().drive(0.3, 0.3, 8.0)
@@ -54,6 +55,7 @@ def test_no_car_looks_like_a_stuck_imu(raw_car):
     assert min(runs) >= 2
 
 
+@pytest.mark.more
 def test_servo_comes_to_rest_where_its_friction_decides(raw_car):
     """Same pulse, same direction, other angle: a spread of about the stated sigma."""
     car = raw_car("sim://?nano=mock&seed=3")

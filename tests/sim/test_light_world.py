@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.errors import ConfigError, UsageError
@@ -31,7 +31,6 @@ def any_point_of_a_in_b(a, b, outline):
                  & (np.abs(left) <= 0.5 * outline.width)).any())
 
 
-@settings(max_examples=150)
 @given(POSE, POSE)
 def test_overlap_is_a_common_point(a, b):
     poses = np.array([a, b])

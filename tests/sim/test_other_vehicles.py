@@ -31,6 +31,7 @@ def filed(tmp_path):
 
 
 @pytest.mark.parametrize("name", SETS)
+@pytest.mark.few("paper")
 def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
     """Two simulations of one vehicle settle at the same speed and turn."""
     seen = driven(f"sim://?nano=mock&vehicle={name}", CIRCLE)
@@ -45,6 +46,7 @@ def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
         assert truth.v_x != pytest.approx(plain.v_x, rel=0.03)
 
 
+@pytest.mark.more
 def test_an_extended_file_circles_as_in_the_light_simulation(driven, filed):
     path = filed(UPSTREAM_2024, "quadratic_drag:0.2,steering_trim:0.02,yaw_damping:0.03,"
                                 "encoder_scale:0.04,gyro_scale:0.06")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.sim.mock_encoder import MockEncoder
@@ -40,8 +40,8 @@ def test_a_missing_tooth_is_one_long_interval():
     assert max(ring.fractions) / min(ring.fractions) == pytest.approx(3.0)
 
 
-@settings(max_examples=60)
 @given(rates=st.lists(st.floats(-60.0, 60.0), min_size=1, max_size=20), seed=st.integers(0, 999))
+@pytest.mark.more
 def test_count_is_the_number_of_marks_passed(rates, seed):
     """Whatever the gear does: every mark that passes the sensor is one edge."""
     ring = uneven_ring(20, np.random.default_rng(seed))

@@ -41,6 +41,7 @@ FAILING = ("&boot=optiboot&fail=enc:garbage=500@1.5%2B1,imu:intermittent=0.3@2%2
 
 
 @pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4", FAILING])
+@pytest.mark.few("&jitter=usb")
 def test_read_slices_do_not_matter(raw_car, extra):
     first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
@@ -54,6 +55,7 @@ def test_read_slices_do_not_matter_to_the_firmware(raw_car):
 
 
 @pytest.mark.emulator
+@pytest.mark.more
 def test_read_slices_do_not_matter_while_things_fail(raw_car):
     url = f"sim://?nano=avr&seed=7{FAILING},enc:chatter=20000@0.5%2B0.3,imu:delayed=0.1@2%2B1"
     first, other = (scenario(raw_car, url, s, 5.0) for s in (1e-2, 7e-4))

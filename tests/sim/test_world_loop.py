@@ -45,6 +45,7 @@ def test_encoder_counts_the_distance(raw_car):
     assert state["enc_count"] == pytest.approx(travelled / EDGE, abs=1.01)
 
 
+@pytest.mark.more
 def test_steady_speed_is_that_of_the_equations(raw_car):
     """Straight on at tau 0.3 the paper's car settles at 2.195 m/s."""
     car = raw_car().armed().drive(-PAPER.steering.s0, 0.3, 12.0)

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 import wire_samples as samples
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.wire import blocks, cobs
@@ -64,7 +64,6 @@ def test_every_message_comes_back(message_values, seq):
 
 
 @given(damaged_streams(), st.lists(st.integers(1, 90), min_size=1, max_size=30))
-@settings(max_examples=200)
 def test_cutting_the_stream_changes_nothing(stream, cuts):
     frames, counters = whole(stream)
     decoder, got, at, i = Decoder(), [], 0, 0
@@ -89,7 +88,6 @@ def test_a_frame_comes_with_its_delimiter_and_not_before(stream):
 
 
 @given(st.binary(max_size=2000))
-@settings(max_examples=300)
 def test_noise_never_raises(noise):
     decoder = Decoder()
     decoder.feed(noise)

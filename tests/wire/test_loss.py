@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 import wire_samples as samples
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.wire import ledger
@@ -22,14 +22,12 @@ def lost(frames):
 
 
 @given(st.sets(st.integers(1, 598)))
-@settings(max_examples=60)
 def test_any_frames_may_be_missing(missing):
     frames = [f for i, f in enumerate(DRIVE[:600]) if i not in missing]
     assert lost(frames) == len(missing)
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 0.3))
-@settings(max_examples=30)
 def test_damage_counts_as_lost(seed, share):
     """Frames hurt on the line are lost just as those that never came."""
     rng = Random(seed)

@@ -46,6 +46,7 @@ def every(step: int, folder: Path, first: int = 1, broken: Change | None = None)
     return len(cuts)
 
 
+@pytest.mark.more
 def test_killed_on_the_way_it_leaves_nothing_half_and_the_next_run_ends_it(tmp_path: Path) -> None:
     assert every(23, tmp_path / "box", first=25) >= 3
 

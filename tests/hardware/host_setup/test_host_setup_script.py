@@ -155,6 +155,7 @@ def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
     (remove_undoes, "environment.sh", '"$data/cars/$car"\n', '"$data/cars/$car" "$data/junk"\n'
      '    run touch "$data/junk/x"\n'),
 ])
+@pytest.mark.few("second_run_does_nothing-lib*", "remove_undoes-environment*")
 def test_a_broken_script_is_found_out(box: Box, law: object, name: str, old: str,
                                       new: str) -> None:
     box.change(name, old, new)

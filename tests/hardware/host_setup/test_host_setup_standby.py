@@ -271,6 +271,7 @@ def until(true: object) -> bool:
     return bool(true())  # type: ignore[operator]
 
 
+@pytest.mark.realtime
 def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
                                                                tmp_path: Path) -> None:
     """The layer that is left; the control is the same second without it."""
@@ -298,6 +299,7 @@ def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
         assert service.wait(PATIENCE) == 128 + signal.SIGTERM
 
 
+@pytest.mark.realtime
 def test_stop_ends_the_driver_and_leaves_neutral(scene: Scene, capsys: pytest.CaptureFixture[str]
                                                  ) -> None:
     driver = scene.driver()
@@ -312,6 +314,7 @@ def test_stop_ends_the_driver_and_leaves_neutral(scene: Scene, capsys: pytest.Ca
     assert driver.wait(PATIENCE) == -signal.SIGTERM
 
 
+@pytest.mark.realtime
 def test_stop_says_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     driver = scene.driver("deaf")
     assert run_stop(scene) == 1

@@ -1,0 +1,18 @@
+"""What a page that a verb writes asks of the network: it must be nothing."""
+
+from __future__ import annotations
+
+import re
+
+EMBEDDED = re.compile(r'base64,[^"]*')
+OUTSIDE = re.compile(r"https?://|@import|url\(|<script|<link|<iframe")
+
+
+def shown(page: str) -> str:
+    """The page without the data that it carries."""
+    return EMBEDDED.sub("", page)
+
+
+def foreign(page: str) -> list[str]:
+    """Whatever a browser would fetch or run."""
+    return OUTSIDE.findall(shown(page))

@@ -1,0 +1,140 @@
+"""The package as others get it: a wheel in an empty environment, away from the checkout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from dart_hal.errors import EmulatorMissing
+from dart_hal.links import bridge
+
+pytestmark = pytest.mark.more
+
+ROOT = Path(__file__).parents[1]
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+PROGRAM = """
+from dart_hal import Car
+
+with Car.open("sim://?nano=mock") as car:
+    for state in car.states(duration=0.1):
+        reveal_type(state.speed)
+"""
+
+
+def run(*command: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """Without the checkout on Python's path, and without this environment."""
+    env = {k: v for k, v in os.environ.items() if k not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    return subprocess.run([str(word) for word in command], cwd=cwd, env=env | more,
+                          capture_output=True, text=True, check=False, timeout=900)
+
+
+def done(*command: object, cwd: Path, **more: str) -> str:
+    ended = run(*command, cwd=cwd, **more)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def uv() -> str:
+    found = shutil.which("uv", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    return found or pytest.skip("uv is not installed")
+
+
+@pytest.fixture(scope="module")
+def wheel(uv, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    made = run(uv, "build", "--wheel", "--out-dir", folder, ROOT, cwd=folder)
+    if made.returncode and "error sending request" in made.stderr:
+        pytest.skip("the packages that build the wheel cannot be fetched")
+    assert made.returncode == 0, made.stderr
+    return next(folder.glob("*.whl"))
+
+
+def install(uv: str, wheel: Path, home: Path, python: str, *more: str) -> Path:
+    """The environment's folder of programs."""
+    done(uv, "venv", "--python", python, home, cwd=home.parent)
+    done(uv, "pip", "install", "--python", home / "bin" / "python",
+         f"dart-hal[plot] @ {wheel.as_uri()}", *more, cwd=home.parent)
+    return home / "bin"
+
+
+@pytest.fixture(scope="module")
+def programs(uv, wheel, tmp_path_factory) -> Path:
+    return install(uv, wheel, tmp_path_factory.mktemp("env") / "env", sys.executable, "mypy",
+                   "pyright")
+
+
+@pytest.fixture
+def program(tmp_path) -> Path:
+    path = tmp_path / "program.py"
+    path.write_text(PROGRAM, encoding="utf-8")
+    return path
+
+
+def test_the_wheel_is_for_any_python_of_its_platform(wheel):
+    platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+    assert wheel.name.endswith(f"-py3-none-{platform}.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "dart_hal/py.typed" in names
+    assert any(n.startswith("dart_hal/vehicle/native/_built/kernel-") for n in names)
+
+
+def test_mypy_sees_the_speed_as_a_number(programs, program):
+    told = done(programs / "mypy", "--strict", program, cwd=program.parent)
+    assert 'Revealed type is "builtins.float"' in told or 'Revealed type is "float"' in told
+
+
+def test_pyright_sees_the_speed_as_a_number(programs, program):
+    if shutil.which("node") is None:
+        pytest.skip("pyright needs node, which is not installed")
+    told = run(programs / "pyright", "--pythonpath", programs / "python", program,
+               cwd=program.parent)
+    if "npm" in told.stderr and "information" not in told.stdout:
+        pytest.skip(f"pyright cannot be fetched: {told.stderr.splitlines()[-1]}")
+    assert 'Type of "state.speed" is "float"' in told.stdout, told.stdout + told.stderr
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_its_needs_can_be_met_for_every_python(uv, wheel, tmp_path, python):
+    needs = tmp_path / "needs.in"
+    needs.write_text(f"dart-hal @ {wheel.as_uri()}\n", encoding="utf-8")
+    told = done(uv, "pip", "compile", "--python-version", python, "--only-binary", ":all:", needs,
+                cwd=tmp_path)
+    assert "numpy==" in told
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_it_drives_with_every_python_of_this_machine(uv, wheel, tmp_path, python):
+    found = run(uv, "python", "find", "--no-python-downloads", "--no-project", python, cwd=tmp_path)
+    if found.returncode:
+        pytest.skip(f"Python {python} is not installed")
+    programs = install(uv, wheel, tmp_path / "env", found.stdout.strip())
+    told = done(programs / "python", "-c",
+                PROGRAM.replace("reveal_type(state.speed)", "print('at', state.speed)"),
+                cwd=tmp_path)
+    assert told.count("at 0.0") >= 9
+
+
+@pytest.mark.parametrize("emulator", [False, True])
+def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
+    """On the mock, which it says; from the emulator where one is built."""
+    place = tmp_path / "libdartemu.so"
+    if emulator:
+        try:
+            place = bridge.find_library()
+        except EmulatorMissing as missing:
+            pytest.skip(f"no emulator: {missing.what}")
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    told = " ".join(done(programs / "dart-hal", "demo", cwd=folder, NO_COLOR="1", COLUMNS="400",
+                         DART_HAL_EMULATOR=str(place)).split())
+    assert ("firmware in the emulator" in told) is emulator
+    assert ("MockNano instead of the firmware" in told) is not emulator
+    assert list(folder.rglob("*.html"))
