@@ -30,6 +30,7 @@ def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
     import build123d as bd  # slow to import: after the parameters were found possible
     import drawings
     import families
+
     import report
 
     for folder in ("stl", "dxf", "pictures", "cad"):

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from circuit import names
 from drawing import PAINT, WIDTH, Sheet
-from harness import HERE, WiringError, parts, wires
+from harness import HERE, WiringError, parts, read, wires
 
 PITCH, LEFT = 28, 36
 """Between two holes, and from the edge to the first column [px]."""
@@ -18,8 +17,7 @@ TITLE = 34
 
 def layout(folder: Path = HERE) -> dict[str, Any]:
     """mux_board.yml as it stands."""
-    data: dict[str, Any] = yaml.safe_load((folder / "mux_board.yml").read_text(encoding="utf-8"))
-    return data
+    return read(folder / "mux_board.yml")
 
 
 def holes(data: dict[str, Any]) -> list[str]:
