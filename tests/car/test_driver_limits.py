@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.car.driver import Driver
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.errors import NotArmed
 from dart_hal.links.base import open_backend
@@ -218,22 +220,34 @@ def test_a_heartbeat_says_which_way_the_car_is_driven(lab):
     assert said == [1, 0, 2]
 
 
-def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
-    """Beats that do not arrive: from the frame that says so the State has no throttle."""
+def applied_behind_a_cut(tmp_path) -> list[tuple[bool, float]]:
+    """(pulses pass, throttle applied) of each State; after 50 of them no beat arrives."""
     backend = open_backend(URL + "&cutoff=mux")
+    seen: list[tuple[bool, float]] = []
     with Car.over(backend, cars=tmp_path) as car:
         muted = False
         car.on_bytes(lambda way, data, t: b"" if muted and way == "tx" else data)
         car.arm()
-        seen = []
         car.on_state(lambda state: seen.append(
             ("OUTPUT_LIVE" in state.health.flags, state.applied.throttle)))
-        try:
-            for state in car.states(duration=1.0):
+        with suppress(NotArmed):
+            for _ in car.states(duration=1.0):
                 car.drive(throttle=0.3)
-                if len(seen) == 50:
-                    muted = True
-        except NotArmed:
-            pass
-        assert seen[49] == (True, pytest.approx(0.3, abs=0.01))
-        assert {throttle for live, throttle in seen[50:] if not live} == {0.0}
+                muted = len(seen) >= 50
+    return seen
+
+
+def cut_off(seen: list[tuple[bool, float]]) -> set[float]:
+    assert seen[49] == (True, pytest.approx(0.3, abs=0.01))
+    return {throttle for live, throttle in seen[50:] if not live}
+
+
+def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
+    """From the frame that says so the State has no throttle."""
+    assert cut_off(applied_behind_a_cut(tmp_path)) == {0.0}
+
+
+def test_without_the_look_at_the_cut_off_it_would_be_applied(tmp_path, monkeypatch):
+    """Negative control."""
+    monkeypatch.setattr(Driver, "passed", lambda self, applied: applied)
+    assert max(cut_off(applied_behind_a_cut(tmp_path))) > 0.2

@@ -305,7 +305,8 @@ def test_the_pin_does_what_the_mode_says(examples):
 
 
 @pytest.mark.emulator
-@pytest.mark.parametrize("examples", [1, pytest.param(6, marks=pytest.mark.more)])
+@pytest.mark.parametrize("examples", [2, pytest.param(6, marks=pytest.mark.more)])
+@pytest.mark.cpu(4)
 def test_the_pin_of_the_firmware_does_what_the_mode_says(examples):
     run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=examples))
 

@@ -79,6 +79,16 @@ def test_a_nano_that_boots_in_raw_ends_it(bench):
     assert bench.last_above() < now + 0.04
 
 
+def test_without_the_answer_to_a_boot_it_would_go_on(bench, monkeypatch):
+    """Negative control."""
+    monkeypatch.setattr(bench.car._engine.receiver, "on_boot", lambda *_: None)
+    with bench.car.raw():
+        bench.spin(0.3)
+        bench.world.nano.reset("watchdog")
+        bench.spin(6.0)
+    assert bench.last_above() > bench.car._engine.now - 1.0
+
+
 def test_on_the_floor_the_limits_of_the_car_hold(bench):
     span = bench.car.files.config.throttle.span_us
     with bench.car.raw():
