@@ -17,7 +17,7 @@ if IN_CI:
 
 
 # How long an example takes is the machine's: no deadline.
-settings.register_profile("dev", deadline=None, max_examples=20)
+settings.register_profile("dev", deadline=None, max_examples=10)
 settings.register_profile("ci", deadline=None, max_examples=200)
 settings.load_profile("dev")
 

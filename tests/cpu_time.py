@@ -88,7 +88,8 @@ class Watch:
         allowed = max(limit, mark.args[0]) if mark else limit
         if self._compiled != compiled() or any(map(item.get_closest_marker, ("more", "slow"))):
             allowed = float("inf")
-        if seconds / self._slowness > NOISE * allowed:  # a neighbour may have come since
+        late = seconds / self._slowness > NOISE * allowed
+        if self._limit and late:  # a neighbour may have come since
             self._slowness = max(self._slowness, slowness())
         return name, seconds / self._slowness, allowed
 

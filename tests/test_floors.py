@@ -127,7 +127,7 @@ def test_import_dart_hal_is_light():
     "import dart_hal.actuation", "import dart_hal.links.serial_port", "import dart_hal.vehicle",
     "import dart_hal.estimation", "import dart_hal.calibration", "import dart_hal.control.speed",
 ])
-@pytest.mark.few("from dart_hal import Car, Fleet", "import dart_hal.calibration")
+@pytest.mark.few("from dart_hal import Car, Fleet")
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got

@@ -27,6 +27,7 @@ def test_adam_stops_where_the_paper_stopped(made):
     assert run.loss > 1.1 * made.fits["motor"].loss
 
 
+@pytest.mark.more
 def test_more_steps_reach_our_optimum(made, monkeypatch):
     monkeypatch.setitem(adam.SETTINGS, "motor", adam.Settings(5000, 0.01, (0.95, 0.5, 0.5)))
     run = adam.adam(made.problems["motor"], None)

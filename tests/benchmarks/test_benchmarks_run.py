@@ -50,12 +50,14 @@ def test_counts_tell_when_edges_are_missed():
     assert counted[0] < 0.5 * given[0]
 
 
+@pytest.mark.more
 @pytest.mark.emulator
 def test_speed_error_tells_a_wrong_ring(monkeypatch):
     monkeypatch.setattr(bench_encoder, "GEAR_REVOLUTION", 1.002 * GEAR_REVOLUTION)
     assert bench_encoder.speed_error(1.0, 0.5).ok is False
 
 
+@pytest.mark.more
 def test_decode():
     rows = by_name(bench_decode.figures(TINY))
     assert min(f.value for f in rows.values()) == rows["decode: byte loop"].value
@@ -70,6 +72,7 @@ def test_emulation():
     assert sum(f.name.startswith("times real time") for f in rows.values()) == 4
 
 
+@pytest.mark.more
 @pytest.mark.emulator
 def test_another_drive_gives_another_stream():
     first, other = (bench_emulation.rx_hash(0.01, 0.1, f"sim://?seed={n}") for n in (7, 8))

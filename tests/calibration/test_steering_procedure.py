@@ -30,6 +30,7 @@ def test_finds_map_and_backlash_of_hidden_cars(drawn):
     assert np.mean(np.array(reach) < plan(car.files).radius) >= 0.9
 
 
+@pytest.mark.more
 def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     car = bench()
     route = plan(files)
@@ -40,6 +41,7 @@ def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     assert ticks == pytest.approx(np.round(ticks), abs=1e-6)
 
 
+@pytest.mark.more
 def test_slip_is_removed(bench):
     slipping = calibrate_steering(bench(kappa=0.08), dry_run=True)
     error = slipping.angle - bench().true_angle(slipping.command)
@@ -80,6 +82,7 @@ def test_json_is_the_contract(bench):
     assert data["backlash_rad"]["value"] == pytest.approx(0.015, abs=0.002)
 
 
+@pytest.mark.more
 def test_progress_rises_and_is_the_only_output(bench, capsys):
     seen = []
     calibrate_steering(bench(), dry_run=True, progress=lambda f, text: seen.append((f, text)))

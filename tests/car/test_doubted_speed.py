@@ -80,7 +80,7 @@ def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
 
 @pytest.mark.parametrize("at", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
-@pytest.mark.few("off-while driving", "half-while driving")
+@pytest.mark.few("half-while driving")
 def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at):
     run = drive(tmp_path, fault, asked=1.0, at=at)
     assert run.said <= 0.5
@@ -117,6 +117,7 @@ def test_edges_from_nowhere_are_said_and_covered(tmp_path):
     assert run.uncovered <= 3.0
 
 
+@pytest.mark.more
 def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     with Car.over(backend, cars=tmp_path) as car:

@@ -130,6 +130,7 @@ def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
         moving(bench)
 
 
+@pytest.mark.few("moving")
 @pytest.mark.parametrize("fault", ["moving", "no imu"])
 def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, fault):
     if fault == "moving":

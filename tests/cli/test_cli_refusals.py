@@ -93,6 +93,7 @@ def test_a_broken_car_file_names_the_file(tmp_path, text):
     assert caught.value.remedy
 
 
+@pytest.mark.few("*return 1 / 0*", "*import no_such*")
 @pytest.mark.parametrize(("text", "line"), [
     ("def control(state):\n    return 1 / 0, 0\n", "line 2"),
     ("def control(state)\n", "line 1"),

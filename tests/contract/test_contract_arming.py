@@ -88,6 +88,7 @@ def test_a_good_car_arms(tmp_path):
         assert car.mode == "ARMED"
 
 
+@pytest.mark.few("flags1-IMU_STALE")
 @pytest.mark.parametrize(("flags", "name"), [
     (("IMU_ABSENT",), "IMU_ABSENT"), (("IMU_STALE",), "IMU_STALE"), (("IMU_STUCK",), "IMU_STUCK"),
     (("WATCHDOG_LAST_BOOT",), "MCU_WATCHDOG_FIRED"),
@@ -250,6 +251,7 @@ def test_a_reboot_while_arming_is_named(tmp_path):
         assert "MCU_REBOOTED" in reasons(car)
 
 
+@pytest.mark.more
 def test_all_reasons_at_once(tmp_path):
     text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
     backend, car = opened(tmp_path, flagged("IMU_STALE", "IMU_ABSENT"), car_toml=text)

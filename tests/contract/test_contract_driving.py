@@ -58,7 +58,7 @@ def test_left_circle_gives_positive_yaw_and_y(bench):
 
 
 @every_car_in_time
-@pytest.mark.few("mock", "pty")
+@pytest.mark.more
 def test_a_right_turn_gives_negative_yaw(bench):
     car = bench.ready()
     first = next(car.states())
@@ -67,6 +67,7 @@ def test_a_right_turn_gives_negative_yaw(bench):
     assert state.pose.yaw - first.pose.yaw < -0.05
 
 
+@pytest.mark.few("avr")
 @every_car
 def test_an_expired_command_is_neutral_and_a_trip(bench):
     car = bench.ready()
@@ -87,6 +88,7 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
         assert "EXPIRED" in seen[-1].applied.limited
 
 
+@pytest.mark.few("avr")
 @every_car_in_time
 def test_a_command_that_is_renewed_does_not_expire(bench):
     """The control of the test above."""
@@ -97,6 +99,7 @@ def test_a_command_that_is_renewed_does_not_expire(bench):
     assert state.applied.throttle > 0.1
 
 
+@pytest.mark.few("avr")
 @every_car
 def test_a_repeated_command_is_sent_again(bench):
     """Another hand, or a brown-out, changes the register: the same command heals it."""
@@ -116,6 +119,7 @@ def test_a_repeated_command_is_sent_again(bench):
     assert (200, 200) not in after[1:]
 
 
+@pytest.mark.few("avr")
 @every_car
 def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
     car = bench.ready()
@@ -131,6 +135,7 @@ def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
     assert car.mode == "DISARMED"
 
 
+@pytest.mark.few("bad0-mock")
 @every_car
 @pytest.mark.parametrize("bad", [{"throttle": math.nan}, pytest.param(
     {"steering": math.inf}, marks=pytest.mark.slow)])
@@ -148,6 +153,7 @@ def test_a_command_that_is_no_number_trips(bench, bad):
     assert "COMMAND_INVALID" in car.causes
 
 
+@pytest.mark.few("mock")
 @every_car
 def test_what_is_out_of_range_is_clipped_and_said(bench):
     car = bench.ready()

@@ -81,6 +81,7 @@ def test_replay_gives_the_states_of_the_run(kind, tmp_path):
     assert len({s[12] for s in states}) > 10, "the pulses were taken from the recording"
 
 
+@pytest.mark.more
 def test_a_replay_is_not_driven_and_says_so(tmp_path):
     path = tmp_path / "run.mcap"
     closed_loop("sim://?nano=mock", tmp_path, record=path, seconds=0.5)

@@ -123,7 +123,7 @@ def test_the_embedded_json_is_the_answer(whole):
 
 @pytest.mark.parametrize("causes", [0, 1, 2])
 @pytest.mark.parametrize("verdict", VERDICTS)
-@pytest.mark.few("*-0", "partly_explained-2")
+@pytest.mark.few("partly_explained-2", "unexplained-0")
 def test_every_verdict_gives_a_sound_page(verdict, causes):
     d = made.diagnosis(verdict, causes, verdict in ("partly_explained", "unexplained"))
     text = page(d, command=COMMAND)
@@ -159,6 +159,7 @@ def test_the_lag_is_shown_along_the_steering_rate_and_the_gyro_from_left_to_righ
     assert "gyro error: left against right" in reader.text
 
 
+@pytest.mark.more
 def test_the_same_diagnosis_gives_the_same_page(whole):
     d, text, _ = whole
     assert page(d, command=COMMAND) == text
@@ -199,6 +200,7 @@ def test_a_gain_that_is_none_is_called_so():
                             "not seen"
 
 
+@pytest.mark.more
 def test_a_cause_whose_gain_may_be_nothing_is_not_marked_as_good():
     d = made.diagnosis(causes=1)
     assert 'class="cause good"' in page(d)

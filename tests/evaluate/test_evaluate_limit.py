@@ -36,6 +36,7 @@ def test_crossing_is_where_it_is_passed_for_good(value, expected):
     assert found == pytest.approx(expected, nan_ok=True)
 
 
+@pytest.mark.more
 def test_slip_of_a_linear_rear_tyre_is_found(ramps):
     """In steady turns the rear slips by m l_f a / (l C_r)."""
     b, tyre = PAPER.body, PAPER.tyres
@@ -61,6 +62,7 @@ def test_the_mounting_angle_is_not_slip(ramps):
                                                                                        rel=0.03)
 
 
+@pytest.mark.more
 def test_a_car_without_slip_has_no_limit_and_none_is_stated(ramps):
     limit = kinematic_limit(PAPER, ramps(kinematic(PAPER)))
     assert np.isnan(limit.slip.value)
@@ -108,6 +110,7 @@ def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps
     assert "better in none of" in rolling.sentences()[2]
 
 
+@pytest.mark.more
 def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
     """A picture with shaded bins beside "nothing better" would contradict itself."""
     limit = kinematic_limit(PAPER, ramps())

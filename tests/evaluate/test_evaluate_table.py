@@ -81,6 +81,7 @@ def test_rows_on_the_excerpt(small, title):
     check(small, title)
 
 
+@pytest.mark.more
 @pytest.mark.recordings
 @pytest.mark.parametrize("title", list(ROWS))
 def test_rows_on_everything(full, title):

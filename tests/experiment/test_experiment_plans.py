@@ -37,7 +37,7 @@ def test_floor_that_is_none_is_refused(text):
 @pytest.mark.parametrize(("name", "floor"), [
     ("friction", "8x2.5"), ("friction", "40x1"), ("motor", "7x3"), ("delay", "6x5.5"),
     ("tyres", "4.5")])
-@pytest.mark.few("tyres-4.5", "friction-40x1")
+@pytest.mark.few("tyres-4.5")
 def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
     drive = run(PaperCar(files), plan)
@@ -52,7 +52,7 @@ def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, fil
 @pytest.mark.parametrize(("name", "floor"), [
     ("standstill", "2"), ("crawl", "5"), ("circles", "6"), ("steps", "6x5.5"),
     ("staircase", "6"), ("weave", "6"), ("rollouts", "6"), ("launch", "7x4"), ("laps", "6x4")])
-@pytest.mark.few("circles-6")
+@pytest.mark.more
 def test_probe_stays_on_the_floor_and_is_not_stopped(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
     drive = run(PaperCar(files), plan)
@@ -74,7 +74,7 @@ def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
 
 
 @pytest.mark.parametrize("name", [*NAMES, *(n for n in PROBES if n != "standstill")])
-@pytest.mark.few("friction", "laps")
+@pytest.mark.few("friction")
 def test_too_small_a_floor_says_what_is_needed(name, files):
     with pytest.raises(ExperimentFailed) as error:
         make_plan(name, files, Floor(2.0, 2.0), None)

@@ -158,6 +158,7 @@ def test_third_trip_within_60_s_locks(sut: Sut) -> None:
     assert outputs(sut.view()) == OUTPUTS[LOCKED]
 
 
+@pytest.mark.more
 def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
     sut.linked()
     for _ in range(4):
@@ -167,6 +168,7 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
         sut.beats(30_000, gap=20)
 
 
+@pytest.mark.more
 def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
     sut.linked()
     for calm in (50_000, 15_000, 5_000):

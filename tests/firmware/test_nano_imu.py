@@ -77,6 +77,7 @@ def test_sda_held_low_is_freed_at_once_by_up_to_nine_clocks(nano: Make, clocks: 
     check_stream(rig)
 
 
+@pytest.mark.few("sda")
 @pytest.mark.parametrize("fault", ["scl", "sda", "dead"])
 def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> None:
     rig = nano()

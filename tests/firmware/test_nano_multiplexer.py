@@ -112,7 +112,7 @@ def cut(board: Board, begin: float) -> list[float]:
 
 
 @pytest.mark.parametrize("n", range(PHASES))
-@pytest.mark.few("0", "5", "14")
+@pytest.mark.few("14")
 def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX))
     board, armed, stopped = drive(rig, n * PERIOD / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
@@ -127,7 +127,7 @@ def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
 
 
 @pytest.mark.parametrize("n", range(0, PHASES, 4))
-@pytest.mark.few("0", "8")
+@pytest.mark.few("8")
 def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano: Make,
                                                                           n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX))

@@ -54,6 +54,7 @@ def test_a_cut_off_lets_the_pulses_pass_while_it_measures(cutoff, short):
     assert measure_clock.measure(url)[0] == pytest.approx(truth(url), rel=500e-6)
 
 
+@pytest.mark.more
 def test_without_heartbeats_a_cut_off_shows_nothing(monkeypatch, short):
     monkeypatch.setattr(measure_clock.Heart, "beat", lambda self, mode: None)
     with pytest.raises(LinkLost, match="timed no pulse"):

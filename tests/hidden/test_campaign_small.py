@@ -122,8 +122,7 @@ def test_a_seed_writes_one_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", [*CAUSES, *FAR, *NEAR])
-@pytest.mark.few("grip", "gyro_bias", "steering_lag", "mocap_offset_x", "compass_gyro",
-                 "square_cornering")
+@pytest.mark.few("grip")
 def test_what_is_hidden_shows_in_the_file(tmp_path, name):
     """The negative control of the campaign: a cause that changes nothing could not be found."""
     group = "large" if name in CAUSES else "far" if name in FAR else "near"

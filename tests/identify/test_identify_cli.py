@@ -277,6 +277,7 @@ def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     assert "next: dart-hal evaluate --model model.toml" in err
 
 
+@pytest.mark.more
 def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
 

@@ -173,6 +173,7 @@ def test_a_few_rows_at_rest_decide_the_motor(made):
     assert moving.rmse == pytest.approx(.255, abs=1e-3)
 
 
+@pytest.mark.more
 def test_smoothing_is_scipys():
     from scipy.signal import savgol_filter
 

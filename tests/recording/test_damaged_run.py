@@ -212,6 +212,7 @@ def test_without_chunks_the_file_still_reads(run_bytes, unchunked, tmp_path):
     assert not found.damages
 
 
+@pytest.mark.few("100")
 @pytest.mark.parametrize("size", [1, 100, 3000])
 def test_without_checksums_reading_ends_before_a_hole(unchunked, tmp_path, size):
     whole = messages(parse_mcap(tmp_path, unchunked))

@@ -198,6 +198,7 @@ def test_without_any_channels_it_is_an_error_not_a_crash(run_file):
     assert str(run_file) in error.value.what
 
 
+@pytest.mark.few("?", "??")
 @pytest.mark.parametrize("seed", range(150))
 def test_any_damage_is_an_error_or_less_data(run_file, seed):
     rng = random.Random(seed)

@@ -26,7 +26,7 @@ def reset(raw_car, nano, boot, cause, more=""):
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.parametrize(("boot", "cause", "least", "most"), WAITS)
-@pytest.mark.few("*-mock", "optiboot-reset-*-avr")
+@pytest.mark.few("old-reset-*-mock", "optiboot-reset-*-avr")
 def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause, least, most):
     car = reset(raw_car, nano, boot, cause)
     before = car.stamps[-1]
@@ -46,6 +46,7 @@ def test_every_pin_is_released_meanwhile(raw_car, nano):
     assert car.world.nano.pins()["D5"] == 0
 
 
+@pytest.mark.few("optiboot-2-2")
 @pytest.mark.emulator
 @pytest.mark.parametrize(("boot", "bootloader", "cause"), [("old", 1, 0x04), ("optiboot", 2, 0x02)])
 def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cause):

@@ -19,7 +19,7 @@ URLS = ["sim://?nano=mock", "sim://?nano=mock&seed=3&jitter=usb", "sim://?nano=m
 
 
 @pytest.mark.parametrize("url", URLS)
-@pytest.mark.few("sim://?nano=mock", "sim://?nano=avr&cutoff=mux")
+@pytest.mark.few("sim://?nano=avr&cutoff=mux")
 def test_a_left_turn_is_driven_and_seen(url):
     try:
         backend = open_backend(url)

@@ -62,7 +62,7 @@ def test_throttle_delay_shifts_the_start(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.more
 def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
     plain, seen = pair("pwm_clock:0.01", ROLL, f"&nano={nano}")
     for (_, one, width), (_, other, longer) in zip(plain.pulses[:60], seen.pulses, strict=False):
@@ -92,6 +92,7 @@ def step(pair, effect, size, share):
     return late(*pair, share, BEGIN + 8.0)
 
 
+@pytest.mark.few("0.5")
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
 def test_steering_lag_rounds_the_answer(pair, share):
     """1 - exp(-t/T) against the servo's ramp of 20 ms."""
@@ -100,14 +101,14 @@ def test_steering_lag_rounds_the_answer(pair, share):
 
 
 @pytest.mark.parametrize("size", [0.1, 0.2])
-@pytest.mark.few("0.2")
+@pytest.mark.more
 def test_steering_rate_limit_takes_longer_for_a_large_step(pair, size):
     expected = 0.5 * size * (0.5 - 1.0 / 10.2)
     assert step(pair, "steering_rate_limit:0.5", size, 0.5) == pytest.approx(expected, abs=0.006)
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.more
 def test_steering_trim_turns_a_straight_drive(pair, nano):
     plain, seen = pair("steering_trim:0.02", ROLL, f"&model=kinematic&nano={nano}")
     end = seen.t > seen.t[-1] - 0.2
@@ -216,7 +217,7 @@ def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
 
 @pytest.mark.parametrize(("missing", "counted"), [(0.05, 0.95), (0.2, 0.8), (-0.1, 1.1)])
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock-*", "avr-0.2-0.8")
+@pytest.mark.few("mock-0.2-0.8")
 def test_marks_go_one_by_one_and_come_twice(pair, missing, counted, nano):
     plain, seen = pair(f"encoder_ring:{missing}", ROLL, f"&nano={nano}")
     assert seen.covered(0, 9) == pytest.approx(counted * plain.covered(0, 9), abs=0.01)
@@ -238,6 +239,7 @@ def test_the_phase_of_the_ring_is_where_the_gap_comes(driven):
     assert gap_first > gap_later + 0.05
 
 
+@pytest.mark.more
 def test_encoder_scale_and_slip(pair):
     plain, scaled = pair("encoder_scale:0.04", ROLL)
     assert scaled.covered(0, 9) == pytest.approx(1.04 * plain.covered(0, 9), abs=0.004)
@@ -293,6 +295,7 @@ def test_a_tilted_imu_feels_gravity_and_turns_its_axes(pair, nano):
     assert gyro[0] == pytest.approx(-plain.gyro[-1] * math.sin(0.1), abs=0.01)
 
 
+@pytest.mark.more
 def test_lever_arm_and_yaw_of_the_imu(pair):
     plain, ahead = pair("imu_lever_arm:0.1", TURN)
     assert np.mean(ahead.accel_x[-20:] - plain.accel_x[-20:]) == pytest.approx(

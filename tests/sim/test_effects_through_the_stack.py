@@ -43,7 +43,7 @@ def told():
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.more
 def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
     plain, seen = told(nano), told(nano, "encoder_ring:missing=0.1")
     assert plain[0] == pytest.approx(1.0, abs=0.01)

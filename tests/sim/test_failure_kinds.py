@@ -104,6 +104,7 @@ def test_symptom_and_healing(raw_car, nano, failure):
     assert not symptom(seen, seen.after)
 
 
+@pytest.mark.few("mock")
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_no_symptom_without_a_failure(raw_car, nano):
     """The control of all of them."""
@@ -111,6 +112,7 @@ def test_no_symptom_without_a_failure(raw_car, nano):
     assert [f for f, symptom in SYMPTOMS.items() if symptom(seen, seen.during)] == []
 
 
+@pytest.mark.few("mcu:freeze")
 @pytest.mark.emulator
 @pytest.mark.parametrize("failure", ["mcu:hang", "mcu:freeze"])
 def test_a_program_that_stands_sends_nothing(raw_car, failure):
@@ -137,6 +139,7 @@ def test_after_a_silent_config_the_firmware_sets_the_imu_up_again(raw_car):
     assert 0 in modes
 
 
+@pytest.mark.few("5")
 @pytest.mark.emulator
 @pytest.mark.parametrize("nth", [1, 5, 9])
 def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
@@ -177,6 +180,7 @@ def test_what_needs_the_firmware_is_refused_by_the_mock(raw_car, text):
         car.run(0.3)
 
 
+@pytest.mark.few("line:garbage=0.05", "line:delayed=0.3")
 @pytest.mark.parametrize("kind", ["line:wrong=0.5", "line:garbage=0.05", "line:delayed=0.3",
                                   "line:intermittent=0.9"])
 def test_two_that_overlap_leave_the_line_as_it_was(raw_car, kind):

@@ -25,6 +25,7 @@ def make(**options):
     return gymnasium.make(ENV_ID, **options).unwrapped
 
 
+@pytest.mark.few("path", "randomised")
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_gymnasium_has_nothing_to_say(options):
     with warnings.catch_warnings():

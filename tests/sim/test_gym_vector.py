@@ -31,7 +31,7 @@ def actions(n, k):
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
-@pytest.mark.few("speed", "paper")
+@pytest.mark.few("speed")
 def test_together_as_alone(options):
     """150 steps beside gymnasium's own SyncVectorEnv, across many resets."""
     n = 5
@@ -86,6 +86,7 @@ def test_the_step_after_the_end_resets():
     assert (seen[:, [names.index("throttle"), names.index("steering")]] == 0.0).all()
 
 
+@pytest.mark.more
 def test_more_environments_change_none():
     few, many = make(2), make(40)
     few.reset(seed=3)
@@ -120,6 +121,7 @@ def test_spaces_and_default_mode():
         env.reset(seed=[1, 2])
 
 
+@pytest.mark.more
 def test_one_picture_with_all_cars():
     env = make(3, render_mode="rgb_array")
     env.reset(seed=0)

@@ -97,6 +97,7 @@ def test_reveal_has_the_shape_of_the_contract(seed):
     assert sum(shown["sensors"]["encoder.ring"]) == pytest.approx(20)
 
 
+@pytest.mark.more
 def test_revealed_angle_is_the_middle_of_the_loop(raw_car):
     car = raw_car("sim://?nano=mock&seed=3")
     shown = reveal(3)

@@ -39,7 +39,7 @@ def commands(n, k, seed=0):
 @pytest.mark.parametrize("engine", ["auto", "numpy"])
 @pytest.mark.parametrize("config", [ROUGH, OLD], ids=["firmware", "recorded"])
 @pytest.mark.parametrize("p", VEHICLES.values(), ids=VEHICLES)
-@pytest.mark.few("*-auto", "late-firmware-numpy")
+@pytest.mark.few("late-firmware-numpy", "paper-recorded-auto", "kinematic-firmware-auto")
 def test_a_batch_is_its_cars(p, config, engine):
     n = 4
     batch = LightBatch(p, n, replace(config, engine=engine), seed=8)
@@ -98,6 +98,7 @@ def test_a_reset_of_some_cars_leaves_the_others():
     assert rb.t[[0, 1]].tolist() == pytest.approx([0.4, 0.19])
 
 
+@pytest.mark.more
 def test_single_precision_is_close():
     for engine in ("auto", "numpy"):
         single, double = (LightBatch(UPSTREAM_2024, 4, replace(ROUGH, dtype=t, engine=engine))

@@ -229,6 +229,7 @@ def test_refusals():
         Actuators(dead_band=math.nan)
 
 
+@pytest.mark.few("import dart_hal.sim.light")
 @pytest.mark.parametrize("statement", ["import dart_hal", "import dart_hal.sim",
                                        "import dart_hal.sim.light",
                                        "from dart_hal.sim.light import LightBatch"])

@@ -55,12 +55,14 @@ def plain():
     return drive(LightCar(UPSTREAM_2024))
 
 
+@pytest.mark.few("*encoder*", "*gyro*", "mass", "battery_fade")
 @pytest.mark.parametrize("name", catalogue())
 def test_every_effect_shows_in_some_reading(name, plain):
     found = np.abs(drive(car_with(large(name))) - plain).max(axis=0)
     assert found.max() > 4e-3
 
 
+@pytest.mark.few("sensors1-*")
 @pytest.mark.parametrize("name", catalogue())
 @pytest.mark.parametrize("sensors", [PERFECT, FIRMWARE])
 def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):

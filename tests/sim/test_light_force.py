@@ -29,6 +29,7 @@ def variance(disturbance, step, seconds=0.6):
 STEPS = (0.005, 0.01, 0.02)
 
 
+@pytest.mark.more
 def test_white_noise_has_the_variance_of_theory():
     """dv = -c/m v dt + density/m dW: friction beyond 1 m/s is linear."""
     damp = PAPER.friction.c / PAPER.body.mass

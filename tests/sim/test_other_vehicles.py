@@ -60,6 +60,7 @@ def test_an_extended_file_circles_as_in_the_light_simulation(driven, filed):
     assert base.read().speed > 1.1 * reading.speed
 
 
+@pytest.mark.more
 def test_delays_and_lags_of_the_file_are_those_of_servo_and_motor(driven, filed):
     turn = ((-0.04, 0.3, 3.0), (0.4, 0.3, 1.0))
     quick = UPSTREAM_2024

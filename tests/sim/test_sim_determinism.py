@@ -41,12 +41,13 @@ FAILING = ("&boot=optiboot&fail=enc:garbage=500@1.5%2B1,imu:intermittent=0.3@2%2
 
 
 @pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4", FAILING])
-@pytest.mark.few("&jitter=usb")
+@pytest.mark.more
 def test_read_slices_do_not_matter(raw_car, extra):
     first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
 
 
+@pytest.mark.more
 @pytest.mark.emulator
 def test_read_slices_do_not_matter_to_the_firmware(raw_car):
     url = "sim://?nano=avr&seed=7"
@@ -112,6 +113,7 @@ def test_sleep_leaves_the_frames_to_be_read(raw_car):
     assert car.backend.clock.now() == pytest.approx(1.0)
 
 
+@pytest.mark.more
 def test_usb_jitter_delays_and_keeps_the_order(raw_car):
     plain, late = raw_car("sim://?nano=mock").run(5.0), raw_car("sim://?nano=mock&jitter=usb")
     late.run(5.0)

@@ -21,6 +21,7 @@ def test_left_steering_turns_left(raw_car):
     assert car.states()[-1]["gyro"][2] > 0.1
 
 
+@pytest.mark.more
 def test_right_is_the_mirror_image_with_a_symmetric_map(raw_car):
     left = raw_car().armed().drive(0.4, 0.25, 1.0).truth
     right = raw_car().armed().drive(-0.4 - 2 * PAPER.steering.s0, 0.25, 1.0).truth

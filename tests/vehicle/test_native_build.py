@@ -96,6 +96,7 @@ def test_compiled_on_demand_once(nothing_built, monkeypatch):
         kernel.Kernel(KINEMATIC, "motion", 0.01, np.float32)
 
 
+@pytest.mark.more
 @needs_compiler
 def test_another_processor_does_not_get_this_one_s_library(nothing_built, monkeypatch):
     kernel.Kernel(KINEMATIC, "motion", 0.01)
@@ -134,6 +135,7 @@ exec {real} "$@"
     assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
+@pytest.mark.more
 @needs_compiler
 def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_built, monkeypatch):
     text = build.COMMITTED.read_text(encoding="utf-8")
@@ -223,6 +225,7 @@ def test_a_wrong_kernel_is_not_used(nothing_built, monkeypatch):
         Batch(KINEMATIC, 3, engine="native")
 
 
+@pytest.mark.more
 @needs_compiler
 @pytest.mark.skipif(platform.machine() != "x86_64" or platform.libc_ver()[0] != "glibc"
                     or tuple(map(int, platform.libc_ver()[1].split("."))) < (2, 35),

@@ -69,6 +69,8 @@ def apart(got, wanted):
     return np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted)))
 
 
+@pytest.mark.few("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",
+                 "1-shared-kinematic")
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
 @pytest.mark.parametrize("n", [1, N])
@@ -87,7 +89,7 @@ def test_one_step_from_random_states(p, lanes, n):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
-@pytest.mark.few("*PaperTyres*", "*-capped")
+@pytest.mark.few("shared-PaperTyres-upstream", "per-car-capped")
 def test_two_seconds_of_transients(p, lanes):
     """200 steps under steps and sines of both commands: floats, numpy, kernel.
 
@@ -113,7 +115,7 @@ def test_two_seconds_of_transients(p, lanes):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
-@pytest.mark.few("*PaperTyres*")
+@pytest.mark.few("per-car-PaperTyres-upstream")
 def test_rollouts_of_windows(p, lanes):
     """Held inputs and substeps, read at samples in any order and twice."""
     state, draw = driving(p, N, seed=5)[:6], np.random.default_rng(6)

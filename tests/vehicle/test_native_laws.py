@@ -155,7 +155,7 @@ COMMANDS = (0.35, -0.3)
 @given(vx=st.floats(0.4, 4), vy=st.floats(-0.4, 0.4), om=st.floats(-4, 4),
        tau=st.floats(-0.4, 0.6), s=st.floats(-1, 1))
 @settings(max_examples=20)
-@pytest.mark.few("kinematic", "P1")
+@pytest.mark.few("P1")
 def test_casadi_floats_and_arrays_are_one_step(p, vx, vy, om, tau, s):
     casadi = pytest.importorskip("casadi")
     state = (*STATE[:3], vx, vy, om, *STATE[6:])

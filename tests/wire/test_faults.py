@@ -61,6 +61,7 @@ def test_every_pair_of_bits():
     assert decoder.counters.damaged >= comb(bits, 2)
 
 
+@pytest.mark.few("3 bits", "changed", "dropped")
 @pytest.mark.parametrize("name", samples.SMALL_FAULTS)
 def test_no_small_fault_passes(name):
     assert wrong(samples.SMALL_FAULTS[name], 6000, seed=1) == 0

@@ -39,6 +39,7 @@ QUIET = 30.0  # gain; twice what nothing reaches
 
 # 1: noise in what is measured makes whatever divides a force look too large
 
+@pytest.mark.more
 def test_noise_alone_makes_no_car_lighter():
     """Even where nothing else may be named, and shaken two and a half times as much."""
     found = search(drive(habits=Habits(push=0.3)), names=INERT)
@@ -189,6 +190,7 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     assert size_of(found, name) == pytest.approx(k, rel=0.5)
 
 
+@pytest.mark.few("motor_saturation-3.3")
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     monkeypatch.setattr(scanning, "_beyond", lambda *given: None)

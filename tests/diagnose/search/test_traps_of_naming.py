@@ -42,6 +42,7 @@ def test_two_delays_are_those_two_and_no_third(two):
         assert size_of(found, name) == pytest.approx(k, rel=0.2)
 
 
+@pytest.mark.few("gyro_latency")
 @pytest.mark.parametrize("name", ["clock_offset", "gyro_latency"])
 def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and
@@ -93,6 +94,7 @@ def test_no_size_that_is_tried_is_out_of_bounds(name):
         assert all(q.low <= k <= q.high for k in (*near, *far))
 
 
+@pytest.mark.more
 def test_no_rollout_within_the_bounds_runs_away():
     seen = evidence(drive(seconds=20.0))
     for name, of in catalogue().items():
@@ -161,6 +163,7 @@ def twins(monkeypatch):
     return known
 
 
+@pytest.mark.more
 def test_two_names_for_one_thing_are_said_to_be_alike(twins):
     found = search(drive(("grip", -0.2)), names=("grip", "twin", "motor_gain", "gyro_bias"))
     one, = found.named
@@ -244,6 +247,7 @@ def test_a_tilt_shows_in_two_seconds_of_standstill_and_not_in_thirty_of_driving(
                         names=("imu_pitch", "imu_roll", "road_slope_x"))) == ["imu_pitch"]
 
 
+@pytest.mark.more
 def test_a_level_imu_has_no_tilt():
     trial = pitch(tilted(0.0, rest=True))
     assert trial.gain < 3.0

@@ -87,7 +87,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     (windows, "v_x", lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3 + 2.0), {("way",)}),
     (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
 ])
-@pytest.mark.few("windows-v_x-*-along0", "messages-gyro-*")
+@pytest.mark.few("windows-v_x-*-along0")
 def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
     found = structure([planted(make(5), channel, curve, 0.4)], 1)
     assert [u.channel for u in found] == [channel]
@@ -110,6 +110,7 @@ def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     assert not structure([replace(of, y=of.y * signs[stretch][:, None])])
 
 
+@pytest.mark.more
 def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_own():
     of = windows(6, recordings=3)
     phase = np.array([0.3, 2.1, 4.0])[of.recording]
@@ -136,12 +137,14 @@ def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_pl
     assert ("x",) not in [u.along for u in elsewhere]
 
 
+@pytest.mark.more
 def test_a_car_that_hardly_moves_has_no_waves():
     of = windows(6)
     standing = {**of.features, "way": 1e-3 * of.features["time"]}
     assert structure([replace(of, features=standing)]) == ()
 
 
+@pytest.mark.more
 def test_a_level_of_each_recording_is_called_that():
     level = np.array([1.0, -1.0, 0.3, -0.3])
     of = windows(7, recordings=4)
@@ -160,6 +163,7 @@ def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_vari
     assert ("speed",) not in [u.along for u in structure([not_carried])]
 
 
+@pytest.mark.more
 def test_share_falls_to_nothing_with_the_cause():
     noise = windows(9)
     before = shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"], 0.5)])

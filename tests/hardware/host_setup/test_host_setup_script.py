@@ -39,6 +39,7 @@ def test_remove_on_a_fresh_computer_says_that_there_is_nothing(box: Box) -> None
     assert announced(done.stdout) == []
 
 
+@pytest.mark.more
 def test_remove_can_be_tried_first(box: Box) -> None:
     box.run()
     before = box.tree()
@@ -65,6 +66,7 @@ def test_what_a_fresh_computer_gets(box: Box) -> None:
     assert "log out and in again" in done.stdout
 
 
+@pytest.mark.more
 def test_every_file_is_told_to_those_who_read_it(box: Box) -> None:
     box.run()
     calls = box.calls
@@ -75,12 +77,14 @@ def test_every_file_is_told_to_those_who_read_it(box: Box) -> None:
     assert "systemctl enable dart-hal.service" in calls[unit:]
 
 
+@pytest.mark.more
 def test_the_service_starts_at_once_where_the_nano_is_there(box: Box) -> None:
     box.put("dev/dart-nano", "")
     box.run()
     assert "systemctl restart dart-hal.service" in box.calls
 
 
+@pytest.mark.more
 def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> None:
     box.put("dev/i2c-7", "")
     assert box.run("--car", "mine", "--i2c", "7").returncode == 0
@@ -93,6 +97,7 @@ def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> Non
     assert "daemon-reload" in done.stdout, "the service must read its settings again"
 
 
+@pytest.mark.more
 def test_new_constraints_make_a_new_environment_and_drop_the_old(box: Box) -> None:
     box.run()
     old = (box.home / DATA / "current").resolve()
@@ -104,6 +109,7 @@ def test_new_constraints_make_a_new_environment_and_drop_the_old(box: Box) -> No
     assert (new / ".complete").exists()
 
 
+@pytest.mark.more
 def test_a_uv_that_is_there_is_used(box: Box) -> None:
     done = box.run("--uv", str(box.folder / "uv"))
     assert done.returncode == 0, done.stderr
@@ -111,6 +117,7 @@ def test_a_uv_that_is_there_is_used(box: Box) -> None:
     second_run_does_nothing(box)
 
 
+@pytest.mark.more
 def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
     box = Box(tmp_path, board="Raspberry Pi 4 Model B Rev 1.4")
     (box.root / "dev" / "i2c-1").unlink()
@@ -121,6 +128,7 @@ def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
     assert not [c for c in box.calls if c.startswith("raspi-config")]
 
 
+@pytest.mark.more
 def test_an_image_that_does_not_run_has_all_of_it_from_its_first_start(box: Box) -> None:
     shutil.rmtree(box.root / "run")
     assert "next start" in box.run().stdout
@@ -131,6 +139,7 @@ def test_an_image_that_does_not_run_has_all_of_it_from_its_first_start(box: Box)
     assert "systemctl stop dart-hal.service" not in box.calls
 
 
+@pytest.mark.more
 def test_remove_ends_the_service_first(box: Box) -> None:
     box.run()
     box.run("--remove")
@@ -155,7 +164,7 @@ def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
     (remove_undoes, "environment.sh", '"$data/cars/$car"\n', '"$data/cars/$car" "$data/junk"\n'
      '    run touch "$data/junk/x"\n'),
 ])
-@pytest.mark.few("second_run_does_nothing-lib*", "remove_undoes-environment*")
+@pytest.mark.few("remove_undoes-system*")
 def test_a_broken_script_is_found_out(box: Box, law: object, name: str, old: str,
                                       new: str) -> None:
     box.change(name, old, new)
@@ -163,6 +172,7 @@ def test_a_broken_script_is_found_out(box: Box, law: object, name: str, old: str
         law(box)  # type: ignore[operator]
 
 
+@pytest.mark.more
 def test_an_environment_without_its_mark_is_found_out(box: Box) -> None:
     box.run()
     whole = box.tree()

@@ -159,6 +159,7 @@ def test_a_hole_in_the_rows_does_not_stretch_the_delay(workshop, lively):
     assert np.mean(step) > 1.3 * np.median(step)  # the trap is there
 
 
+@pytest.mark.more
 def test_steering_that_never_changes_tells_no_delay(workshop, lively):
     d = workshop.drive(lively, np.full((2, 1500), 0.24), np.full((2, 1500), 0.4),
                        np.random.default_rng(9))

@@ -234,6 +234,7 @@ def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
     assert any("cannot be told" in note for note in motor.notes)
 
 
+@pytest.mark.more
 def test_without_coasting_the_friction_is_not_told(workshop, steps, lively):
     rng = np.random.default_rng(6)
     throttle = np.repeat([[0.22], [0.25], [0.3], [0.35]], 700, axis=1)
@@ -246,6 +247,7 @@ def test_without_coasting_the_friction_is_not_told(workshop, steps, lively):
     assert any("friction held" in note for note in fits["motor"].notes)
 
 
+@pytest.mark.more
 def test_friction_alone_needs_only_the_coasting(sets):
     friction = fit_submodels(sets[0], ("friction",))[0]["friction"]
     for name in "ac":

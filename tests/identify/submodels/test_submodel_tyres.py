@@ -61,6 +61,7 @@ def test_both_axles_lie_within_the_stated_intervals(ramps, logged):
     assert np.sqrt(np.mean(np.square(z))) < 1.7
 
 
+@pytest.mark.more
 def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
     late = replace(logged, delay=replace(logged.delay, steering_s=0.3, steering_lag_s=0.0))
     right = fit_submodels(ramps[0], ("tyres",), base=logged)[0]["tyres"]
@@ -107,6 +108,7 @@ def test_the_smoothing_is_what_the_derivative_sees():
     assert np.max(np.abs(rate - exact)[30:-30]) > 0.2  # without it they differ
 
 
+@pytest.mark.more
 def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
     """Two days, the second with a room 1.3 times as large: two tyres, one honest interval."""
     first = ramps[0]
@@ -119,6 +121,7 @@ def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
     assert any("2 sessions fitted apart" in note for note in both.notes)
 
 
+@pytest.mark.more
 def test_the_base_is_given_back_when_nothing_is_told(workshop, steps, lively):
     rng = np.random.default_rng(3)
     throttle = steps([0.25], rng)

@@ -101,6 +101,8 @@ CHANGES = {
 """Channel of the standard drive, and the least rms change by the medium size (SI units)."""
 
 
+@pytest.mark.few("steering_compliance", "cornering_drag", "battery_fade", "gyro_scale",
+                 "mass", "steering_lag", "encoder_ring", "mocap_latency")
 @EVERY
 def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     channel, least = CHANGES[name]
@@ -115,6 +117,8 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
         assert all(apart(c) == 0.0 for c in ("v_x", "v_y", "omega")), "sensors move no car"
 
 
+@pytest.mark.few("combined_slip", "cornering_drag", "battery_fade", "gyro_scale", "mass",
+                 "steering_lag", "encoder_ring", "mocap_latency")
 @EVERY
 def test_a_larger_size_shows_more(name, base_drive):
     channel, _ = CHANGES[name]
