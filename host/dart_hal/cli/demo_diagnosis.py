@@ -47,7 +47,7 @@ TURNS, TURN_SECONDS = 0.9, (0.4, 2.0)  # steering command, s that one is held
 PULLS, PULL_SECONDS, ROLLING = (0.2, 0.3), 1.5, 0.12  # throttle, s, share of them without any
 FRAME_WAIT = 0.0115
 """s from a command to the pulse, on average: half a frame of the PWM, and the pulse itself."""
-MOST = 3
+MAX_CAUSES = 3
 """Causes: the demo has to end; ``dart-hal diagnose`` on its files looks for more."""
 SERVO_S = 0.1
 """s from the middle to full lock: 375 us at the 6 rad/s of the servo's data sheet."""
@@ -116,7 +116,7 @@ def chapter(url: Url, seed: int, out: Path) -> Chapter:
     found = told(second, third, files["healthy_model"])
     write_page(found, files["diagnosis"],
                command=f"dart-hal diagnose --model {files['healthy_model']} --no-refit "
-                       f"--max-causes {MOST} --train {second} --test {third} "
+                       f"--max-causes {MAX_CAUSES} --train {second} --test {third} "
                        f"--html {files['diagnosis']}")
     return Chapter(hidden, found, files)
 
@@ -159,7 +159,7 @@ def told(run: Path, unseen: Path, model: Path) -> Diagnosis:
     file, p = find_model(model)
     with _bar("looking for the cause") as tell:
         sides = checked([read_run(run)], [read_run(unseen)], p)
-        found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MOST,
+        found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MAX_CAUSES,
                          progress=tell)
     return replace(found, model=model.name, notes=(*sides.notes, *found.notes))
 

@@ -18,7 +18,7 @@ from dart_hal.vehicle.load import find_model
 
 MODEL = "paper"
 FOLDER = Path("tests", "recorded", "data")
-MOST = 3  # causes: each costs seconds, and the largest come first
+MAX_CAUSES = 3  # causes: each costs seconds, and the largest come first
 TRAIN = ("50_tire_model_data", "60_racetrack_lap_v_060", "81_throttle_ramps")
 TEST = ("91_free_driving_16_sept_2024", "steering_identification_25_sept_2024")
 """By day: what was driven until 9 September 2024 trains, later days test."""
@@ -39,11 +39,11 @@ def told(folder: Path, page: Path) -> Diagnosis:
     file, p = find_model(MODEL)
     train, test = (read_any([folder / name for name in names])[0] for names in (TRAIN, TEST))
     sides = checked(train, test, p)
-    found = diagnose(file, p, sides.train, sides.test, max_causes=MOST)
+    found = diagnose(file, p, sides.train, sides.test, max_causes=MAX_CAUSES)
     found = replace(found, model=MODEL, notes=(*sides.notes, *found.notes))
     given = (f"--{side} " + " ".join(str(FOLDER / name) for name in names)
              for side, names in (("train", TRAIN), ("test", TEST)))
-    write_page(found, page, command=f"dart-hal diagnose --model {MODEL} --max-causes {MOST} "
+    write_page(found, page, command=f"dart-hal diagnose --model {MODEL} --max-causes {MAX_CAUSES} "
                                    + " ".join(given))
     return found
 

@@ -16,7 +16,7 @@ from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 
 from .conclude import Question, conclude
-from .evidence.drive import APART, EVERY, READ, prepare
+from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
 from .evidence.residuals import Evidence
 from .gains import Side, side_of
 from .policy import USUAL, EvidencePolicy, Policy
@@ -116,8 +116,9 @@ def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Referenc
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
     seconds = sum(len(c.grid) for c in cases.cases) * SAMPLE
-    every = APART if seconds > policy.whole_s else EVERY
+    every = WINDOW_SPACING if seconds > policy.whole_s else START_SPACING
     drives = [prepare(r, l_r, frames[r.sha256], every, policy)
               for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
-    return Evidence(drives, l_r, READ[-1] / every), [windows.get(r.sha256, 0) for r in recordings]
+    return (Evidence(drives, l_r, READ_OUTS[-1] / every),
+            [windows.get(r.sha256, 0) for r in recordings])

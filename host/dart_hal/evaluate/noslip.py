@@ -26,7 +26,7 @@ from .cases import Case
 
 EDGES = {"lateral_acceleration": np.arange(0.0, 8.01, 0.5), "speed": np.arange(0.3, 4.01, 0.2)}
 """Bins by |v omega| [m/s2] and by v_x [m/s]."""
-LEAST, HELD = 50, 70
+MIN_SAMPLES, SETTLING = 50, 70
 """Samples of 10 ms: fewest in a bin; time after a steering change that is left out."""
 SLOW, TURNING = 0.8, 0.4
 """m/s below which the path is taken as that of no slip; 1/m, curvature that counts as a turn."""
@@ -97,7 +97,7 @@ def curvature_loss(cases: Sequence[Case], l_r: float = L_R) -> list[Curve]:
         for level in np.unique(np.round(g.steering[steady], 3)):
             use = steady & (np.abs(g.steering - level) < 1e-3)
             slow = use & (g.v_x < SLOW)
-            if slow.sum() < LEAST:
+            if slow.sum() < MIN_SAMPLES:
                 continue
             kappa = g.omega / np.maximum(g.v_x, MIN_SPEED)
             usual = float(np.median(kappa[slow]))
@@ -135,7 +135,7 @@ def _drives(g: Grid) -> BoolArray:
 def _held(steering: FloatArray) -> BoolArray:
     index = np.arange(len(steering))
     change = np.abs(np.diff(steering, prepend=steering[0])) > 1e-9
-    return np.asarray(index - np.maximum.accumulate(np.where(change, index, 0)) > HELD)
+    return np.asarray(index - np.maximum.accumulate(np.where(change, index, 0)) > SETTLING)
 
 
 def _bins(file: str, by: str, side: int, level: float, g: Grid, value: FloatArray, use: BoolArray,
@@ -146,7 +146,7 @@ def _bins(file: str, by: str, side: int, level: float, g: Grid, value: FloatArra
     spread: list[float] = []
     for k in range(rows.shape[1]):
         inside = use & (index == k)
-        if inside.sum() >= LEAST:
+        if inside.sum() >= MIN_SAMPLES:
             v = value[inside]
             rows[:, k] = accel[inside].mean(), g.v_x[inside].mean(), np.median(v)
             spread.append(scatter(v - rows[2, k]))

@@ -31,7 +31,7 @@ SLOW = 0.35
 """m/s; below, the ring turns too slowly for the speed of a moment."""
 BLOCK = 10
 """samples of one error: a second."""
-LEAST = 60
+MIN_SAMPLES = 60
 """samples: 6 s of ramps."""
 FLOOR = 1e-3
 """rad, one sigma that any value of the slip difference has: ring, gyro bias, form."""
@@ -103,7 +103,7 @@ def understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer
     side = np.sign(m.steering)
     held = (np.abs(np.abs(m.steering) - TYRE_STEERING) < NEAR) & (m.speed > SLOW)
     use = held & (m.throttle > 0.0) & (m.yaw_rate * side > 0.0)
-    if use.sum() < LEAST:
+    if use.sum() < MIN_SAMPLES:
         return None
     lateral = (m.speed * m.yaw_rate * side)[use]
     angle = np.arctan2(wheelbase * m.yaw_rate * side, m.speed)[use]

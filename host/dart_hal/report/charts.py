@@ -17,7 +17,7 @@ from .numbers import significant
 ROW = 17.0  # px from one bar to the next
 NAMES = 145.0  # px left of the bars
 STEPS_HEIGHT = 220.0  # px
-FEW = 6
+MAX_LABELLED = 6
 """Steps whose figures stand beside each other without touching."""
 
 
@@ -56,7 +56,7 @@ def steps(name: str, y_label: str, values: FloatArray, level: float, level_name:
         parts += [svg.line(start, end, "ctrv"),
                   svg.text(end[0] - 4, end[1] - 5, f"{level_name} {significant(level)}", "end")]
     parts += svg.curve(frame, np.arange(n, dtype=float), values, nothing, nothing, "after")
-    for i in range(n) if n <= FEW else (0, 1, n - 1):
+    for i in range(n) if n <= MAX_LABELLED else (0, 1, n - 1):
         if math.isfinite(values[i]):
             px, py = frame.at(i, float(values[i]))
             parts.append(svg.text(px, py - 9, significant(float(values[i])), "middle"))

@@ -25,7 +25,7 @@ ABOVE: dict[str, Any] = {"frameon": False, "loc": "lower center", "bbox_to_ancho
 PX_PER_INCH, LEAST_PX_PER_INCH = 88, 52
 """Size of a picture on a page, and the smallest with legible words: below it, it scrolls."""
 NINETY = 1.645  # standard errors of a 90 % interval
-MANY = 400
+DENSE = 400
 """Points; above it they are drawn small and pale."""
 
 
@@ -74,7 +74,7 @@ def finish(axes: Any, x: str = "", y: str = "", title: str = "", *, legend: bool
 
 def scatter(axes: Any, x: FloatArray, y: FloatArray, label: str, color: str = BLUE) -> None:
     """Data points, rasterised so that many of them stay a small file."""
-    many = len(x) > MANY
+    many = len(x) > DENSE
     axes.plot(x, y, ".", ms=2.5 if many else 4.5, alpha=0.25 if many else 0.7, color=color,
               lw=0, rasterized=True, zorder=1)
     axes.plot([], [], ".", ms=7, color=color, lw=0, label=label)  # a legible entry of the legend

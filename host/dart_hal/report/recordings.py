@@ -18,7 +18,7 @@ from .figures import ABOVE, BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, 
 
 WHEEL, GROUND, BAD, GATED, RAW, STEER = BLUE, INK, ORANGE, "#56b4e9", GREY, GREEN
 COLUMNS = 6
-MOST = 120  # recordings in one overview
+MAX_RECORDINGS = 120  # recordings in one overview
 
 
 def plot_check(c: Check, path: str | Path) -> Path:
@@ -47,7 +47,7 @@ def plot_check(c: Check, path: str | Path) -> Path:
 
 def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
     """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
-    shown = checks[:MOST]
+    shown = checks[:MAX_RECORDINGS]
     rows = -(-len(shown) // COLUMNS)
     figure = new_figure((2.5 * COLUMNS, 1.65 * rows + 0.6), path)
     panels = np.atleast_2d(figure.subplots(rows, COLUMNS, squeeze=False))
@@ -57,7 +57,7 @@ def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
         _small(axes, c)
     for axes in panels[:, 0]:
         axes.set_ylabel("m/s", fontsize=7)
-    left = f" (the first {MOST})" if len(checks) > MOST else ""
+    left = f" (the first {MAX_RECORDINGS})" if len(checks) > MAX_RECORDINGS else ""
     figure.suptitle(f"{len(checks)} recording(s){left}: speed over time [s]; blue wheels, black "
                     "mocap, shaded throttle (0 to 1 of the height), orange bad", fontsize=9)
     return save_figure(figure, path)

@@ -8,7 +8,7 @@ from dart_hal.sim.mock_supervisor import Output
 
 PERIOD, WIDTH, FIRST = 0.020, 0.0015, 0.005
 """s; the own pulses."""
-APART = 0.0001
+SWITCH_GAP = 0.0001
 """s from the end of the own pulse to the switch: an ESC would join what is closer."""
 RETRY = 0.003
 """s until the firmware switches all the same, where D8 was high at the end of its own pulse."""
@@ -66,7 +66,7 @@ class MockPins:
             return
         if t == rise + WIDTH:
             self._log.append((t, "D9", 0))
-            self._next = t + APART
+            self._next = t + SWITCH_GAP
             return
         if t < rise + WIDTH + RETRY and self._wants(t) and self._board_high(t):
             self._next = t + RETRY

@@ -7,11 +7,17 @@ import pytest
 from onboard_files import evidence, made
 
 from dart_hal.diagnose.evidence.onboard import UNKNOWN, limits
-from dart_hal.diagnose.evidence.onboard_drive import COUNTED, PAST, READS, counted, sessions
+from dart_hal.diagnose.evidence.onboard_drive import (
+    ENCODER_SPAN,
+    MESSAGES_AHEAD,
+    PAST,
+    counted,
+    sessions,
+)
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.types import SAMPLE
 
-BEFORE, AFTER = (PAST + 2) * COUNTED, READS * COUNTED
+BEFORE, AFTER = (PAST + 2) * ENCODER_SPAN, MESSAGES_AHEAD * ENCODER_SPAN
 
 
 def starts(drives):
@@ -43,7 +49,7 @@ def test_a_lost_message_costs_the_windows_around_it_and_no_others():
     whole = made(120).messages.t
     lost = np.delete(whole, 60)
     kept = starts(sessions(made(t=lost)))
-    assert not np.any((kept > 6.0 - AFTER - SAMPLE) & (kept < 6.0 + COUNTED))
+    assert not np.any((kept > 6.0 - AFTER - SAMPLE) & (kept < 6.0 + ENCODER_SPAN))
     assert np.any(kept < 6.0 - AFTER - SAMPLE)
     assert np.any(kept > 6.1)
     assert len(sessions(made(t=lost))) == 1

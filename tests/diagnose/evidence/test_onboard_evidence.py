@@ -10,7 +10,7 @@ from onboard_files import evidence, recorded
 
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.onboard import limits, unseen
-from dart_hal.diagnose.evidence.onboard_drive import READS
+from dart_hal.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -29,7 +29,7 @@ def size(residuals, columns=slice(None)):
 
 def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     r = plain.residuals(PAPER)
-    assert r.motion.shape == (len(plain.motion_drive), 2 * READS)
+    assert r.motion.shape == (len(plain.motion_drive), 2 * MESSAGES_AHEAD)
     assert r.sensors.shape == (len(plain.sensor_drive), 4)
     assert size(r, ENCODER) < 0.04
     assert size(r, GYRO) < 0.05
@@ -119,17 +119,18 @@ def test_residuals_are_the_same_every_time(plain):
 def test_recordings_that_hold_nothing_give_no_rows_and_say_so():
     nothing = evidence()
     r = nothing.residuals(PAPER)
-    assert r.motion.shape == (0, 2 * READS)
+    assert r.motion.shape == (0, 2 * MESSAGES_AHEAD)
     assert r.sensors.shape == (0, 4)
     assert [len(b) for b in nothing.blocks(2.0)] == [0, 0]
     assert any("how the car moves" in s for s in limits(nothing))
 
 
 def test_an_error_of_a_sensor_must_show_in_that_sensor_and_one_of_the_car_in_its_motion(plain):
-    channel = np.arange(-4, 2 * READS)
-    read = {"encoder": set(range(0, 2 * READS, 2)) | {-1},
-            "gyro": set(range(1, 2 * READS, 2)) | {-2}}
+    channel = np.arange(-4, 2 * MESSAGES_AHEAD)
+    read = {"encoder": set(range(0, 2 * MESSAGES_AHEAD, 2)) | {-1},
+            "gyro": set(range(1, 2 * MESSAGES_AHEAD, 2)) | {-2}}
     for name, wanted in (("encoder_slip", read["encoder"]), ("gyro_bias", read["gyro"]),
-                         ("imu_roll", {-3, -4} | read["gyro"]), ("grip", set(range(2 * READS)))):
+                         ("imu_roll", {-3, -4} | read["gyro"]),
+                         ("grip", set(range(2 * MESSAGES_AHEAD)))):
         got = set(channel[plain.entered(catalogue()[name], channel)].tolist())
         assert got - {-2} == wanted - {-2}, name

@@ -27,9 +27,9 @@ from .standing import dithered, shaking, standing
 
 POINTS = 7  # of the derivative; 30 ms to each side
 HALF = POINTS // 2
-READ = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is compared
-EVERY, APART = 50, 100  # samples from start to start; of windows that do not overlap
-CLEAN = READ[-1] + 8  # samples from a start on without a bad one
+READ_OUTS = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is compared
+START_SPACING, WINDOW_SPACING = 50, 100  # samples from start to start; without overlap
+CLEAN = READ_OUTS[-1] + 8  # samples from a start on without a bad one
 CALM, CALM_SPEED = 5, 7  # samples to each side, over which yaw rate and speed may not bend
 BEFORE = (-6, -3, 0, 3)  # samples around a message; it may be older than it says
 REACH = 0.1  # m from the centre, where turning counts as moving
@@ -80,7 +80,7 @@ class Drive:
 
 
 def prepare(recording: Recording, l_r: float, reference: Reference | None = None,
-            every: int = EVERY, policy: EvidencePolicy = USUAL.evidence) -> Drive:
+            every: int = START_SPACING, policy: EvidencePolicy = USUAL.evidence) -> Drive:
     """every: samples from start to start. Errors: RecordingError as for ``grid``."""
     coarse = grid(recording, reference, l_r)
     g = _motion(coarse, *_marker(coarse, l_r), l_r)

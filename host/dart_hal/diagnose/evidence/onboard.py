@@ -20,7 +20,14 @@ from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..policy import USUAL, EvidencePolicy
-from .onboard_drive import APART, COUNTED, HEARD, READS, Session, counted
+from .onboard_drive import (
+    ACCEL_READ_OUTS,
+    ENCODER_SPAN,
+    MESSAGES_AHEAD,
+    START_SPACING,
+    Session,
+    counted,
+)
 from .onboard_windows import predicted
 from .readings import SENSORS, at_rest
 from .residuals import SENSED, Evidence, Residuals
@@ -39,7 +46,7 @@ UNKNOWN = (
 class OnboardEvidence(Evidence):
     """Sessions and how the residuals of any model on them are computed.
 
-    As ``residuals.Evidence``, but motion is (n, READS * 2): encoder and gyro at
+    As ``residuals.Evidence``, but motion is (n, MESSAGES_AHEAD * 2): encoder and gyro at
     each message of a window, and sensors (m, 4) are: accelerometer while driving
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
@@ -50,21 +57,22 @@ class OnboardEvidence(Evidence):
 
     def __init__(self, drives: Sequence[Session], l_r: float) -> None:
         self.drives = tuple(drives)
-        self.l_r, self.overlap = l_r, READS * COUNTED / APART
+        self.l_r, self.overlap = l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
     @property
     def columns(self) -> dict[str, int]:
         """As ``residuals.Evidence.columns``."""
-        end = (READS - 1) * len(MOTION)
+        end = (MESSAGES_AHEAD - 1) * len(MOTION)
         return {**{name: end + i for i, name in enumerate(MOTION)}, "accel_x": -2, "accel_y": -1}
 
     def columns_at(self, horizon: float) -> dict[str, int]:
         """As ``residuals.Evidence.columns_at``: the speed is the wheel's, turning the gyro's."""
-        read = round(horizon / COUNTED) - 1
+        read = round(horizon / ENCODER_SPAN) - 1
         names = ("vx", "yaw_rate")
-        return {n: read * len(MOTION) + i for i, n in enumerate(names)} if read < READS else {}
+        return {} if read >= MESSAGES_AHEAD else {
+            n: read * len(MOTION) + i for i, n in enumerate(names)}
 
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
@@ -76,7 +84,7 @@ class OnboardEvidence(Evidence):
 
         Encoder and gyro are in the motion here, so of the sensors the accelerometer is left.
         """
-        half = (READS // 2 - 1) * len(MOTION)
+        half = (MESSAGES_AHEAD // 2 - 1) * len(MOTION)
         return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
 
     def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -98,7 +106,7 @@ class OnboardEvidence(Evidence):
         """Of the model p with its effects, as ``Evidence.residuals``."""
         p = timing.advanced(p)
         q = settled(p)
-        parts = [(np.empty((0, READS * len(MOTION))), np.empty((0, 4))),
+        parts = [(np.empty((0, MESSAGES_AHEAD * len(MOTION))), np.empty((0, 4))),
                  *(_of(drive, p, q, timing) for drive in self.drives)]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # what says nothing of any model still needs a size
@@ -132,10 +140,10 @@ def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
 def _of(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> tuple[FloatArray, FloatArray]:
     rest = at_rest(drive, p)
     if not len(drive.begin):
-        return np.empty((0, READS * len(MOTION))), rest
+        return np.empty((0, MESSAGES_AHEAD * len(MOTION))), rest
     said = predicted(drive, p, q, timing)
     motion = (said[:2] - drive.said).transpose(2, 1, 0).reshape(len(drive.begin), -1)
-    accel = said[2:, HEARD[0]:HEARD[1]].transpose(2, 1, 0).reshape(-1, 2)
+    accel = said[2:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].transpose(2, 1, 0).reshape(-1, 2)
     driven = np.full((len(accel), 4), np.nan)
     driven[:, 2:] = accel - drive.read[:len(accel), 2:]
     return motion, np.concatenate([driven, rest])

@@ -26,12 +26,12 @@ from .drive import Drive, as_read
 from .standing import dithered, shaking, standing
 
 NOWHERE = Reference(0.0, 0.0, 0.0, "no motion capture")
-COUNTED = 0.1  # s over which a speed is the mean
+ENCODER_SPAN = 0.1  # s over which a speed is the mean
 PAST = 2  # messages up to the start, which set the state at it
-READS = 10  # messages after the start at which a prediction is compared
-APART = 0.5  # s from start to start: half a window, so that every message is predicted twice
-STRAY = 0.03  # s; a message further from its place in the 10 Hz is a lost one
-HEARD = (3, 8)  # read-outs at which the accelerometer is judged: every message once
+MESSAGES_AHEAD = 10  # messages after the start at which a prediction is compared
+START_SPACING = 0.5  # s from start to start: half a window, so every message is predicted twice
+MAX_JITTER = 0.03  # s; a message further from its place in the 10 Hz is a lost one
+ACCEL_READ_OUTS = (3, 8)  # read-outs at which the accelerometer is judged: every message once
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class Session(Drive):
     """One stretch without gaps of a recording, prepared without motion capture.
 
     grid: v_x and omega as measured (v_y 0), yaw since the stretch began, x and y
-    0. begin (n,): samples, when each window starts; spots (READS, n): samples from
-    there to the messages in it, said (2, READS, n): encoder [m/s] and gyro [rad/s]
+    0. begin (n,): samples, when each window starts; spots (MESSAGES_AHEAD, n): samples from
+    there to the messages in it, said (2, MESSAGES_AHEAD, n): encoder [m/s] and gyro [rad/s]
     in them; past (PAST, n), last (2, PAST, n): the same of the messages up to the
-    start. Messages of the driving car come in the order of the windows, HEARD[1] -
-    HEARD[0] of each, ``read`` without encoder and gyro. means [s]: over how long
+    start. Messages of the driving car come in the order of the windows, ACCEL_READ_OUTS[1] -
+    ACCEL_READ_OUTS[0] of each, ``read`` without encoder and gyro. means [s]: over how long
     gyro and accelerometer were averaged.
     """
 
@@ -61,13 +61,13 @@ def sessions(recording: Recording, policy: EvidencePolicy = USUAL.evidence) -> l
     means = 0.0
     if recording.schema == RUN:
         recording, commands = _of_run(recording)
-        means = COUNTED
+        means = ENCODER_SPAN
     m = recording.messages
     sent, commanded = message_time(m), message_time(commands)
     stretches = []
     for segment in np.unique(m.segment):
         rows = np.flatnonzero(m.segment == segment)
-        if sent[rows[-1]] - sent[rows[0]] < (READS + 2) * COUNTED:
+        if sent[rows[-1]] - sent[rows[0]] < (MESSAGES_AHEAD + 2) * ENCODER_SPAN:
             continue
         session = _session(recording, rows, sent, (commanded, commands), means, policy)
         if len(session.starts) or len(session.at):
@@ -78,7 +78,7 @@ def sessions(recording: Recording, policy: EvidencePolicy = USUAL.evidence) -> l
 def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
     step = float(np.median(np.diff(recording.messages.t)))
-    coarse = recording if step > 0.8 * COUNTED else read_run(recording.path, FRAMES)
+    coarse = recording if step > 0.8 * ENCODER_SPAN else read_run(recording.path, FRAMES)
     fine = finer(coarse).messages
     # a run says what was commanded up to a stamp, and here a command holds from its stamp on
     begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
@@ -99,7 +99,7 @@ def _session(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
     spots = (at[reads] - at[first][:, None]).T
     said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
     rest = rows[standing(m.speed[rows] == 0.0, m, rows, policy.held)]
-    heard = index[:, HEARD[0]:HEARD[1]].ravel()
+    heard = index[:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].ravel()
     read = as_read(m)
     quiet = dithered(read, rest)
     driven = read[heard]
@@ -116,7 +116,7 @@ def _grid(m: Messages, rows: NDArray[np.int64], at: FloatArray, since: float,
     """The motion as the sensors tell it. since [s]: from the start of the recording."""
     sample = np.arange(int(np.ceil(at[-1])) + 2, dtype=np.float64)
     back = 0.5 / SAMPLE
-    speed = _between(sample, at - COUNTED * back, m.speed[rows])
+    speed = _between(sample, at - ENCODER_SPAN * back, m.speed[rows])
     omega = _between(sample, at - means * back, m.yaw_rate[rows])
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
     none = np.zeros(len(sample))
@@ -134,11 +134,11 @@ def _between(sample: FloatArray, at: FloatArray, value: FloatArray) -> FloatArra
 
 def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid,
              backwards: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Messages (n,) at which windows start, those (n, PAST + READS) around: places in rows."""
-    wanted = at[:, None] + COUNTED / SAMPLE * np.arange(1 - PAST, READS + 1)
+    """Messages (n,) at which windows start, those (n, PAST + MESSAGES_AHEAD) around: rows."""
+    wanted = at[:, None] + ENCODER_SPAN / SAMPLE * np.arange(1 - PAST, MESSAGES_AHEAD + 1)
     after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
     near = np.where(wanted - at[after - 1] < at[after] - wanted, after - 1, after)
-    whole = (np.abs(at[near] - wanted) < STRAY / SAMPLE).all(axis=1)
+    whole = (np.abs(at[near] - wanted) < MAX_JITTER / SAMPLE).all(axis=1)
     sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
     moving = np.interp(at, np.arange(len(g)), g.v_x) > MIN_SPEED
     forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > backwards
@@ -146,7 +146,7 @@ def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid,
     good[:4] = good[-1:] = False  # the state at the start takes messages to both sides
     chosen: list[int] = []
     for i in np.flatnonzero(good):
-        if not chosen or at[i] - at[chosen[-1]] > APART / SAMPLE - STRAY / SAMPLE:
+        if not chosen or at[i] - at[chosen[-1]] > START_SPACING / SAMPLE - MAX_JITTER / SAMPLE:
             chosen.append(int(i))
     first = np.array(chosen, dtype=np.int64)
     return first, near[first]

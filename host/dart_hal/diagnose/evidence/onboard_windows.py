@@ -22,17 +22,17 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.tyres import make_tyres
 
-from .onboard_drive import COUNTED, READS, STRAY, Session
+from .onboard_drive import ENCODER_SPAN, MAX_JITTER, MESSAGES_AHEAD, Session
 from .space import Timing
 
 BEFORE = 30  # samples ahead of a start: an encoder looks back, a late sensor further
 BEYOND = 10  # samples behind a start: a sensor may be early
-AFTER = round((READS * COUNTED + STRAY) / SAMPLE) + 1
+AFTER = round((MESSAGES_AHEAD * ENCODER_SPAN + MAX_JITTER) / SAMPLE) + 1
 STEEPEST = 0.2  # rad; slip of the rear axle at a start
 
 
 def predicted(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> FloatArray:
-    """What encoder, gyro and accelerometer would have said in each window, (4, READS, n).
+    """What encoder, gyro and accelerometer would have said in each window, (4, MESSAGES_AHEAD, n).
 
     The model has driven for BEFORE samples when a window starts, which gives it
     a speed sideways; speed and turning are then set right by what was read last.
@@ -47,7 +47,7 @@ def predicted(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> FloatAr
     long = BEFORE + BEYOND
     lead = _driven(p, first, tau[:long], delta[:FINE * long])
     wheel, gyro, _, _ = _sensors(p, t[:long + 1], lead, tau[:long + 1], way)
-    wrong = drive.last - np.stack([np.abs(_mean(wheel, BEFORE + drive.past, COUNTED)),
+    wrong = drive.last - np.stack([np.abs(_mean(wheel, BEFORE + drive.past, ENCODER_SPAN)),
                                    _mean(gyro, BEFORE + drive.past, drive.means)])
     lead = lead[:, :BEFORE + 1]
     lead[3] += wrong[0].mean(axis=0)
@@ -55,7 +55,7 @@ def predicted(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> FloatAr
     rest = _driven(p, lead[:, -1], tau[BEFORE:-1], delta[FINE * BEFORE:-FINE])
     wheel, gyro, a_x, a_y = _sensors(p, t, np.concatenate([lead, rest[:, 1:]], axis=1), tau, way)
     at = BEFORE + drive.spots
-    return np.stack([np.abs(_mean(wheel, at, COUNTED)), *(_mean(f, at, drive.means)
+    return np.stack([np.abs(_mean(wheel, at, ENCODER_SPAN)), *(_mean(f, at, drive.means)
                                                          for f in (gyro, a_x, a_y))])
 
 

@@ -24,7 +24,7 @@ from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 
-from .drive import HALF, READ, Drive
+from .drive import HALF, READ_OUTS, Drive
 from .readings import SENSORS, at_rest, driven, measured
 from .space import EXACT, LATE, Timing
 
@@ -36,7 +36,7 @@ POSE, THROTTLE, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering", "angle")))
 KEPT = 24  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
-AT = sorted({r + j for r in READ for j in range(-HALF, HALF + 1)})
+AT = sorted({r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)})
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
 """Weights by which POINTS poses give a derivative [1/s]."""
@@ -45,8 +45,8 @@ Read = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """motion (n, len(READ) * 3): errors of n windows, read-out by read-out; sensors (m, 4), those
-    of a standing car larger by ``Evidence.noise_scale``."""
+    """motion (n, len(READ_OUTS) * 3): errors of n windows, read-out by read-out; sensors (m, 4),
+    those of a standing car larger by ``Evidence.noise_scale``."""
 
     motion: FloatArray
     sensors: FloatArray
@@ -85,13 +85,15 @@ class Evidence:
     @property
     def columns(self) -> dict[str, int]:
         """By name: column of the motion at its end, or -4 .. -1 of the sensors."""
-        return {**self._motion_at(READ[-1]), **{s: i - len(SENSORS) for i, s in enumerate(SENSORS)}}
+        return {**self._motion_at(READ_OUTS[-1]),
+                **{s: i - len(SENSORS) for i, s in enumerate(SENSORS)}}
 
     def columns_at(self, horizon: float) -> dict[str, int]:
         """By channel of the evaluation: column of the motion at a horizon [s], if it has one."""
         names = {"v_x": "vx", "v_y": "vy", "omega": "yaw_rate"}
         sample = round(horizon / SAMPLE)
-        return {names[n]: i for n, i in self._motion_at(sample).items()} if sample in READ else {}
+        return {} if sample not in READ_OUTS else {
+            names[n]: i for n, i in self._motion_at(sample).items()}
 
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
@@ -108,7 +110,7 @@ class Evidence:
         return (channel < 0) | ("pose" in effect.signals)
 
     def _motion_at(self, sample: int) -> dict[str, int]:
-        first = READ.index(sample) * len(MOTION)
+        first = READ_OUTS.index(sample) * len(MOTION)
         return {name: first + i for i, name in enumerate(MOTION)}
 
     def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -161,12 +163,12 @@ class Evidence:
              spread), lambda: self._inputs(p, spread, "steering", fine))
         states = fine_rollout(p, start, throttle, angle, AT)
         error = _velocities(states) - seen
-        return np.asarray(error.reshape(len(READ) * len(MOTION), -1).T)
+        return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
 
     def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
-        """Of all windows: start (6, n) and motion seen (len(READ), 3, n)."""
+        """Of all windows: start (6, n) and motion seen (len(READ_OUTS), 3, n)."""
         parts: Parts = [(self._grid(drive, p, q), drive.starts) for drive in self.drives]
-        states = measured_states(parts, (0, *READ))
+        states = measured_states(parts, (0, *READ_OUTS))
         return states[0], states[1:, 3:]
 
     def _inputs(self, p: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
@@ -236,9 +238,9 @@ def _held(series: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def _velocities(states: FloatArray) -> FloatArray:
-    """Velocities (len(READ), 3, n) of states (len(AT), 6, n), derived as the mocap's are."""
+    """Velocities (len(READ_OUTS), 3, n) of states (len(AT), 6, n), derived as the mocap's are."""
     out = []
-    for r in READ:
+    for r in READ_OUTS:
         rows = [AT.index(r + j) for j in OFFSETS]
         dx, dy, omega = np.tensordot(SLOPE, states[rows, :3], axes=(0, 0))
         c, s = (f(states[AT.index(r), 2]) for f in (np.cos, np.sin))

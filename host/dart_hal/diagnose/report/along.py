@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.diagnose.evidence.drive import READ
+from dart_hal.diagnose.evidence.drive import READ_OUTS
 from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.evidence.onboard_drive import COUNTED, READS
+from dart_hal.diagnose.evidence.onboard_drive import ENCODER_SPAN, MESSAGES_AHEAD
 from dart_hal.diagnose.evidence.readings import SENSORS
 from dart_hal.diagnose.evidence.residuals import MOTION, Evidence, Residuals
 from dart_hal.diagnose.result import Diagnosis, Stage, added
@@ -176,8 +176,8 @@ def columns(evidence: Evidence, channel: str = "") -> list[Column]:
 def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
     """Channels of a prediction, and its read-outs [s] from the start: with mocap, and without."""
     if isinstance(evidence, OnboardEvidence):
-        return ONBOARD, [round((i + 1) * COUNTED, 6) for i in range(READS)]
-    return MOTION, [r * SAMPLE for r in READ]
+        return ONBOARD, [round((i + 1) * ENCODER_SPAN, 6) for i in range(MESSAGES_AHEAD)]
+    return MOTION, [r * SAMPLE for r in READ_OUTS]
 
 
 def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | None = None

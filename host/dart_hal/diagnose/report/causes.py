@@ -17,9 +17,9 @@ from .words import channel, interval, quantity, sentence, structure, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
-TWO = 2.0
+WHISKER = 2.0
 """Standard errors that a whisker reaches to each side."""
-BESIDE = 0.08
+MARK_OFFSET = 0.08
 """Half the distance of two marks of one side of the turn, whose sides are 1 apart."""
 KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])
 
@@ -112,16 +112,17 @@ def _drawn(a: Along, shown: list[tuple[Means, str]]) -> Html:
     name, unit = variable(a.variable), UNITS[a.variable]
     return charts.lines(f"{a.column.words} along {name}",
                         name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
-                        [charts.Series(m.x, m.mean, TWO * m.error, style) for m, style in shown])
+                        [charts.Series(m.x, m.mean, WHISKER * m.error, style)
+                         for m, style in shown])
 
 
 def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
     """Mean residual in left turns, straight on and in right turns."""
     return charts.lines(f"{effect}: {column.words}, left against right", "direction of the turn",
                         f"error [{column.unit}]",
-                        [charts.Series(m.x + shift, m.mean, TWO * m.error, style, joined=False)
-                         for m, shift, style in ((before, -BESIDE, "before"),
-                                                 (after, BESIDE, "after"))], SIDES)
+                        [charts.Series(m.x + shift, m.mean, WHISKER * m.error, style, joined=False)
+                         for m, shift, style in ((before, -MARK_OFFSET, "before"),
+                                                 (after, MARK_OFFSET, "after"))], SIDES)
 
 
 def _left(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:

@@ -18,7 +18,7 @@ from dart_hal.report.numbers import p_value, percent, significant
 
 from .words import CHANNELS, HORIZONS, channel, interval, pooled, quantity, title
 
-MOST = 24
+MAX_ROWS = 24
 """Bars of the ranking; the table below it holds all."""
 
 
@@ -44,7 +44,7 @@ def ranking(d: Diagnosis) -> Html:
         return el("p", "No effect was tried.")
     named = {c.effect for c in d.causes}
     shown = sorted(((name, loss) for name, loss in found.items() if math.isfinite(loss)),
-                   key=lambda e: (-e[1], e[0]))[:MOST]
+                   key=lambda e: (-e[1], e[0]))[:MAX_ROWS]
     said = ("Each effect alone, before anything was named: relatives of a cause gain nearly as "
             "much, until it is in the model. " if d.ranking else "")
     return join([

@@ -17,7 +17,7 @@ from dart_hal.predict.actuators import actuated
 from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 
-from ..evidence.drive import READ, Drive
+from ..evidence.drive import READ_OUTS, Drive
 from ..evidence.readings import WINDOW
 from ..evidence.residuals import Evidence
 
@@ -35,7 +35,7 @@ STRAIGHT = 0.15
 Features = dict[str, FloatArray]
 
 
-def window_features(evidence: Evidence, p: Vehicle, span: int = READ[-1]) -> Features:
+def window_features(evidence: Evidence, p: Vehicle, span: int = READ_OUTS[-1]) -> Features:
     """Features of each window, (n,) by name of UNITS, over its first ``span`` samples.
 
     p: whose delays, lags and steering map say where the wheels stood.

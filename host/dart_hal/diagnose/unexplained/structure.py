@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.drive import READ
+from ..evidence.drive import READ_OUTS
 from ..evidence.noise import Noise
 from ..evidence.onboard import OnboardEvidence
 from ..evidence.readings import SENSORS
@@ -112,7 +112,7 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
     whitener = np.linalg.inv(noise.motion)
     size = np.sqrt((whitener**2).sum(axis=1))[motion]
     x = np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3) / size
-    while_driven = _exogenous(p, window_features(evidence, p, READ[READ_OUT]), policy.straight)
+    while_driven = _exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)
     while_counted = _exogenous(p, message_features(evidence, p), policy.straight)
     del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
     drives = tuple(d.recording.name for d in evidence.drives)

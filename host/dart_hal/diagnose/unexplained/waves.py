@@ -26,7 +26,7 @@ ALONG = (("way", WAVES), ("x", WAVES), ("y", WAVES))
 FASTEST = 1.5  # waves per metre: a prediction takes half a metre together
 FINE, FINER = 1.5, 8.0
 """Frequencies for each that the longest distance resolves: to find a wave, to tell its length."""
-MOST = 600  # frequencies
+MAX_FREQUENCIES = 600  # frequencies
 FEWEST = 3.0  # waves on the longest distance
 
 
@@ -71,7 +71,8 @@ def frequencies(distance: FloatArray, recording: Labels, fine: float = FINE) -> 
                   default=0.0)
     if longest * FASTEST < FEWEST:
         return np.empty(0)
-    return np.arange(FEWEST / longest, FASTEST, max(1.0 / (fine * longest), FASTEST / MOST))
+    step = max(1.0 / (fine * longest), FASTEST / MAX_FREQUENCIES)
+    return np.arange(FEWEST / longest, FASTEST, step)
 
 
 def _spectra(y: FloatArray, block: Labels, distance: FloatArray, recording: Labels,

@@ -27,7 +27,7 @@ from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepRespon
 
 HELD = 0.4  # s; a command this old has been answered
 THIN, SMOOTH = 10, 31  # grid samples of 10 ms
-MOST = 6000  # points in one picture
+MAX_POINTS = 6000  # points in one picture
 STRAIGHT, GRIP = 0.6, 4.0  # m/s2 of lateral acceleration
 OFFSETS = np.radians(np.arange(-6.0, 6.05, 0.1))
 LAGS = np.arange(0.0, 0.6, 0.01)
@@ -109,9 +109,9 @@ def _from_mocap(r: Recording, reference: Reference | None, body: Body) -> list[M
 
 
 def _thinned(parts: Sequence[tuple[FloatArray, ...]]) -> list[FloatArray] | None:
-    """Columns of all parts, joined, with at most MOST rows; None without a row."""
+    """Columns of all parts, joined, with at most MAX_POINTS rows; None without a row."""
     columns = [np.concatenate(c) for c in zip(*parts, strict=True)]
-    every = -(-len(columns[0]) // MOST) if columns else 0
+    every = -(-len(columns[0]) // MAX_POINTS) if columns else 0
     return [c[::every] for c in columns] if every else None
 
 

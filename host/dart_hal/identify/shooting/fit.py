@@ -35,7 +35,7 @@ FREE = {
 tyre two of four, because C and E are told apart from D only beyond the grip limit."""
 AXLE = ("front_D", "front_B", "rear_D", "rear_B")
 SCALE = (0.15, 0.05, 0.4)  # m/s, m/s, rad/s; typical errors of a first model after a second
-ROBUST = 2.0  # typical errors from where on a residual counts less than its square
+LOSS_SCALE = 2.0  # typical errors from where on a residual counts less than its square
 STEP = 1e-3  # of the prior, one-sided
 TIMING_STEP = 4e-3  # s, both sides: a delay of held commands is smooth only beyond their grid
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
@@ -169,7 +169,7 @@ class _Work:
                 columns.append((residual(up) - below) / (up[i] - down[i]))
             return np.stack(columns, axis=1)
 
-        return descend(residual, jacobian, x0, space.low, space.high, robust=ROBUST,
+        return descend(residual, jacobian, x0, space.low, space.high, robust=LOSS_SCALE,
                        prior=CORRELATED**-2)
 
     def _tell(self) -> None:

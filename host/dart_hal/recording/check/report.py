@@ -19,7 +19,7 @@ from .findings import Finding, findings
 from .motion import Motion, motion
 from .uses import PURPOSES, Use, uses
 
-APART = 0.05  # relative; quanta further apart come from different constants
+QUANTUM_TOLERANCE = 0.05  # relative; quanta further apart come from different constants
 SAME_CLOCK = 60.0  # s; between the names of two files and their first stamps
 
 
@@ -134,7 +134,8 @@ def summary(checks: Sequence[Check]) -> Summary:
 def _pooling(checks: Sequence[Check]) -> list[str]:
     notes = []
     quanta = sorted(c.recording.quantum for c in checks if c.recording.quantum)
-    groups = [q for i, q in enumerate(quanta) if i == 0 or q > quanta[i - 1] * (1.0 + APART)]
+    groups = [q for i, q in enumerate(quanta)
+              if i == 0 or q > quanta[i - 1] * (1.0 + QUANTUM_TOLERANCE)]
     if len(groups) > 1:
         notes.append("encoder constants of different days ("
                      + ", ".join(f"{q:.4f}" for q in groups)
