@@ -139,4 +139,5 @@ def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
     told = " ".join(ended.stderr.split())  # standard output has the answers alone
     assert ("firmware in the emulator" in told) is emulator
     assert ("MockNano instead of the firmware" in told) is not emulator
+    assert ("clone the project" in told) is not emulator  # there is no Makefile here
     assert list(folder.rglob("*.html"))

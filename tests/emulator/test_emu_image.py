@@ -123,7 +123,7 @@ def test_missing_bridge_says_how_to_build_it(tmp_path, monkeypatch):
     monkeypatch.setenv("DART_HAL_EMULATOR", str(tmp_path / "no.so"))
     with pytest.raises(EmulatorMissing, match="DART_HAL_EMULATOR") as error:
         bridge.load()
-    assert "make -C firmware emulator" in str(error.value)
+    assert "make firmware" in str(error.value)
     (tmp_path / "no.so").write_bytes(b"not a library")
     with pytest.raises(EmulatorMissing, match="does not load"):
         bridge.load()

@@ -17,7 +17,9 @@ from dart_hal.links.image import FIRMWARE_DIR
 ABI = 4
 """EMU_ABI of the emu.h that the signatures below follow."""
 
-REMEDY = "apt-get install libsimavr-dev libelf-dev ; make -C firmware emulator"
+REMEDY = "make firmware" if FIRMWARE_DIR.is_dir() else (
+    "clone the project and run `make firmware` in it (a wheel carries no emulator), then "
+    "export DART_HAL_EMULATOR=CLONE/firmware/build/libdartemu.so")
 
 _P, _U64, _D, _I = c.c_void_p, c.c_uint64, c.c_double, c.c_int
 _SIGNATURES: dict[str, tuple[object, ...]] = {

@@ -67,18 +67,16 @@ def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...
     """The emulated firmware, or MockNano with the reason as a notice."""
     wanted = choice(url, "nano", "avr", "mock")
     boot = choice(url, "boot", *BOOTS) or "none"
-    reason = ""
+    notices: tuple[str, ...] = ()
     if wanted != "mock":
         try:
             return _emulated(car.clock_error, eeprom, boot), ()
         except EmulatorMissing as error:
             if wanted == "avr":
                 raise
-            reason = error.what
-    mock = MockNano(clock_error=car.clock_error, eeprom=eeprom, boot=BOOTS[boot])
-    notice = (f"MockNano instead of the firmware: {reason}. Results with it say nothing "
-              "about the firmware; to get it: make firmware")
-    return mock, (notice,) if reason else ()
+            notices = (f"MockNano instead of the firmware: {error.what}. Results with it say "
+                       f"nothing about the firmware; to get it: {error.remedy}",)
+    return MockNano(clock_error=car.clock_error, eeprom=eeprom, boot=BOOTS[boot]), notices
 
 
 def _emulated(clock_error: float, eeprom: bytes, boot: str) -> Nano:
