@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from fault_table.broken import FIRMWARE
 from fault_table.judge import How, Verdict, judge
 from fault_table.layers import VARIABLE, without
 from fault_table.row import Case, Measured, Row
@@ -61,6 +62,13 @@ def test_every_case_has_a_control_of_known_layers():
 def test_every_layer_alone_turns_a_row_red():
     alone = {case.control[0] for row in ROWS for case in row.cases if len(case.control) == 1}
     assert set(LAYERS) - alone == set()
+
+
+@pytest.mark.parametrize("layer", [x for x in LAYERS.values() if x.changes], ids=lambda x: x.name)
+def test_what_removes_a_layer_of_the_firmware_is_in_its_sources(layer):
+    for file, old, new in layer.changes:
+        assert (FIRMWARE / file).read_text(encoding="utf-8").count(old) == 1, old
+        assert old != new
 
 
 def test_numbers_are_unique_and_the_first_33_are_there():

@@ -146,7 +146,7 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.raw_open),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
-    Refusal("GUARD_SILENT", "process", "the guard process has not answered for 0.1 s",
+    Refusal("GUARD_SILENT", "process", "the guard process has not answered for 0.08 s",
             "open the car again", lambda f: f.guard_age is not None and f.guard_age > GUARD_ALIVE),
     Refusal("LATCHED", "process", "three trips in 60 s locked the car",
             'car.unlock("reason")', lambda f: f.latched),

@@ -14,8 +14,8 @@ firmware("watchdog", "the watchdog's interrupt cuts",
           "  board::watchdog_start(settings.safety_out != 0, settings.wdt_reset);\n", ""),
          ("src/board/boot.cpp", "    WDTCSR |= _BV(WDIE);\n", ""))
 firmware("edge_budget", "an encoder input has a budget of edges per slot",
-         ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]    \\n\\t"',
-          '"nop                      \\n\\t"'))
+         ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]        \\n\\t"',
+          '"nop                          \\n\\t"'))
 firmware("imu_zeros", "a sample of zeros is no sample",
          ("src/core/bno055.cpp", "bool const zeros = all_zero(leg_, 12);",
           "bool const zeros = all_zero(leg_, 12) && false;"))
