@@ -10,6 +10,11 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# Before numpy comes: threads of a linear algebra that wait for each other burn the CPU time that is
+# watched here, and two processes of tests fill two cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
 
 if IN_CI:
