@@ -17,12 +17,12 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 # Real time comes behind the tests that keep the processors busy, from the files that name it:
 # collecting all of them takes as long as running these. They wait, so their CPU time says how busy
 # the machine is, and has no limit. 5: none of it was asked for.
-REALTIME := $(shell grep -rl --include='test_*.py' realtime tests)
+REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
 QUICK := --cpu-limit 2 $(ARGS)
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (three minutes)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
 	@$(BIN)/python -m pytest -n 3 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
-	@echo "All good: tests, types, style and floors hold."
+	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
