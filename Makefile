@@ -21,12 +21,12 @@ REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.p
 QUICK := --cpu-limit 2 $(ARGS)
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (three minutes)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
-	@$(BIN)/python -m pytest -n 3 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
-	@$(BIN)/python -m pytest -n 3 --dist loadfile -m "more and realtime and not slow" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "more and realtime and not slow" $(ARGS) $(REALTIME) || test $$? -eq 5
 
 test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
 	@$(BIN)/python -m pytest -m slow $(ARGS)
