@@ -16,6 +16,7 @@ import operator
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,7 @@ def table(of: Sequence[tuple[Case, Answer]]) -> str:
     by_row = {row: found for row, found in by_row.items() if found}
     head = [f"{row} ({len(found)}): {share(found, '')}" for row, found in by_row.items()]
     lines = ["# What half and double of a threshold do", "",
+             f"Figures of {date.today():%B %Y}.", "",
              "Share right / share wrong of campaign rows (`tests/hidden/policy_sensitivity.py`),",
              "one threshold of `dart_hal.diagnose.policy` at half -> double; in the head as it is.",
              "*decides*: cases in which half or double changes any step at all.", "",
