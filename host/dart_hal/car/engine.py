@@ -84,7 +84,7 @@ class Engine:
         return await_hello(self.backend, self)
 
     def poll(self, timeout: float) -> Hello | None:
-        """One step; HELLO if it is there. (``identify.Caller``)"""
+        """One step; HELLO if it is there. (``handshake.Caller``)"""
         self.step(timeout)
         return self.receiver.hello
 

@@ -44,7 +44,7 @@ class Side:
     prepared: Prepared | None
 
     def errors(self, p: Vehicle) -> FloatArray | None:
-        """As ``evaluation.errors``; None without motion capture."""
+        """As ``evaluate.errors``; None without motion capture."""
         if self.prepared is None:
             return None
         cases = self.prepared.cases
