@@ -51,9 +51,9 @@ class Side:
         return errors(predict(settled(p), cases), measured(cases))
 
     def horizons(self, p: Vehicle | None, residuals: Residuals | None = None) -> dict[str, Any]:
-        """Errors as ``evaluate`` gives them, of a model or (None) of holding the velocities.
+        """Errors as ``evaluate`` gives them, of a model or (None) of constant velocity.
 
-        Without motion capture what the sensors tell of it, from the residuals of
+        Without motion capture what the sensors show of it, from the residuals of
         the model; None where nothing does.
         """
         if self.prepared is not None:

@@ -83,7 +83,7 @@ def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tup
     delay or lag of 0 without one is none: a model that has no lag has no parameter
     for it, and if the car has one, that is a cause with a name. Without motion
     capture (not ``exact``) it moves even so: a lag of a tenth of a second cannot be
-    told from commands that are logged with the next message.
+    distinguished from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
                  if not (exact and known) or name in known or value(vehicle, name) != 0.0)

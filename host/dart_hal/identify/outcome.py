@@ -30,8 +30,8 @@ Progress = Callable[[float, str], None]
 class Identification:
     """fits by sub-model (as_paper: also rows of its comparison), report by file.
 
-    published: the paper's values beside them; derived: what the data do tell
-    where single parameters are not told; source: for the file's provenance;
+    published: the paper's values beside them; derived: what the data identify
+    where single parameters are not identifiable; source: for the file's provenance;
     joint: covariance across sub-models, where they were fitted together;
     mass [kg]: as weighed with the recordings, None = the base's was taken.
     """

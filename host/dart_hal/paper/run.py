@@ -45,7 +45,7 @@ class AsPaper:
     """fits by name: the sub-models and, for the tyres, every row of the comparison.
 
     published: the paper's values beside them. derived: quantities that the
-    data do tell where single parameters are not told. problems, rows,
+    data identify where single parameters are not identifiable. problems, rows,
     correlation: what was fitted, for pictures and benchmarks.
     """
 

@@ -90,7 +90,7 @@ class OnboardEvidence(Evidence):
     def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which residuals an effect must lower to be believed, (N,).
 
-        channel (N,): as ``rows.Rows`` has it. What errs in a sensor: those of that
+        channel (N,): as ``rows.RowLabels`` has it. What errs in a sensor: those of that
         sensor; anything else: what the car is predicted to do.
         """
         if effect.stage != "measurement":

@@ -1,4 +1,4 @@
-"""The shortest drive that tells a cause from all that it cannot be told from."""
+"""The shortest drive that separates a cause from all its confounders."""
 
 from __future__ import annotations
 

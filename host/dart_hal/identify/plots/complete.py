@@ -14,7 +14,7 @@ REAR = "rear_cornering_stiffness"
 
 
 def completed(fits: Mapping[str, Fit], base: Vehicle) -> dict[str, Fit]:
-    """The fits; that of the tyres with what it held at the base's values, as not told.
+    """The fits; that of the tyres with the values that it held at the base's, as not identifiable.
 
     A joint fit moves two of the four values of the front tyre, the curve needs
     all. The covariance stays that of what was fitted.

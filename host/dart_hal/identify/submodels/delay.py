@@ -24,7 +24,7 @@ from dart_hal.vehicle import Vehicle
 
 def fit_delay(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
               driving: Driving, ledger: Ledger) -> Fit:
-    """steering_s, throttle_s, steering_lag_s, throttle_lag_s; what is not told is the base's."""
+    """steering_s, throttle_s, steering_lag_s, throttle_lag_s; the base's if not identifiable."""
     begin = time.process_time()
     found = [turning_of(r, reference, base, ledger) for r in recordings]
     series = [s for s in found if s is not None]

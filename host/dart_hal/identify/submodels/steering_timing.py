@@ -35,7 +35,7 @@ SYSTEMATIC = 0.005  # s; what the yaw motion taken off and the phase of messages
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """values (2,): delay, lag [s]; covariance (2, 2); apart: both are told.
+    """values (2,): delay, lag [s]; covariance (2, 2); apart: both are identifiable.
 
     command_s: from the command itself, as one delay [s].
     """

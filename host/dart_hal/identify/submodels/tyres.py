@@ -120,8 +120,9 @@ def _many(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[Curves, list[st
     d, k = float(mean[0]), float(mean[1])
     back = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-k / d**2 / SHAPE, 1.0 / d / SHAPE, 0.0],
                      [0.0, 0.0, 1.0]])
-    notes = [f"{len(fits)} sessions fitted apart and averaged (front C held at {SHAPE:g}: not told "
-             "from D); the rmse is that of their own fits; standard deviation between them: D "
+    notes = [f"{len(fits)} sessions fitted apart and averaged (front C held at {SHAPE:g}: not "
+             "identifiable beside D); the rmse is that of their own fits; "
+             "standard deviation between them: D "
              f"{np.sqrt(between[0]):.2g} N, front {np.sqrt(between[1]):.2g}, rear "
              f"{np.sqrt(between[2]):.2g} N/rad: floors and steering trims differ, so fit yours "
              "apart", _stiffness(k, np.sqrt(covariance[1, 1]), mean[2], covariance[2, 2]), *notes]
@@ -148,7 +149,7 @@ def _fit(c: Curves, notes: list[str], cpu_s: float) -> Fit:
     covariance[np.ix_([0, 1, 2, 4], [0, 1, 2, 4])] = inner
     if not c.bent:
         notes = [*notes, "the front's slip stays where its force is a straight line: D and B are "
-                 "not told, only their product"]
+                 "not identifiable, only their product"]
     notes.append(f"residual {np.sqrt(np.mean(c.front**2)):.3f} N in front, "
                  f"{np.sqrt(np.mean(c.rear**2)):.3f} N behind")
     residual = np.concatenate([c.front, c.rear])

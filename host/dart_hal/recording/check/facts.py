@@ -17,7 +17,7 @@ from .motion import Motion, windows
 Range = tuple[float, float]
 SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft: 2 pi (11/39) 0.0233 m
 COUNTED = 0.1  # s; the recorder counts edges over this time
-MARKS_OFF = 0.015  # relative; a quantum further from a whole number of marks tells none
+MARKS_OFF = 0.015  # relative; a quantum further from a whole number of marks gives none
 BY_NAME = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
            (re.compile(r"(\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)"), "%Y-%m-%d-%H-%M-%S"),
            (re.compile(r"(\d{8}-\d{6})"), "%Y%m%d-%H%M%S"))
