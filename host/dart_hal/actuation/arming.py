@@ -14,8 +14,9 @@ from dart_hal.errors import NotArmed
 
 BEAT_LIMIT_MS = 110
 """ms that a Nano with a cut-off waits for a heartbeat: the ESC is at neutral in 140 ms."""
-GUARD_ALIVE = 0.1
-"""s within which the guard process says something: it beats each 20 ms."""
+GUARD_ALIVE = 0.08
+"""s within which the guard process says something: it beats each 20 ms. The next frame (10 ms)
+looks, and a pulse that runs by then ends within 20 ms: neutral within 110 ms of its last word."""
 LATE = 0.02
 """s, one PWM frame: pulses that come later than this are a loop that does not keep up."""
 GOOD_FOR = 0.5
@@ -146,7 +147,7 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.raw_open),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
-    Refusal("GUARD_SILENT", "process", "the guard process has not answered for 0.08 s",
+    Refusal("GUARD_SILENT", "process", f"the guard process has not answered for {GUARD_ALIVE:g} s",
             "open the car again", lambda f: f.guard_age is not None and f.guard_age > GUARD_ALIVE),
     Refusal("LATCHED", "process", "three trips in 60 s locked the car",
             'car.unlock("reason")', lambda f: f.latched),

@@ -11,15 +11,13 @@ import time
 from collections.abc import Callable
 from typing import IO
 
+from dart_hal.actuation.arming import GUARD_ALIVE
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.forks import private
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""
-SILENT_AFTER = 0.080
-"""s without a word of the guard, which speaks each 20 ms. The next frame (10 ms) looks, and a pulse
-that runs by then ends within 20 ms: neutral within 110 ms of the last word."""
 
 _left: list[subprocess.Popen[bytes]] = []
 """Guards that go on by themselves; kept until they have ended, so that none stays a zombie."""
@@ -75,7 +73,7 @@ class Guard:
         age = self.age
         if self.tripped:
             return "GUARD_TRIPPED"
-        silent = age is None or age > SILENT_AFTER or not self._watched
+        silent = age is None or age > GUARD_ALIVE or not self._watched
         return "GUARD_SILENT" if silent else None
 
     def acknowledge(self) -> None:
