@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.noise import Noise
-from .evidence.rows import Labels, RowLabels
+from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
 from .report.words import removes
 from .result import (
@@ -192,7 +192,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
         f"{gain.measure}: {removes(gain)}")
 
 
-def _blocks(q: Question, point: Point) -> Labels:
+def _blocks(q: Question, point: Point) -> IntArray:
     rows = _rows(q, point)
     many = rows.recording.max() + 1 >= q.settings.policy.blocks.units
     return rows.recording if many else rows.block

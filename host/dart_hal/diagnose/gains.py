@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
 from dart_hal.evaluate.cases import Case, Prepared, prepare
@@ -22,7 +21,7 @@ from dart_hal.evaluate.prediction import CHANNELS, errors, hold, measured, predi
 from dart_hal.evaluate.scores import score
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
@@ -156,5 +155,5 @@ def _share(before: FloatArray, after: FloatArray) -> float:
     return 1.0 - float(np.sqrt(np.mean(np.square(after)) / max(np.mean(np.square(before)), 1e-300)))
 
 
-def _blocks(cases: Sequence[Case]) -> NDArray[np.int64]:
+def _blocks(cases: Sequence[Case]) -> IntArray:
     return blocks(cases)[0]

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.errors import UsageError
+from dart_hal.types import BoolArray
 
 Interval = tuple[float, float]
 
@@ -100,7 +100,7 @@ class Line:
         self.damaged += out != data
         return out
 
-    def _bursting(self, starts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _bursting(self, starts: BoolArray) -> BoolArray:
         """Which bytes lie in a burst; one may run on into the next chunk."""
         inside = np.zeros(len(starts), np.bool_)
         inside[:self._burst_left] = True

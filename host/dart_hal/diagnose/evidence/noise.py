@@ -17,10 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 from ..policy import USUAL, NoisePolicy
 from .residuals import Residuals
@@ -76,7 +75,7 @@ class Noise:
                 np.concatenate([w.ravel() for w in weight]))
 
 
-def measure(r: Residuals, blocks: tuple[NDArray[np.int64], NDArray[np.int64]],
+def measure(r: Residuals, blocks: tuple[IntArray, IntArray],
             overlap: float = 2.0, older: FloatArray | None = None,
             policy: NoisePolicy = USUAL.noise) -> Noise:
     """From the residuals of the base model; blocks: labels of windows (n,) and messages (m,).
@@ -133,7 +132,7 @@ def _size(x: FloatArray) -> FloatArray:
     return out + 1e-6
 
 
-def _weight(x: FloatArray, block: NDArray[np.int64], clip: float) -> FloatArray:
+def _weight(x: FloatArray, block: IntArray, clip: float) -> FloatArray:
     """Independent values per value, of each column: at most 1."""
     if not len(x):
         return np.ones(x.shape[1])

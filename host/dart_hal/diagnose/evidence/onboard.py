@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
@@ -87,7 +86,7 @@ class OnboardEvidence(Evidence):
         half = (MESSAGES_AHEAD // 2 - 1) * len(MOTION)
         return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
 
-    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def entered(self, effect: Effect, channel: IntArray) -> BoolArray:
         """Which residuals an effect must lower to be believed, (N,).
 
         channel (N,): as ``rows.RowLabels`` has it. What errs in a sensor: those of that

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.identify.runs import EVERY as FRAMES
 from dart_hal.identify.runs import finer, read_run
 from dart_hal.predict.commands import message_time, zero_order_hold
 from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import RUN, Grid, Messages, Recording, Reference
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.types import SAMPLE, FloatArray, IntArray
 
 from ..policy import USUAL, EvidencePolicy
 from .drive import Drive, as_read
@@ -85,7 +84,7 @@ def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     return coarse, replace(fine, t=begun, arrival=begun)
 
 
-def _session(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
+def _session(recording: Recording, rows: IntArray, sent: FloatArray,
              commands: tuple[FloatArray, Messages], means: float, policy: EvidencePolicy
              ) -> Session:
     m, zero = recording.messages, sent[rows[0]]
@@ -111,7 +110,7 @@ def _session(recording: Recording, rows: NDArray[np.int64], sent: FloatArray,
                   at[first], spots[:PAST], said[:, :PAST], spots[PAST:], said[:, PAST:], means)
 
 
-def _grid(m: Messages, rows: NDArray[np.int64], at: FloatArray, since: float,
+def _grid(m: Messages, rows: IntArray, at: FloatArray, since: float,
           means: float) -> Grid:
     """The motion as the sensors tell it. since [s]: from the start of the recording."""
     sample = np.arange(int(np.ceil(at[-1])) + 2, dtype=np.float64)
@@ -132,8 +131,8 @@ def _between(sample: FloatArray, at: FloatArray, value: FloatArray) -> FloatArra
     return np.asarray(np.interp(sample, at[known], value[known]))
 
 
-def _windows(m: Messages, rows: NDArray[np.int64], at: FloatArray, g: Grid,
-             backwards: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _windows(m: Messages, rows: IntArray, at: FloatArray, g: Grid,
+             backwards: float) -> tuple[IntArray, IntArray]:
     """Messages (n,) at which windows start, those (n, PAST + MESSAGES_AHEAD) around: rows."""
     wanted = at[:, None] + ENCODER_SPAN / SAMPLE * np.arange(1 - PAST, MESSAGES_AHEAD + 1)
     after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.predict.actuators import behind_actuator
 from dart_hal.predict.commands import spread_over
@@ -17,7 +16,7 @@ from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
 from dart_hal.predict.substeps import FINE, fine, fine_rollout
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import ActiveEffect, Effect
@@ -70,7 +69,7 @@ class Evidence:
         return {**self.__dict__, "_kept": OrderedDict()}
 
     @property
-    def sensor_still(self) -> NDArray[np.bool_]:
+    def sensor_still(self) -> BoolArray:
         """Messages (m,) of a standing car."""
         return np.concatenate([np.empty(0, dtype=np.bool_), *(d.still for d in self.drives)])
 
@@ -99,7 +98,7 @@ class Evidence:
         """Name of a column of the motion, or of -1 - column of the sensors."""
         return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
 
-    def entered(self, effect: Effect, channel: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def entered(self, effect: Effect, channel: IntArray) -> BoolArray:
         """Which residuals an effect must lower to be believed, (N,): see ``channel``.
 
         Causes in the car must show in the motion, those of a sensor in a sensor; what motion
@@ -113,7 +112,7 @@ class Evidence:
         first = READ_OUTS.index(sample) * len(MOTION)
         return {name: first + i for i, name in enumerate(MOTION)}
 
-    def blocks(self, length: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def blocks(self, length: float) -> tuple[IntArray, IntArray]:
         """Stretches of ``length`` [s]: one label for each window (n,) and each message (m,).
 
         Messages of a standing car have nothing in common but what is looked for.

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from dart_hal.types import BoolArray, IntArray
 
 from ..policy import BlockPolicy
 from .readings import SENSORS
 from .residuals import Evidence, Residuals
-
-Labels = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +20,10 @@ class RowLabels:
     channel (N,): column of the motion residuals, or -1 - column of the sensors.
     """
 
-    block: Labels
-    recording: Labels
-    fold: Labels
-    channel: Labels
+    block: IntArray
+    recording: IntArray
+    fold: IntArray
+    channel: IntArray
 
 
 def rows_of(evidence: Evidence, r: Residuals, policy: BlockPolicy) -> RowLabels:
@@ -41,12 +40,12 @@ def rows_of(evidence: Evidence, r: Residuals, policy: BlockPolicy) -> RowLabels:
     return RowLabels(_numbered(block), _numbered(owner), _numbered(fold), channel)
 
 
-def spread(windows: Labels, messages: Labels, columns: int) -> Labels:
+def spread(windows: IntArray, messages: IntArray, columns: int) -> IntArray:
     """Labels of windows (n,) and messages (m,) for the N stacked residuals."""
     return np.concatenate([np.repeat(windows, columns), np.repeat(messages, len(SENSORS))])
 
 
-def _stretches(owner: Labels, block: Labels, still: NDArray[np.bool_], folds: int) -> Labels:
+def _stretches(owner: IntArray, block: IntArray, still: BoolArray, folds: int) -> IntArray:
     """Every recording in so many stretches; a car at rest, where it may be but once, in all."""
     out = np.zeros(len(block), dtype=np.int64)
     for which in np.unique(owner):
@@ -58,5 +57,5 @@ def _stretches(owner: Labels, block: Labels, still: NDArray[np.bool_], folds: in
     return out
 
 
-def _numbered(labels: Labels) -> Labels:
+def _numbered(labels: IntArray) -> IntArray:
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)

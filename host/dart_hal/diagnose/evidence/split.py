@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dart_hal.recording.dart import Messages, Mocap, Recording
+from dart_hal.types import BoolArray
 
 BETWEEN = 1.0
 """s between the two parts, so that what disturbed one does not disturb the other."""
@@ -51,9 +49,9 @@ def _anew(last: Recording, mocap: Mocap, at: float) -> Recording:
                    messages=replace(m, t=m.t - since, arrival=m.arrival - since))
 
 
-def _messages(m: Messages, rows: NDArray[np.bool_]) -> Messages:
+def _messages(m: Messages, rows: BoolArray) -> Messages:
     return Messages(**{f.name: getattr(m, f.name)[rows] for f in fields(m)})
 
 
-def _mocap(m: Mocap, rows: NDArray[np.bool_]) -> Mocap:
+def _mocap(m: Mocap, rows: BoolArray) -> Mocap:
     return Mocap(m.t[rows], m.epoch, m.x[rows], m.y[rows], m.yaw[rows], m.outlier[rows])

@@ -7,19 +7,17 @@ degree shows; ten messages of a car at rest say more than a minute of driving.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.recording.dart import Messages
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
 from ..policy import EvidencePolicy
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-Index = NDArray[np.int64]
 
 
-def standing(stands: NDArray[np.bool_], m: Messages, rows: Index, held: float) -> Index:
+def standing(stands: BoolArray, m: Messages, rows: IntArray, held: float) -> IntArray:
     """Places in rows of messages between others that all saw a standing car.
 
     stands (len(rows),): the car does not move at the message. held [rad/s]: one that turns
@@ -36,12 +34,12 @@ def standing(stands: NDArray[np.bool_], m: Messages, rows: Index, held: float) -
     return np.flatnonzero(stands & (np.abs(rate - np.median(rate[stands])) < held))
 
 
-def shaking(m: Messages, driven: Index, still: Index, policy: EvidencePolicy) -> FloatArray:
+def shaking(m: Messages, driven: IntArray, still: IntArray, policy: EvidencePolicy) -> FloatArray:
     """(2,): by how much a_x and a_y are noisier at some messages than at others; at least 1."""
     return np.asarray(np.maximum(_noise(m, driven, policy) / _noise(m, still, policy), 1.0))
 
 
-def dithered(read: FloatArray, index: Index) -> FloatArray:
+def dithered(read: FloatArray, index: IntArray) -> FloatArray:
     """Readings (k, 4) at rest, anywhere within their step: what is rounded has no noise of its own.
 
     Evenly spread instead of by chance, so that the same file gives the same numbers.
@@ -60,7 +58,7 @@ def spread(n: int) -> FloatArray:
     return np.asarray((GOLDEN * np.arange(1, n + 1)) % 1.0 - 0.5)
 
 
-def _noise(m: Messages, index: Index, policy: EvidencePolicy) -> FloatArray:
+def _noise(m: Messages, index: IntArray, policy: EvidencePolicy) -> FloatArray:
     """Robust standard deviation of (a_x, a_y) from message to message, at least ``level``."""
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
     if steps.shape[1] < policy.readings or not np.isfinite(steps).all():

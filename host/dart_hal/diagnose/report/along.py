@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.diagnose.evidence.drive import READ_OUTS
 from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
@@ -26,7 +25,7 @@ from dart_hal.diagnose.unexplained.features import (
     message_features,
     window_features,
 )
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .words import CHANNELS
@@ -116,7 +115,7 @@ class Rows:
                 if column.after else message_features(self._evidence, self._p))
         return self._features[column.after]
 
-    def stretch(self, column: Column) -> NDArray[np.int64]:
+    def stretch(self, column: Column) -> IntArray:
         """Label (rows,) of the stretch of 2 s."""
         return self._motion if column.after else self._sensor
 
@@ -232,14 +231,14 @@ def _structure(m: Means) -> float:
     return float(m.n[known] @ beyond / m.n.sum())
 
 
-def _means(parts: Sequence[tuple[FloatArray, FloatArray, NDArray[np.int64]]]) -> Means:
+def _means(parts: Sequence[tuple[FloatArray, FloatArray, IntArray]]) -> Means:
     x = [float(np.mean(p[0])) if len(p[0]) else math.nan for p in parts]
     mean = [float(np.mean(p[1])) if len(p[1]) else math.nan for p in parts]
     return Means(np.array(x), np.array(mean), np.array([_error(y, s) for _, y, s in parts]),
                  np.array([float(len(y)) for _, y, _ in parts]))
 
 
-def _error(y: FloatArray, stretch: NDArray[np.int64]) -> float:
+def _error(y: FloatArray, stretch: IntArray) -> float:
     """Standard error of the mean of y (n,) with rows of one stretch moving together."""
     _, index = np.unique(stretch, return_inverse=True)
     blocks = int(index.max()) + 1 if len(index) else 0

@@ -19,10 +19,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.fitting.levenberg_marquardt import bounded, descend
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
@@ -32,7 +31,7 @@ from ..evidence.space import Space, Timing
 ROUNDS, QUICK = 15, 6
 
 
-Part = slice | NDArray[np.bool_]
+Part = slice | BoolArray
 ALL = slice(None)
 
 
@@ -109,7 +108,7 @@ class Point:
         x = self.x + move
         return float((self.space.pull * x) @ x)
 
-    def scores(self, block: NDArray[np.int64]) -> FloatArray:
+    def scores(self, block: IntArray) -> FloatArray:
         """(blocks, k): slope of the loss of each block (N,) of rows."""
         out = np.zeros((int(block.max()) + 1, len(self.x)))
         np.add.at(out, block, self.jacobian * (self.irls_weight * self.residual)[:, None])
@@ -185,7 +184,7 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
                  found.jacobian[:n] / root[:, None])
 
 
-def covariance(point: Point, block: NDArray[np.int64]) -> FloatArray:
+def covariance(point: Point, block: IntArray) -> FloatArray:
     """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
     bread = np.linalg.inv(point.normal)
     scores = point.scores(block)

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 from .fit import Point
 from .scan import Trial
@@ -59,7 +58,7 @@ class Nothing:
 
 
 def nothing_missing(point: Point, rest: FloatArray, trials: Sequence[Trial],
-                    block: NDArray[np.int64], seed: int, draws: int, apart: bool = True
+                    block: IntArray, seed: int, draws: int, apart: bool = True
                     ) -> Nothing:
     """From residuals in blocks.
 
@@ -92,7 +91,7 @@ def p_value(gain: float, nothing: FloatArray) -> float:
     return (1.0 + above) / (1.0 + len(nothing))
 
 
-def refit_p_value(point: Point, drop: float, block: NDArray[np.int64], seed: int, draws: int
+def refit_p_value(point: Point, drop: float, block: IntArray, seed: int, draws: int
                   ) -> float:
     """How often a refit of parameters that were right would lower the loss by ``drop``.
 

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import prepare
@@ -21,7 +20,6 @@ from ..evidence.space import Timing
 from ..policy import Policy
 from .virtual import COMMAND_AGE
 
-Labels = NDArray[np.int64]
 FURTHER = 10**9  # added to labels of blocks, so that they are others
 MOCAP, ONBOARD = "motion capture", "on-board sensors"
 MIDDLE = Timing(0.0, COMMAND_AGE)
@@ -43,7 +41,7 @@ class Setting:
     reference: Reference
     rest: Residuals
     lacking: Residuals
-    blocks: tuple[Labels, Labels]
+    blocks: tuple[IntArray, IntArray]
     noise: Noise
     noise_scale: FloatArray
     policy: Policy

@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +24,8 @@ class Blocked:
     at least once; fold (n,): what is left out together, made of whole blocks."""
 
     y: FloatArray
-    block: NDArray[np.int64]
-    fold: NDArray[np.int64]
+    block: IntArray
+    fold: IntArray
 
 
 def predicted_share(columns: FloatArray, rows: Blocked, signs: FloatArray, ridge: float
@@ -50,7 +49,7 @@ def predicted_share(columns: FloatArray, rows: Blocked, signs: FloatArray, ridge
     return np.asarray(explained.T / np.maximum((y**2).sum(axis=0), 1e-12))
 
 
-def held_out(columns: FloatArray, y: FloatArray, fold: NDArray[np.int64], ridge: float
+def held_out(columns: FloatArray, y: FloatArray, fold: IntArray, ridge: float
              ) -> FloatArray:
     """The predictions themselves (n,), each fold of y (n,) from the others."""
     out = np.empty(len(y))

@@ -14,9 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS
@@ -48,8 +47,8 @@ class Group:
     y: FloatArray
     size: FloatArray
     features: Mapping[str, FloatArray]
-    block: NDArray[np.int64]
-    recording: NDArray[np.int64]
+    block: IntArray
+    recording: IntArray
     names: tuple[str, ...]
 
 
@@ -200,7 +199,7 @@ def _search(of: list[Group], seed: int, turns: int, policy: UnexplainedPolicy) -
     return Shares(names, table[0], table[1:1 + turns], table[1 + turns:], np.concatenate(least))
 
 
-def _tried(group: Group, block: NDArray[np.int64], signs: FloatArray, rng: np.random.Generator,
+def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Generator,
            policy: UnexplainedPolicy) -> tuple[FloatArray, list[tuple[str, ...]]]:
     """Shares (1 + 2 s, sets x channels): as it is, turned, and turned what is left; the sets."""
     features, y = _features(group), _centred(group, policy.clip)
@@ -238,8 +237,8 @@ def _centred(group: Group, clip: float) -> FloatArray:
     return np.asarray(y - y.mean(axis=0))
 
 
-def _folds(group: Group, block: NDArray[np.int64], rng: np.random.Generator,
-           policy: UnexplainedPolicy) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _folds(group: Group, block: IntArray, rng: np.random.Generator,
+           policy: UnexplainedPolicy) -> tuple[IntArray, IntArray]:
     """Folds of blocks, and of whole recordings where there are enough, (n,) both."""
     within = rng.permutation(np.arange(block.max() + 1) % policy.folds)[block]
     _, recording = np.unique(group.recording, return_inverse=True)

@@ -14,9 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray
-
-from ..evidence.rows import Labels
+from dart_hal.types import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex64]
 
@@ -30,14 +28,14 @@ MAX_FREQUENCIES = 600  # frequencies
 FEWEST = 3.0  # waves on the longest distance
 
 
-def phases(name: str, recording: Labels) -> Labels:
+def phases(name: str, recording: IntArray) -> IntArray:
     """(n,) labels of rows whose waves begin together: on one floor all do, with the
     distance driven those of a recording."""
     return recording if name == "way" else np.zeros_like(recording)
 
 
-def waves(y: FloatArray, block: Labels, distance: FloatArray, recording: Labels, signs: FloatArray
-          ) -> FloatArray:
+def waves(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
+          signs: FloatArray) -> FloatArray:
     """Share (s, c) of the best wave, each recording with a phase of its own.
 
     y (n, c) in blocks (n,), for each set of signs (s, B); distance (n,) [m], or a place;
@@ -56,7 +54,7 @@ def waves(y: FloatArray, block: Labels, distance: FloatArray, recording: Labels,
     return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - free, 1.0), dtype=float)
 
 
-def wave(y: FloatArray, distance: FloatArray, recording: Labels) -> tuple[float, float]:
+def wave(y: FloatArray, distance: FloatArray, recording: IntArray) -> tuple[float, float]:
     """(length [m], amplitude) of the best wave of y (n,) along the distance (n,)."""
     tried = frequencies(distance, recording, FINER)
     taken = sum(2.0 / of * np.abs(one[0].sum(axis=0))**2
@@ -65,7 +63,7 @@ def wave(y: FloatArray, distance: FloatArray, recording: Labels) -> tuple[float,
     return float(1.0 / tried[best]), float(np.sqrt(2.0 * np.asarray(taken)[best] / len(y)))
 
 
-def frequencies(distance: FloatArray, recording: Labels, fine: float = FINE) -> FloatArray:
+def frequencies(distance: FloatArray, recording: IntArray, fine: float = FINE) -> FloatArray:
     """(f,) waves per metre that are tried; none where the distance is too short for any."""
     longest = max((float(np.ptp(distance[recording == r])) for r in np.unique(recording)),
                   default=0.0)
@@ -75,8 +73,8 @@ def frequencies(distance: FloatArray, recording: Labels, fine: float = FINE) -> 
     return np.arange(FEWEST / longest, FASTEST, step)
 
 
-def _spectra(y: FloatArray, block: Labels, distance: FloatArray, recording: Labels,
-             tried: FloatArray) -> Iterator[tuple[Labels, int, ComplexArray]]:
+def _spectra(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
+             tried: FloatArray) -> Iterator[tuple[IntArray, int, ComplexArray]]:
     """Of each recording: its blocks (b,), its rows, and their sums at each frequency (c, b, f)."""
     for one in np.unique(recording):
         mine = np.flatnonzero(recording == one)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dart_hal.errors import RecordingError
 from dart_hal.fitting.covariance import RECORDINGS, block_covariance
@@ -17,7 +16,7 @@ from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.identify.fit import TIME_KNOWN, Estimate, Fit
 from dart_hal.predict.rollout import stretches
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 
@@ -199,7 +198,7 @@ def _covariance(data: Solution, problem: Problem) -> FloatArray:
 
 
 def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: FloatArray,
-              identified: NDArray[np.bool_], data: Solution, cpu: float, note: str) -> Fit:
+              identified: BoolArray, data: Solution, cpu: float, note: str) -> Fit:
     mine = [i for i, full in enumerate(names) if full.startswith(f"{name}.")]
     std = np.sqrt(np.diag(covariance))
     estimates = {names[i].partition(".")[2]: Estimate(
