@@ -19,7 +19,7 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 # the machine is, and has no limit. 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
 QUICK := --cpu-limit 2 $(ARGS)
-test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (three minutes)
+test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."

@@ -1,7 +1,7 @@
 """How the names move when a threshold of the diagnosis is half or double what it is.
 
     python tests/hidden/policy_sensitivity.py                   all of it, resumed where it was left
-    python tests/hidden/policy_sensitivity.py --cases 2 --out /tmp/few.jsonl
+    python tests/hidden/policy_sensitivity.py --cases 2 --out few.jsonl
 
 A case is diagnosed once with thresholds that note whether half or double of them would have
 decided a single comparison otherwise. Only where one would have is it diagnosed again, for else

@@ -34,7 +34,7 @@ def excerpt() -> Path | None:
     return next((f for f in found if all((f / n).is_dir() for n in (*TRAIN, *TEST))), None)
 
 
-def told(folder: Path, page: Path) -> Diagnosis:
+def diagnosed(folder: Path, page: Path) -> Diagnosis:
     """The diagnosis of the excerpt; its report is written to ``page``."""
     file, p = find_model(MODEL)
     train, test = (read_any([folder / name for name in names])[0] for names in (TRAIN, TEST))
@@ -62,7 +62,7 @@ def beside(folder: Path | None, out: Path) -> Iterator[Section] | None:
 def _section(folder: Path, page: Path) -> Section:
     from dart_hal.cli.demo_section import real_section
 
-    found = told(folder, page)
+    found = diagnosed(folder, page)
     gains = {k: {"test": g.test, "test_ci95": [g.low, g.high]} for k, g in found.gain.items()}
     return real_section(found, TRAIN, TEST, page.name), {
         "verdict": found.verdict, "gain": gains, "causes": [c.to_json() for c in found.causes]}

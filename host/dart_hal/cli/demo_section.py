@@ -34,7 +34,7 @@ def hidden_section(told: Chapter, sensors: Mapping[str, Any]) -> Html:
     how = (f"The car was driven for {BEFORE:.0f} s as it was. The paper's model, with the speed "
            "of the servo from its data sheet, was fitted to that drive: that is all that is known "
            "of the healthy car. Then something was changed in it. The diagnosis had that model "
-           f"and a recorded drive of {AFTER:.0f} s; what a cause is worth is measured on another "
+           f"and a recorded drive of {AFTER:.0f} s; how much a cause gains is measured on another "
            f"one of {UNSEEN:.0f} s. Encoder, gyro and accelerometer are all that it sees.")
     named = "Named." if told.found else "Not named: this drive did not show it well enough."
     changed = el("p", el("strong", "What was changed: "),
@@ -58,7 +58,7 @@ def real_section(d: Diagnosis, train: Sequence[str], test: Sequence[str], report
     """What the paper's model gets wrong on recordings of the real car."""
     how = ("Recordings of the real car with motion capture, from the excerpt that comes with the "
            f"sources. Causes are looked for in those until 9 September 2024 ({', '.join(train)}); "
-           f"what they are worth is measured on later days ({', '.join(test)}), of which no fit "
+           f"how much they gain is measured on later days ({', '.join(test)}), of which no fit "
            "has seen anything. Step 1 is the model as it is, its parameters fitted anew: a cause "
            "is what that cannot do. There is no ground truth for this car.")
     return _section(d, how, report, page.text(overall(d)), _found(d))
