@@ -1,4 +1,4 @@
-"""``dart-hal demo``: the main job, without hardware, in about a minute."""
+"""``dart-hal demo``: the main job, without hardware, in a minute and a half."""
 
 from __future__ import annotations
 

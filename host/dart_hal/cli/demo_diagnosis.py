@@ -7,8 +7,7 @@ the URL, which only the simulator reads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from dart_hal.diagnose.result import Diagnosis, Number
 from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.runs import read_run
 from dart_hal.links.base import Url
+from dart_hal.process import jobs
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
@@ -110,9 +110,12 @@ def chapter(url: Url, seed: int, out: Path) -> Chapter:
     changed, hidden = hide(url, seed)
     cars, second, third = out / "cars", files["second_drive"], files["third_drive"]
     weave(without_effect(url), cars, files["first_drive"], BEFORE, 1)
-    healthy_model(files["first_drive"], files["healthy_model"])
+    fit = jobs.beside(healthy_model, files["first_drive"], files["healthy_model"])
     weave(changed, cars, second, AFTER, 2)
     weave(changed, cars, third, UNSEEN, 3)
+    with progress_bar() as bar:
+        bar.add_task("fitting the model to drive 1", total=None)
+        next(fit)
     found = told(second, third, files["healthy_model"])
     write_page(found, files["diagnosis"],
                command=f"dart-hal diagnose --model {files['healthy_model']} --no-refit "
@@ -147,9 +150,8 @@ def healthy_model(run: Path, target: Path) -> None:
     timing = replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)
     p = apply(replace(p, delay=timing), "steering_rate_limit", k=SERVO_S)
     sheet = model_of(p, file)
-    with _bar("fitting the model") as tell:
-        sides = checked([read_run(run)], [], p)
-        fitted = diagnose(sheet, p, sides.train, sides.test, max_causes=0, progress=tell)
+    sides = checked([read_run(run)], [], p)
+    fitted = diagnose(sheet, p, sides.train, sides.test, max_causes=0)
     model = extended_model(fitted, sheet, sides.train, "dart-hal demo")
     save_model(msgspec.structs.replace(model, name=target.stem), target)
 
@@ -157,19 +159,13 @@ def healthy_model(run: Path, target: Path) -> None:
 def told(run: Path, unseen: Path, model: Path) -> Diagnosis:
     """The diagnosis of a drive; the gain is measured on another one."""
     file, p = find_model(model)
-    with _bar("looking for the cause") as tell:
+    with progress_bar() as bar:
+        task = bar.add_task("looking for the cause", total=1.0)
         sides = checked([read_run(run)], [read_run(unseen)], p)
         found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MAX_CAUSES,
-                         progress=tell)
+                         jobs=jobs.cores(),
+                         progress=lambda share, _: bar.update(task, completed=share))
     return replace(found, model=model.name, notes=(*sides.notes, *found.notes))
-
-
-@contextmanager
-def _bar(title: str) -> Iterator[Callable[[float, str], None]]:
-    """A bar on standard error, moved by the ``progress`` of a diagnosis."""
-    with progress_bar() as bar:
-        task = bar.add_task(title, total=1.0)
-        yield lambda share, _: bar.update(task, completed=share)
 
 
 def as_hidden(a: ActiveEffect) -> str:

@@ -13,6 +13,7 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.identify.runs import read_any
+from dart_hal.process import jobs
 from dart_hal.report.html import Html
 from dart_hal.vehicle.load import find_model
 
@@ -50,13 +51,7 @@ def diagnosed(folder: Path, page: Path) -> Diagnosis:
 
 def beside(folder: Path | None, out: Path) -> Iterator[Section] | None:
     """The same in a process that starts now; ``next`` waits for it. None without recordings."""
-    from joblib import Parallel, delayed
-
-    if folder is None:
-        return None
-    sections: Iterator[Section] = Parallel(n_jobs=2, return_as="generator")(
-        [delayed(_section)(folder, out / PAGE)])
-    return sections
+    return None if folder is None else jobs.beside(_section, folder, out / PAGE)
 
 
 def _section(folder: Path, page: Path) -> Section:

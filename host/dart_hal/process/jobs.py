@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 PARTS = 8  # of the items: what a process needs to know is much more than an item
 ENOUGH = 300.0  # s of driving; below that, starting processes takes longer than they save
@@ -46,6 +46,15 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
     for part in Parallel(n_jobs=n_jobs, return_as="generator")(
             delayed(_some)(work, items[i::parts]) for i in range(parts)):
         yield from part
+
+
+def beside(work: Callable[..., Result], *given: Any) -> Iterator[Result]:
+    """``work(*given)`` in a process that starts now; ``next`` waits for what it makes."""
+    from joblib import Parallel, delayed
+
+    # two, for joblib works in this process where there is one
+    found: Iterator[Result] = Parallel(n_jobs=2, return_as="generator")([delayed(work)(*given)])
+    return found
 
 
 def _some(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:

@@ -8,10 +8,11 @@ without an effect on a channel gives back what it was given, itself.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise, repeat
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,8 @@ def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, n
     single = signal.ndim == 1
     first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
     if single and hook.blind:
-        return _blind(signal, first, step)
+        slack = hook.slack(dt, *a.values) if hook.slack else 0.0
+        return _blind(signal, first, step, slack)
     rows = signal.tolist() if single else signal
     out = np.empty_like(signal, dtype=np.float64)
     state: list[Any] = list(first(rows[0])) if len(rows) else []
@@ -114,21 +116,29 @@ def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, n
     return out
 
 
-def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any]) -> FloatArray:
-    """Where neither the signal nor the state moves, nothing will until the signal does."""
-    out, here = np.empty(len(signal)), Now()
-    if not len(signal):
+def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any],
+           slack: float) -> FloatArray:
+    """Steps only where something happens: most commands are held for many samples.
+
+    Where neither the signal nor the state moves, nothing will until the signal does. Where the
+    state has caught up with the signal, it follows it until that changes by more than ``slack``.
+    """
+    out, here, n = signal.astype(np.float64), Now(), len(signal)
+    if not n:
         return out
-    state = list(first(float(signal[0])))
-    ends = [0, *(np.flatnonzero(np.diff(signal)) + 1).tolist(), len(signal)]
-    for begin, end in pairwise(ends):
-        value = float(signal[begin])
-        for i in range(begin, end):
-            out[i], *after = step(value, here, *state)
-            if after == state:
-                out[i:end] = out[i]
-                break
-            state = after
+    values, change = signal.tolist(), np.abs(np.diff(signal))
+    moves, jumps = ([*(np.flatnonzero(change > by) + 1).tolist(), n] for by in (0.0, slack))
+    state, i = list(first(values[0])), 0
+    while i < n:
+        out[i], *after = step(values[i], here, *state)
+        value, i = values[i], i + 1
+        if after == [value]:
+            i = jumps[bisect_left(jumps, i)]
+            after = [values[i - 1]]
+        elif after == state:
+            begin, i = i, moves[bisect_left(moves, i)]
+            out[begin:i] = out[begin - 1]
+        state = after
     return out
 
 

@@ -79,11 +79,13 @@ class Stateful:
     """``make(p, f, dt, *values) -> (first, step)``: a signal with memory, every dt [s].
 
     first(signal) -> state, a tuple; step(signal, now, *state) -> (signal, *state).
-    blind: step does not look at now.
+    blind: step does not look at now. slack(dt, *values): a state that has caught up with
+    its signal goes on following it as long as that changes by no more from sample to sample.
     """
 
     make: Callable[..., tuple[Callable[..., tuple[Any, ...]], Callable[..., tuple[Any, ...]]]]
     blind: bool = False
+    slack: Callable[..., float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import pytest
 from effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 from dart_hal.errors import UsageError
-from dart_hal.predict.actuators import actuated
+from dart_hal.predict.actuators import actuated, first_order_lag
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
@@ -52,6 +52,20 @@ def test_tick_by_tick_gives_the_series_where_the_signal_stands_still(name):
     got = through(p, channel, signal, now, DT)
     assert (got == stepped(p, channel, signal, now)).all()
     assert len(np.unique(got)) > 4
+
+
+@pytest.mark.parametrize("k", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+def test_a_rate_limit_that_has_caught_up_follows_what_is_slow(k, lag):
+    """To the bit, where the series jumps over the samples in which the servo keeps up."""
+    rng = np.random.default_rng(5)
+    signal = first_order_lag(np.repeat(rng.uniform(-0.9, 0.9, 20), 80), lag)
+    signal[400:800] += 0.002 * rng.standard_normal(400)
+    p = apply(PAPER, "steering_rate_limit", k=k)
+    now = Now(*[np.zeros(len(signal))] * len(Now._fields))
+    got = through(p, "steering", signal, now, DT)
+    assert (got == stepped(p, "steering", signal, now)).all()
+    assert (np.abs(got - signal).max() > 0.1) == (k > 0.0)
 
 
 @pytest.mark.parametrize("channel", CHANNELS)

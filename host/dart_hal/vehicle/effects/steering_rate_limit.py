@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from dart_hal.vehicle.effect import Effect, Now, Parameter, Stateful
@@ -23,6 +24,11 @@ def limited(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
     return lambda v: (v,), step
 
 
+def slack(dt: float, k: float) -> float:
+    """Change of the command in one step that the servo keeps up with."""
+    return dt / k if k > 0.0 else math.inf
+
+
 EFFECT = Effect(
     name="steering_rate_limit",
     title="turns its wheels no faster than a limit",
@@ -35,5 +41,5 @@ EFFECT = Effect(
     experiment=(
         "Steering steps of different size at constant speed: the time to arrive grows "
         "with the size of the step, where a lag takes the same time for all."),
-    signals={"steering": Stateful(limited, blind=True)},
+    signals={"steering": Stateful(limited, blind=True, slack=slack)},
 )
