@@ -37,6 +37,7 @@ def test_a_program(program, tmp_path):
     assert any(c.isdigit() for c in said)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_a_script_for_drive(script, tmp_path):
     result = json.loads(run(["-m", "dart_hal.cli.main", "drive", script, "--json"], tmp_path,

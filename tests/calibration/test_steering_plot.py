@@ -16,8 +16,8 @@ def result(bench):
     return calibrate_steering(bench(), dry_run=True)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("b.svg", b"<?xml")])
-@pytest.mark.few("b.svg-*")
 def test_figure_in_the_format_of_its_suffix(result, tmp_path, name, magic):
     path = plot_steering(result, tmp_path / "new" / name)
     assert path.read_bytes().startswith(magic)
@@ -29,6 +29,7 @@ def test_unknown_format_is_refused(result, tmp_path):
         plot_steering(result, tmp_path / "a.txt")
 
 
+@pytest.mark.more
 def test_import_of_the_room_does_not_load_matplotlib():
     import subprocess
     import sys

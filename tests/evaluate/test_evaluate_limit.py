@@ -74,6 +74,7 @@ def test_a_car_without_slip_has_no_limit_and_none_is_stated(ramps):
     assert limit.to_json()["holds_to"]["speed"]["supported"] is False
 
 
+@pytest.mark.more
 def test_loss_of_curvature_is_found_at_its_speed(empty):
     def case(k, slow=0.35):
         n = 9000

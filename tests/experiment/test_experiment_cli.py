@@ -148,6 +148,7 @@ def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
     assert json.loads(out)["mass_kg"] == {"value": 1.65, "std": 0.002}
 
 
+@pytest.mark.more
 def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
     import dart_hal.experiment.runner as runner
     from dart_hal.experiment.rehearsal import PaperCar

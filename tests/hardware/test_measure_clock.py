@@ -28,8 +28,8 @@ def truth(url: str) -> float:
         backend.close()
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", [7, 8, 9])
-@pytest.mark.few("7")
 def test_it_finds_the_hidden_clock(seed):
     url = f"sim://?seed={seed}&nano=mock"
     hertz, std = measure_clock.measure(url)

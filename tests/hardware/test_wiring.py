@@ -194,6 +194,7 @@ def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
     assert build.stale() == [], "make hardware ARGS=--write"
 
 
+@pytest.mark.more
 def test_an_older_diagram_is_seen(copy):
     """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
     assert build.stale(copy("capture.yml", "GN", "YE")) == ["capture.svg", "nano_pins.svg"]

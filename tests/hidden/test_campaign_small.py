@@ -121,8 +121,8 @@ def test_a_seed_writes_one_file(tmp_path):
     assert texts[0] == texts[1] != texts[2]
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", [*CAUSES, *FAR, *NEAR])
-@pytest.mark.few("grip")
 def test_what_is_hidden_shows_in_the_file(tmp_path, name):
     """The negative control of the campaign: a cause that changes nothing could not be found."""
     group = "large" if name in CAUSES else "far" if name in FAR else "near"

@@ -92,7 +92,7 @@ def step(pair, effect, size, share):
     return late(*pair, share, BEGIN + 8.0)
 
 
-@pytest.mark.few("0.5")
+@pytest.mark.more
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
 def test_steering_lag_rounds_the_answer(pair, share):
     """1 - exp(-t/T) against the servo's ramp of 20 ms."""
@@ -118,6 +118,7 @@ def test_steering_trim_turns_a_straight_drive(pair, nano):
     assert turned == pytest.approx(speed * math.tan(0.02) / 0.175, rel=0.03)
 
 
+@pytest.mark.more
 def test_steering_backlash_remembers_the_side_it_came_from(driven):
     def split(effect):
         url = f"sim://?nano=mock&model=kinematic{effect}"
@@ -167,6 +168,7 @@ def test_quadratic_drag_balances_the_motor_at_a_lower_speed(pair):
             float(np.interp(0.0, force[::-1], grid[::-1])), rel=0.01)
 
 
+@pytest.mark.more
 def test_a_slope_is_felt_at_rest_and_rolls_the_car(pair):
     plain, seen = pair("road_slope_x:1.0,rolling_resistance:-1", ((STRAIGHT, 0.0, 1.0),))
     assert np.mean(seen.accel_x[50:150]) < -0.4
@@ -181,6 +183,7 @@ def test_lateral_pull_turns_by_its_sign(driven):
     assert right < plain - 0.05
 
 
+@pytest.mark.more
 def test_mass_is_on_the_scale_and_in_the_start(pair):
     plain, seen = pair("mass:0.2", ROLL)
     kilograms = [c.car.backend.workshop.mass()[0] for c in (plain, seen)]

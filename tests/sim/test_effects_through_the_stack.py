@@ -68,8 +68,8 @@ def test_a_board_with_another_clock_drives_faster_and_to_the_left(told, nano):
     assert seen[1] > 0.1
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
 def test_standing_still_before_arming_takes_a_gyro_bias_off_and_no_scale(told, nano):
     turning = "steering_trim:0.05"
     plain, biased, scaled = (told(nano, turning + more) for more in (

@@ -60,6 +60,7 @@ def test_a_second_reset_without_a_seed_goes_on_alike():
             np.testing.assert_allclose(a[0], b[0], atol=1e-6)
 
 
+@pytest.mark.more
 def test_options_reach_all_environments():
     ours, theirs = make(3), make(3, "sync")
     a, b = (v.reset(seed=2, options={"randomise": True}) for v in (ours, theirs))
@@ -97,6 +98,7 @@ def test_more_environments_change_none():
     np.testing.assert_allclose(x[0], y[0][:2], atol=1e-6)
 
 
+@pytest.mark.more
 def test_same_seed_same_bytes():
     def run(seed):
         env = make(6)

@@ -60,6 +60,7 @@ def test_more_cars_change_no_noise():
     np.testing.assert_allclose(np.array(a), np.array(b)[:, :3], atol=1e-11)
 
 
+@pytest.mark.more
 def test_rows_of_noise_do_not_depend_on_blocks_or_neighbours():
     alone = ScalarStream([1, 2], 3, 2)
     many = ArrayStream([[1, i] for i in range(9000)], 3, 2)

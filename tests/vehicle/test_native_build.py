@@ -83,6 +83,7 @@ def test_switched_off_by_the_user(monkeypatch):
     assert f"{library.SWITCH}=0" in status()
 
 
+@pytest.mark.more
 @needs_compiler
 def test_compiled_on_demand_once(nothing_built, monkeypatch):
     first = kernel.Kernel(KINEMATIC, "motion", 0.01)
@@ -121,6 +122,7 @@ def test_what_the_compiler_said_is_passed_on(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.more
 @needs_compiler
 def test_a_compiler_without_vectors_still_compiles(nothing_built, monkeypatch):
     """An older processor, another C library: fewer flags, the same numbers."""
@@ -145,6 +147,7 @@ def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_b
     assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
+@pytest.mark.more
 @needs_compiler
 def test_a_damaged_library_is_compiled_anew(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])
@@ -214,6 +217,7 @@ def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
         check.check(runs[1], traced, F64, form, "motion", "rk4")
 
 
+@pytest.mark.more
 @needs_compiler
 def test_a_wrong_kernel_is_not_used(nothing_built, monkeypatch):
     traced = trace(form_of(KINEMATIC), "car")

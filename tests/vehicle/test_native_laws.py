@@ -151,11 +151,11 @@ STATE = (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.25, 0.1)
 COMMANDS = (0.35, -0.3)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("p", [*BOTH_SIDES, PAPER, UPSTREAM_2024], ids=[*IDS, "P1", "P2"])
 @given(vx=st.floats(0.4, 4), vy=st.floats(-0.4, 0.4), om=st.floats(-4, 4),
        tau=st.floats(-0.4, 0.6), s=st.floats(-1, 1))
 @settings(max_examples=20)
-@pytest.mark.few("P1")
 def test_casadi_floats_and_arrays_are_one_step(p, vx, vy, om, tau, s):
     casadi = pytest.importorskip("casadi")
     state = (*STATE[:3], vx, vy, om, *STATE[6:])

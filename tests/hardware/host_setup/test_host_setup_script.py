@@ -192,6 +192,7 @@ def shellcheck(*paths: Path) -> subprocess.CompletedProcess[str]:
                           check=False, cwd=ROOT)
 
 
+@pytest.mark.more
 def test_shellcheck_finds_nothing(tmp_path: Path) -> None:
     done = shellcheck(*sorted(SETUP.glob("*.sh")), Path(__file__).parent / "fake_command.sh")
     assert done.returncode == 0, done.stdout

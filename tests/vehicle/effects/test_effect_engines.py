@@ -95,6 +95,7 @@ def test_a_stack_is_its_cars(name):
     assert np.abs(together - alone).max() < 1e-12
 
 
+@pytest.mark.more
 @pytest.mark.skipif(not compiler(), reason="no C compiler")
 def test_the_compiled_kernel_has_every_effect():
     cars = [everything(PAPER), extended(PAPER, (applied(e, medium(e)) for e in

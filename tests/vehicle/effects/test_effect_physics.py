@@ -138,8 +138,8 @@ def test_all_at_once_is_still_a_car(base_drive):
         assert not np.array_equal(signal, base_drive[channel])
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("car", CARS)
-@pytest.mark.few("paper")
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
     x, p = states()[:, :8], CARS[car]
