@@ -35,6 +35,7 @@ COLUMNS = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (
 class Plan:
     """How it is driven. force [N], memory [s]: an Ornstein-Uhlenbeck disturbance.
 
+    fast: throttle when it drives, of least and most; None = as the style has it.
     lockstep: commands change with the messages; else whenever they like, and
     the recorder sees them up to 0.1 s later. series: (throttle, steering) at
     ``series_dt`` [s] in place of a style; they say how long it takes.
@@ -47,6 +48,7 @@ class Plan:
     lockstep: bool = True
     series: tuple | None = None
     series_dt: float = 0.01
+    fast: tuple[float, float] | None = None
 
 
 def commands(plan, rng):
@@ -57,6 +59,7 @@ def commands(plan, rng):
     t = np.arange(n) * DT
     throttle, steering = np.zeros(n), np.zeros(n)
     fast = {"rich": (0.21, 0.34), "gentle": (0.20, 0.26)}[plan.style]
+    fast = plan.fast or fast
     at = 1.0
     while at < plan.seconds:
         hold = rng.uniform(0.8, 3.0)

@@ -88,9 +88,15 @@ class ScanPolicy:
     """Which sizes of an effect are tried."""
 
     ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
+    dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)
+    """The same where there are several tops: a fifth apart."""
     faint: float = 3.0  # loss that a parabola must promise for a look at larger sizes
     kept: float = 0.05  # of what a parabola promises: as near its top is where it says
-    refinements: int = 2  # parabola steps after the ladder
+    refinements: int = 6  # parabola steps after the ladder; most end after one, at its promise
+    met: float = 0.02  # of a promise; a parabola that keeps it that well is at the top
+    resolved: float = 0.1  # of a size; a rung is no nearer to the best one where parabolas fail
+    bisections: int = 5  # between two rungs where a threshold may be: a thirtieth of their distance
+    threshold: float = 0.5  # of what is in proportion to its size; less moves as below a threshold
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,7 +104,9 @@ class Parameter:
 
     sizes: small, medium and large departure from null, of either sign where the
     interval allows; ``per_recording``: a property of a drive, not of the car;
-    ``alone``: a departure from null is an effect by itself (the phase of one is not).
+    ``alone``: a departure from null is an effect by itself (the phase of one is not);
+    ``tops``: what it explains has several tops along it, as where a tyre lets go in one bend
+    more: sizes are tried so closely that none is between two of them.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Parameter:
     null: float = 0.0
     per_recording: bool = False
     alone: bool = True
+    tops: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

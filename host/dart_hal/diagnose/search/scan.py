@@ -70,6 +70,14 @@ class Scan:
                 residual[part] + point.jacobian[part] @ move))
         return total
 
+    def gain(self, residual: FloatArray) -> float:
+        """By how much the loss drops with other residuals (N,)."""
+        return self.null - self._loss(residual)
+
+    def _moved(self, residual: FloatArray) -> float:
+        """By how much residuals (N,) differ from those of the point, in standard deviations."""
+        return float(np.sqrt(self.point.weight @ (residual - self.point.residual)**2))
+
     def best(self, name: str) -> Trial:
         """The size of an effect that takes away most."""
         effect = catalogue()[name]
@@ -90,19 +98,19 @@ class Scan:
                                               **{**beside, parameter.name: k}))
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
-            return self.null - self._loss(kept[k])
+            return self.gain(kept[k])
 
-        near, far = ladder(parameter, self._policy.ladder)
+        near, far = ladder(parameter, self._policy.dense if parameter.tops else self._policy.ladder)
         gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
         if _goes_on(gains, parameter, gain, self._policy):
             gains |= {k: gain(k) for k in far}
         while (k := _beyond(gains, parameter, self._policy.ladder[-1])) is not None:
             gains[k] = gain(k)
-        for _ in range(self._policy.refinements):
-            k = _peak(gains, parameter)
-            if k is None:
-                break
-            gains[k] = gain(k)
+        def moved(k: float) -> float:
+            return self._moved(kept[k]) if k in kept else np.inf
+
+        _find_onset(gains, parameter, gain, moved, self._policy)
+        _refine(gains, parameter, gain, self._policy)
         best = max(gains, key=lambda k: gains[k])
         return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best])
 
@@ -159,20 +167,66 @@ def _beyond(gains: Mapping[float, float], p: Parameter, last: float) -> float | 
     return None if further in gains else further
 
 
-def _peak(gains: Mapping[float, float], p: Parameter) -> float | None:
-    """Top of the parabola through the best size and its neighbours; None at an end."""
+def _find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
+                moved: Callable[[float], float], policy: ScanPolicy) -> None:
+    """Look for a threshold between a size that does next to nothing and one that does too much.
+
+    A saturation beyond what a drive reaches changes nothing, a little below it cuts all that is
+    above: what gains may be a narrow range between two rungs. Twice as far, an effect without a
+    threshold does twice as much.
+    """
+    if p.low < p.null < p.high:
+        return
+    for _ in range(policy.bisections):
+        ks = sorted(gains, key=lambda k: abs(k - p.null))
+        further = next((i for i, k in enumerate(ks) if gains[k] < 0.0), 0)
+        if further < 2 or max(gains.values()) > policy.faint:
+            return
+        near, far = ks[further - 1], ks[further]
+        share = (near - p.null) / (far - p.null)
+        if moved(near) > policy.threshold * share * moved(far):
+            return
+        gains[0.5 * (near + far)] = gain(0.5 * (near + far))
+
+
+def _refine(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
+            policy: ScanPolicy) -> None:
+    """Go to the best size: by parabolas, and where one does not keep its promise by halves."""
+    for _ in range(policy.refinements):
+        bracket = _bracket(gains)
+        if bracket is None or gains[bracket[1]] <= policy.faint:
+            return
+        top, promised = _parabola(gains, bracket)
+        if top not in gains:
+            gains[top] = gain(top)
+        if gains[top] >= (1.0 - policy.met) * promised:
+            return
+        a, b, c = _bracket(gains) or bracket
+        wider = a if b - a > c - b else c
+        if abs(wider - b) < policy.resolved * abs(b - p.null):
+            return
+        gains[0.5 * (b + wider)] = gain(0.5 * (b + wider))
+
+
+def _bracket(gains: Mapping[float, float]) -> tuple[float, float, float] | None:
+    """The best size between its neighbours; None at an end."""
     ks = sorted(k for k, g in gains.items() if np.isfinite(g))
     at = max(range(len(ks)), key=lambda i: gains[ks[i]])
-    if at in (0, len(ks) - 1):
-        return None
-    a, b, c = ks[at - 1:at + 2]
-    u, v, w = (gains[k] for k in (a, b, c))
-    under = (b - a) * (v - w) - (b - c) * (v - u)
-    if under == 0.0:
-        return None
-    top = b - 0.5 * ((b - a)**2 * (v - w) - (b - c)**2 * (v - u)) / under
-    known = min(abs(top - k) for k in ks) < 1e-3 * (c - a)
-    return None if known or not a < top < c else float(np.clip(top, p.low, p.high))
+    return None if at in (0, len(ks) - 1) else (ks[at - 1], ks[at], ks[at + 1])
+
+
+def _parabola(gains: Mapping[float, float], bracket: tuple[float, float, float]
+              ) -> tuple[float, float]:
+    """(top, its height) of the parabola through three sizes; the middle one where it is that."""
+    a, b, c = bracket
+    u, v, w = (gains[k] for k in bracket)
+    bend, slope, _ = np.polyfit([a - b, 0.0, c - b], [u - v, 0.0, w - v], 2)
+    if not bend < 0.0:
+        return b, v
+    top = b - 0.5 * slope / bend
+    if min(abs(top - k) for k in bracket) < 1e-3 * (c - a):
+        return b, v
+    return float(np.clip(top, a, c)), float(v - 0.25 * slope**2 / bend)
 
 
 def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,

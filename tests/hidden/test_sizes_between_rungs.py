@@ -1,0 +1,63 @@
+"""Whatever the size of a cause: the scan looks near it, and no size falls between two that it tries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.evidence.space import Space, Timing
+from dart_hal.diagnose.policy import USUAL, ScanPolicy
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.diagnose.search.scan import Scan, scanned
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply, catalogue
+
+SHARE = 0.85  # of what the true size gains
+FEW = 4.0  # of loss: two standard deviations of one number
+ALIASES = ("pwm_quantisation",)
+"""A command between two steps lies between two of finer steps as well: sizes have aliases."""
+CASES = [(e.name, q.name, float(sign * k)) for e in catalogue().values() for q in scanned(e)
+         for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
+         for k in np.geomspace(q.sizes[0], q.sizes[2], 5) if q.low <= q.null + sign * k <= q.high]
+
+
+def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
+    """(what the scan finds, what the true size gains); top: the largest throttle of the drive."""
+    plan = Plan(seconds=60.0, fast=(0.21, top))
+    recording = read(write(tmp_path / "hidden.csv", apply(PAPER, name, **values), 12, plan))
+    evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
+    noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+    exact = Space(PAPER, ())
+    point = refit(evidence, noise, exact, exact.point(Timing()))
+    scan = Scan(evidence, point, policy)
+    truth = scan.residual(apply(point.vehicle, name, **values))
+    return scan.best(name), scan.gain(truth)
+
+
+@pytest.mark.parametrize(("name", "parameter", "k"), CASES)
+@pytest.mark.few("rear_saturation-k-0.4", "motor_saturation-k-4.0")
+def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
+    q = next(q for q in catalogue()[name].parameters if q.name == parameter)
+    found, truth = gains(tmp_path, name, {parameter: q.null + k})
+    share = 0.3 if name in ALIASES else SHARE
+    assert found.gain > share * truth - FEW
+
+
+def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
+    """At .36, in a drive that asks for up to .42: on either rung beside it nothing is gained."""
+    found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, top=0.42)
+    assert found.gain > SHARE * truth > 100.0
+    assert found.values["k"] == pytest.approx(1 / 0.36, rel=0.02)
+
+
+@pytest.mark.more
+def test_without_looking_between_the_rungs_it_is_missed(tmp_path):
+    """The negative control."""
+    blind = ScanPolicy(bisections=0, refinements=2)
+    found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, blind, top=0.42)
+    assert found.gain < 0.2 * truth
