@@ -15,6 +15,7 @@ from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.result import (
     Cause,
     Considered,
+    Constancy,
     Diagnosis,
     Gained,
     Moved,
@@ -52,12 +53,17 @@ def stages():
     return tuple(out), evidence, ctrv
 
 
+CONSTANT = Constancy(0.42, "speed", ((0.5, 0.97, 0.05), (1.0, 1.01, 0.04), (1.5, 1.02, 0.06)))
+CHANGES = replace(CONSTANT, p_value=0.001)
+
+
 def cause(name, value, std, gain, like=()):
     effect = catalogue()[name]
     parameter = effect.parameters[0]
     return Cause(name, effect.title, effect.stage,
                  {parameter.name: Number(value, std, parameter.unit, parameter.null)}, 0.0004,
-                 321.5, ("A sentence of <evidence> & more.",), gain, like, effect.experiment)
+                 321.5, ("A sentence of <evidence> & more.",), gain, like, effect.experiment,
+                 0.9875, {"19/a.csv": (1.02, 0.04)}, CONSTANT)
 
 
 def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes):

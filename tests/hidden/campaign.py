@@ -38,7 +38,7 @@ HOME = Path(__file__).resolve().parents[2]
 SECONDS = (120.0, 80.0)
 """To learn from, to judge by."""
 RESULTS = HOME / "build" / "campaign" / "results.jsonl"
-KEEP = ("verdict", "base", "causes", "unexplained", "withdrawn", "notes", "error")
+KEEP = ("verdict", "base", "causes", "possible", "unexplained", "withdrawn", "notes", "error")
 
 Answer = dict[str, Any]
 

@@ -1,4 +1,4 @@
-"""Whatever the size of a cause: the scan looks near it, and no size falls between two that it tries."""
+"""Whatever the size of a cause, the scan looks near it: none falls between two that it tries."""
 
 from __future__ import annotations
 

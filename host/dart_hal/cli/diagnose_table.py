@@ -10,7 +10,15 @@ from rich.table import Table
 
 from dart_hal.cli.output import output, results
 from dart_hal.diagnose.report import sentence, structure, verdict
-from dart_hal.diagnose.report.words import CHANNELS, channel, interval, moved, pooled, quantity
+from dart_hal.diagnose.report.words import (
+    CHANNELS,
+    channel,
+    interval,
+    moved,
+    pooled,
+    possible,
+    quantity,
+)
 from dart_hal.diagnose.result import Diagnosis, Gained
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.report.numbers import p_value, percent, significant
@@ -27,6 +35,8 @@ def show(d: Diagnosis) -> None:
         Console(file=output, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
+    for p in d.possible:
+        _say(f"possible, not shown: {possible(p)}", style="dim")
     for u in d.unexplained:
         _say(f"not explained: {structure(u)}", style="yellow")
     if d.withdrawn:
@@ -40,11 +50,11 @@ def show(d: Diagnosis) -> None:
 
 def _causes(d: Diagnosis) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("effect", "value", "removes", "of the error of", "indistinguishable from"):
+    for name in ("effect", "value", "P", "removes", "of the error of", "indistinguishable from"):
         table.add_column(name, no_wrap=name in ("effect", "value"))
     for c in d.causes:
         values = "\n".join(f"{k} {quantity(n)}" for k, n in c.parameters.items())
-        table.add_row(c.effect, values, _gain(c.gain),
+        table.add_row(c.effect, values, f"{c.probability:.2f}", _gain(c.gain),
                       channel(c.gain.channel), ", ".join(c.cannot_be_told_from) or "-")
     return table
 

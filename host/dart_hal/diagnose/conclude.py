@@ -18,6 +18,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
+from .grade.names import Grading, Shown, shown
 from .report.words import removes
 from .result import (
     Cause,
@@ -26,6 +27,7 @@ from .result import (
     Gained,
     Moved,
     Number,
+    Possible,
     Stage,
     Unexplained,
     added,
@@ -62,17 +64,23 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     if withdrawn:
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
         left = _left(q, points[-1], found.noise)
+    grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed)
+    sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
+    if sure.left_out:
+        points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
+        left = _left(q, points[-1], found.noise)
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, points[i], points[i + 1], last.vehicle, stds)
+    causes = tuple(_cause(q, one, points[i], points[i + 1], last.vehicle, stds, sure)
                    for i, one in enumerate(named))
     moved = _moved(q, points[-1])
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
-        causes=causes, considered=_considered(found, withdrawn), unexplained=left, stages=stages,
+        causes=causes, considered=_considered(found, withdrawn, sure),
+        possible=_possible(found, sure, q), unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=_cautions(q, causes, gain),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
@@ -163,7 +171,7 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
 
 
 def _cause(q: Question, named: Named, before: Point, after: Point, final: Vehicle,
-           stds: Mapping[str, float]) -> Cause:
+           stds: Mapping[str, float], sure: Shown) -> Cause:
     """One cause: its gain from the fit before it to the fit with it, its numbers at the end."""
     effect = catalogue()[named.effect]
     numbers = {}
@@ -175,7 +183,10 @@ def _cause(q: Question, named: Named, before: Point, after: Point, final: Vehicl
     gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
                   q.train, q.test, q.settings.seed, q.settings.policy.conclusion.gain_block_s)
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
-                 _evidence(q, named, numbers, gain), gain, named.confounders, effect.experiment)
+                 _evidence(q, named, numbers, gain), gain, named.confounders, effect.experiment,
+                 sure.grades[effect.name].probability,
+                 dict(zip(q.train.names, sure.grades[effect.name].sizes, strict=True)),
+                 sure.constancy[effect.name])
 
 
 def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
@@ -222,10 +233,24 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
     return out
 
 
-def _considered(found: SearchResult, withdrawn: Sequence[str]) -> tuple[Considered, ...]:
+def _possible(found: SearchResult, sure: Shown, q: Question) -> tuple[Possible, ...]:
+    """Names whose grade is too low to be shown, the surest first."""
+    least = q.settings.policy.grade.possible
+    loss = {n.effect: n.gain for n in found.named}
+    return tuple(Possible(name, catalogue()[name].title, grade.probability, loss[name])
+                 for name, grade in sorted(sure.left_out.items(), key=lambda kg: -kg[1].probability)
+                 if grade.probability >= least)
+
+
+def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
+                ) -> tuple[Considered, ...]:
     out = [Considered(n.effect, n.p_value, n.gain, n.held_out,
                       "withdrawn: with it as much structure is left as without it")
            for n in found.named if n.effect in withdrawn]
+    out += [Considered(n.effect, n.p_value, n.gain, n.held_out,
+                       f"only possible: {sure.left_out[n.effect].probability:.0%} of the data left "
+                       "out from its size want it beside the others")
+            for n in found.named if n.effect in sure.left_out]
     return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
                     for r in found.rejected if r.effect not in withdrawn))
 
@@ -252,7 +277,8 @@ def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Se
              gain: Mapping[str, Gained]) -> str:
     if causes:  # one that surely makes predictions worse does not explain
         worse = any(c.gain.high < 0.0 for c in causes)
-        return "partly_explained" if left or worse else "explained"
+        changes = any(not c.constancy.constant for c in causes)
+        return "partly_explained" if left or worse or changes else "explained"
     if left:
         return "unexplained"
     if q.refit:

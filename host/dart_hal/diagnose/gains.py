@@ -42,6 +42,15 @@ class Side:
     evidence: Evidence
     prepared: Prepared | None
 
+    @property
+    def names(self) -> list[str]:
+        """Of its drives that have anything to judge, as the rows of the evidence number them;
+        stretches of one recording are counted."""
+        used = np.union1d(self.evidence.motion_drive, self.evidence.sensor_drive)
+        plain = [self.evidence.drives[i].recording.name for i in used.tolist()]
+        return [name if plain.count(name) == 1 else f"{name} ({plain[:i].count(name) + 1})"
+                for i, name in enumerate(plain)]
+
     def errors(self, p: Vehicle) -> FloatArray | None:
         """As ``evaluate.errors``; None without motion capture."""
         if self.prepared is None:

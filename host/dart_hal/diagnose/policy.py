@@ -88,8 +88,8 @@ class ScanPolicy:
     """Which sizes of an effect are tried."""
 
     ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
-    dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)
-    """The same where there are several tops: a fifth apart."""
+    dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)  # same
+    # where what an effect explains has several tops: a fifth apart
     faint: float = 3.0  # loss that a parabola must promise for a look at larger sizes
     kept: float = 0.05  # of what a parabola promises: as near its top is where it says
     refinements: int = 6  # parabola steps after the ladder; most end after one, at its promise
@@ -132,6 +132,25 @@ class ConfounderPolicy:
     cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
     clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
     loss: float = 4.0  # a smaller difference tells nothing, however steady
+
+
+@dataclass(frozen=True, slots=True)
+class GradePolicy:
+    """How sure a name is, and whether its size is constant."""
+
+    draws: int = 400  # of units; P = 0.97 is known to 0.01
+    recordings: int = 6  # from which on they are the units, as ``BlockPolicy.units``
+    units: int = 16  # stretches of time, where recordings are fewer ...
+    block_s: float = 2.0  # s ... and no shorter than this, as ``BlockPolicy.seconds``
+    family: float = 0.5  # of its size, by which a cause may differ along a function of the state
+    tail: float = 0.02  # quantile beyond which such a function is flat
+    shown: float = 0.8  # probability; below, a name is possible and not shown
+    possible: float = 0.3  # probability; below, it is not even possible
+    waves: int = 3  # half waves along each variable on which a size may depend
+    period_s: float = 5.0  # s; the shortest wave along time
+    time_waves: int = 48  # at most: two minutes of them
+    changes: float = 0.01  # level at which a size is said to change; a right one does once in 25
+    turns: int = 999  # signs of blocks turned: ten of them beyond that level
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +209,7 @@ class Policy:
     scan: ScanPolicy = field(default_factory=ScanPolicy)
     naming: NamingPolicy = field(default_factory=NamingPolicy)
     confounders: ConfounderPolicy = field(default_factory=ConfounderPolicy)
+    grade: GradePolicy = field(default_factory=GradePolicy)
     unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
     conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)
     suggest: SuggestPolicy = field(default_factory=SuggestPolicy)

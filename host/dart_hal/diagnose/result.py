@@ -65,11 +65,38 @@ class Gained:
 
 
 @dataclass(frozen=True, slots=True)
+class Constancy:
+    """Whether a size is the same throughout the training recordings.
+
+    p_value, family-wise, that a constant size would vary as much; along: what it changes
+    with most; curve: (value of it, size relative to the fitted one, its standard error).
+    """
+
+    p_value: float
+    along: str
+    curve: tuple[tuple[float, float, float], ...]
+    level: float = 0.01
+
+    @property
+    def constant(self) -> bool:
+        """Whether it may well be."""
+        return self.p_value >= self.level
+
+    def to_json(self) -> dict[str, Any]:
+        """{"constant", "p_value", "changes_with", "curve"}; changes_with null where it is."""
+        return {"constant": self.constant, "p_value": self.p_value,
+                "changes_with": None if self.constant else self.along,
+                "curve": [list(at) for at in self.curve]}
+
+
+@dataclass(frozen=True, slots=True)
 class Cause:
     """A named effect: what it does, how sure that is, and what it cannot be told from.
 
     enters: stage of the effect; loss: drop of the robust loss on the training
     recordings; experiment: the drive that would tell it from its like.
+    probability: share of bags of recordings whose rest wants it; sizes: (size
+    relative to the fitted one, standard error) by training recording.
     """
 
     effect: str
@@ -82,15 +109,36 @@ class Cause:
     gain: Gained
     cannot_be_told_from: tuple[str, ...]
     experiment: str
+    probability: float
+    sizes: Mapping[str, tuple[float, float]]
+    constancy: Constancy
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``causes``."""
         return {"effect": self.effect, "title": self.title, "enters": self.enters,
+                "probability": self.probability,
+                "sizes": {k: {"relative": a, "std": s} for k, (a, s) in self.sizes.items()},
+                "constancy": self.constancy.to_json(),
                 "parameters": {k: n.to_json() for k, n in self.parameters.items()},
                 "p_value": self.p_value, "loss": self.loss, "evidence": list(self.evidence),
                 "gain": self.gain.to_json(),
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment}
+
+
+@dataclass(frozen=True, slots=True)
+class Possible:
+    """An effect that the search accepted, but of which data left out are not sure enough."""
+
+    effect: str
+    title: str
+    probability: float
+    loss: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the list ``possible``."""
+        return {"effect": self.effect, "title": self.title, "probability": self.probability,
+                "loss": self.loss}
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +224,7 @@ class Diagnosis:
     withdrawn: tuple[str, ...] = field(default_factory=tuple)
     false_alarm: float = 0.01
     ranking: Mapping[str, float] = field(default_factory=dict)
+    possible: tuple[Possible, ...] = ()
 
     @property
     def extended(self) -> Vehicle:
@@ -190,6 +239,7 @@ class Diagnosis:
                      "refitted": {k: m.to_json() for k, m in self.refitted.items()},
                      "errors": self.stages[0].horizons},
             "causes": [c.to_json() for c in self.causes],
+            "possible": [p.to_json() for p in self.possible],
             "considered": [c.to_json() for c in self.considered],
             "unexplained": [u.to_json() for u in self.unexplained],
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,

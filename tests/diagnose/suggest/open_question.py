@@ -14,7 +14,7 @@ from hidden_drive import Plan, write
 
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Stage
+from dart_hal.diagnose.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import Scan
@@ -76,7 +76,8 @@ def diagnosis(case, recordings):
     evidence, _ = evidence_of(recordings, PAPER.body.l_r)
     name, k = case.truth
     cause = Cause(name, "", catalogue()[name].stage, {"k": Number(k, 0.0, "")}, 0.0, 0.0, (),
-                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,), "")
+                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,), "", 1.0, {},
+                  Constancy(1.0, "", ()))
     moved = {n: Moved(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
     stage = Stage("", case.car, {}, evidence.residuals(case.car))
     return Diagnosis("explained", "paper", moved, (cause,), (), (), (stage,), evidence, {}, {}, {})

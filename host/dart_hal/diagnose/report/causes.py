@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from dart_hal.diagnose.result import Cause, Diagnosis, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
@@ -36,7 +38,7 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
         el("p", known.physics) if known is not None else Html(),
         _figures(cause), el("p", f"Enters at: {cause.enters}. Cannot be told from, with these "
                                  f"data: {like}."),
-        _decides(cause),
+        _decides(cause), _constant(cause),
         page.items(cause.evidence),
         join([page.figures(drawn), KEY]) if drawn else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
@@ -62,6 +64,39 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
     return join([*parts, table(head, [
         (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
          p_value(u.p_value), percent(u.share)) for u in d.unexplained])])
+
+
+def possible_section(d: Diagnosis) -> Html:
+    """Names of which data left out are not sure enough."""
+    if not d.possible:
+        return el("p", "Nothing: every effect that the search accepted is sure enough to be shown, or "
+                       "hardly more than chance.")
+    head = ("effect", "probability", "drop of the loss", "what it would mean")
+    return join([page.soft("The search accepted these, but too few of the data left out from their "
+                           "size want them beside the causes above. They are not in the extended "
+                           "model."),
+                 table(head, [(p.effect, f"{p.probability:.2f}", significant(p.loss, 4),
+                               f"the car {p.title}") for p in d.possible], 1)])
+
+
+def _constant(cause: Cause) -> Html:
+    """Size by recording, and along what it changes most."""
+    parts: list[Html] = []
+    if len(cause.sizes) > 1:
+        parts.append(table(("recording", "size there, of the fitted one"), [
+            (name, f"{a:.2f} +- {s:.2f}") for name, (a, s) in cause.sizes.items()], 1))
+    found = cause.constancy
+    if not found.curve:
+        return join(parts)
+    name, unit = variable(found.along), UNITS[found.along]
+    x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
+    says = ("constant, it varies most with" if found.constant else "its size changes with")
+    parts.append(page.figure(
+        f"{cause.effect}: {says} {name} ({p_value(found.p_value)})",
+        charts.lines(f"{cause.effect}: size along {name}",
+                     name if unit == "-" else f"{name} [{unit}]", "size, of the fitted one",
+                     [charts.Series(x, y, WHISKER * error, "after")])))
+    return join(parts)
 
 
 def _decides(cause: Cause) -> Html:

@@ -24,6 +24,12 @@ TERMS = {
     "p-value": "How often the best effect of the whole catalogue would lower the loss as much if "
                "nothing were there, by the disturbance of these very recordings: each effect is "
                "measured by what it gains itself in such data, and all of them are one family.",
+    "probability": "Of a name: recordings (or stretches of one) are drawn at random, the size of "
+                   "the effect is fitted to those drawn, and the others judge. The share of draws "
+                   "in which they are predicted better with it than without. Below 0.8 a name is "
+                   "possible and not shown.",
+    "constant": "Whether one size of the cause fits throughout: along time, place, speed, angle, "
+                "throttle and accelerations, against the same with the signs of blocks turned.",
     "gain": "1 - RMSE after / RMSE before on the test recordings, cause by cause in the order in "
             "which they were named. Its 95 % interval is a bootstrap over blocks, since samples in "
             "a row are not independent.",

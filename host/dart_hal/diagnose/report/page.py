@@ -18,7 +18,7 @@ from dart_hal.report.numbers import listed
 
 from . import tables
 from .along import Rows
-from .causes import cause_section, unexplained_section
+from .causes import cause_section, possible_section, unexplained_section
 from .glossary import glossary
 from .next_drive import next_drives
 from .words import overall, sentence, verdict
@@ -47,6 +47,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
         "errors": ("Errors, step by step", tables.errors(d)),
         "causes": ("The causes, and their evidence",
                    found or el("p", "No effect of the catalogue was named.")),
+        "possible": ("Possible, not shown above", possible_section(d)),
         "unexplained": ("What is not explained", unexplained_section(d, rows)),
         "ranking": ("Every effect by what it would take away", tables.ranking(d)),
         "considered": ("Considered and not named", tables.considered(d)),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Unexplained
+from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Possible, Unexplained
 from dart_hal.report.numbers import listed, p_value, percent, significant, with_error
 from dart_hal.vehicle.effects import catalogue
 
@@ -49,13 +49,23 @@ def verdict(d: Diagnosis) -> str:
 
 def sentence(cause: Cause) -> str:
     """What the car does, how much, what it is worth, and what it cannot be told from."""
-    parts = [f"The car {cause.title}: {amount(cause)}", removes(cause.gain)]
+    parts = [f"The car {cause.title}: {amount(cause)} (probability {cause.probability:.2f})",
+             removes(cause.gain)]
+    if not cause.constancy.constant:
+        parts.append(f"its size changes with {variable(cause.constancy.along)} "
+                     f"({p_value(cause.constancy.p_value)})")
     if cause.cannot_be_told_from:
         like = listed(cause.cannot_be_told_from, "or")
         parts.append(f"cannot be told from {like} with these data")
         if cause.experiment:
             parts.append(f"to decide, drive: {_inside(cause.experiment.rstrip('.'))}")
     return "; ".join(parts) + "."
+
+
+def possible(p: Possible) -> str:
+    """A name that is not sure enough to be shown."""
+    return (f"{p.effect}: perhaps the car {p.title} (probability {p.probability:.2f}); it is "
+            "not in the extended model")
 
 
 def amount(cause: Cause) -> str:

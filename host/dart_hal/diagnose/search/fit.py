@@ -120,10 +120,15 @@ class Point:
         part = np.linalg.inv(self.normal)[np.ix_(at, at)]
         return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
 
-    def projection(self) -> Callable[[FloatArray], FloatArray]:
-        """What is left of a direction (N,) when all that is free may follow it."""
-        back = np.linalg.solve(self.normal, (self.jacobian * self.irls_weight[:, None]).T)
-        return lambda direction: np.asarray(direction - self.jacobian @ (back @ direction))
+    def projection(self, held: Sequence[int] = ()) -> Callable[[FloatArray], FloatArray]:
+        """What is left of directions (N,) or (N, d) when all that is free may follow them.
+
+        held: coordinates that do not.
+        """
+        free = np.setdiff1d(np.arange(len(self.x)), held)
+        jacobian, normal = self.jacobian[:, free], self.normal[np.ix_(free, free)]
+        back = np.linalg.solve(normal, (jacobian * self.irls_weight[:, None]).T)
+        return lambda direction: np.asarray(direction - jacobian @ (back @ direction))
 
 
 def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:

@@ -34,13 +34,15 @@ def sets(features: Mapping[str, FloatArray]) -> list[tuple[str, ...]]:
             *(s for s in several if all(name in features for name in s))]
 
 
-def basis(features: Mapping[str, FloatArray], along: tuple[str, ...], tail: float) -> FloatArray:
+def basis(features: Mapping[str, FloatArray], along: tuple[str, ...], tail: float,
+          waves: int = 0) -> FloatArray:
     """Columns (n, d) of functions of the variables ``along``, without their means.
 
-    features: (n,) by name, finite; tail: quantile beyond which a function is flat. A
+    features: (n,) by name, finite; tail: quantile beyond which a function is flat; waves: so many
+    half waves of each. A
     function of two variables that is a sum of two functions of one is among the products.
     """
-    waves = WAVES if len(along) == 1 else PAIR_WAVES
+    waves = waves or (WAVES if len(along) == 1 else PAIR_WAVES)
     columns, order = np.ones((len(features[along[0]]), 1)), np.zeros(1)
     for name in along:
         more, of = _one(name, features[name], waves, tail)

@@ -1,0 +1,119 @@
+"""How sure a name is: does the effect lower the loss on data left out from its size?
+
+Around the last fit everything is linear. For a draw of units (recordings, or stretches of one) with
+counts c_u, the bag, the units u that were not drawn judge:
+
+    L_u(x) = L_u + 2 h_u^T x + x^T H_u x,   h_u = Z_u^T Omega r_u,  H_u = Z_u^T Omega Z_u
+    x_with    = argmin sum_u c_u L_u(x) + |x0 + x|^2_P           Z: all that is free, and d_a
+    x_without = the same with the step along d_a held at -1
+    P(a) = share of draws with sum_(c_u = 0) (L_u(x_without) - L_u(x_with)) > 0
+
+A cause may be written a little differently in the car than in the catalogue: each effect f that
+gained more than a has columns beside it with a prior of one standard deviation each: phi_j d_f, its
+size changed by functions of the state, and the other ways to write a force (family). What the
+family of the first explains is no second cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+
+from ..policy import GradePolicy
+from .secants import Secants, modulations, own
+
+ABSENT = -1.0  # step along a secant at which its effect is gone
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """P: share of draws in which data left out want the effect.
+
+    sizes: by recording, (size relative to the fitted one, its standard error).
+    """
+
+    probability: float
+    sizes: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Normal matrices H (u, k, k) and slopes h (u, k) by unit, prior pull (k,) and where it is
+    from, x0 (k,); the last coordinate is the step along the secant."""
+
+    normal: FloatArray
+    slope: FloatArray
+    pull: FloatArray
+    start: FloatArray
+
+
+def grade(of: Secants, name: str, above: Sequence[str], policy: GradePolicy, seed: int) -> Grade:
+    """Of one named effect; above: named effects that gained more."""
+    problem = _problem(of, name, above, policy)
+    return Grade(probability(problem, ABSENT, policy.draws, seed), sizes(of, name))
+
+
+def probability(problem: Problem, absent: float, draws: int, seed: int) -> float:
+    """Share of draws in which the units left out are better told with the effect than without."""
+    units = len(problem.normal)
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(units, np.full(units, 1.0 / units), size=draws).astype(np.float64)
+    out = (counts == 0.0).astype(np.float64)
+    keep = out.sum(axis=1) > 0.0
+    counts, out = counts[keep], out[keep]
+    normal = np.einsum("du,uij->dij", counts, problem.normal) + np.diag(problem.pull + 1e-9)
+    slope = counts @ problem.slope + problem.pull * problem.start
+    with_it = -np.linalg.solve(normal, slope[..., None])[..., 0]
+    with_it = np.where(with_it[:, -1:] < absent, np.nan, with_it)
+    rest = slope[:, :-1] + absent * normal[:, :-1, -1]
+    without = np.full_like(with_it, absent)
+    without[:, :-1] = -np.linalg.solve(normal[:, :-1, :-1], rest[..., None])[..., 0]
+    judge_normal, judge_slope = np.einsum("du,uij->dij", out, problem.normal), out @ problem.slope
+
+    def loss(x: FloatArray) -> FloatArray:
+        return np.asarray(2.0 * (judge_slope * x).sum(axis=1)
+                          + np.einsum("di,dij,dj->d", x, judge_normal, x))
+
+    return float(np.mean(loss(with_it) < loss(without)))  # NaN, an effect of the wrong sign: False
+
+
+def sizes(of: Secants, name: str) -> tuple[tuple[float, float], ...]:
+    """By recording, the size of an effect that its data alone ask for, relative to the fitted one.
+
+    a_r = 1 - sum_r w d r / sum_r w d^2, d the secant with all else projected out; its standard
+    error from the scores of blocks.
+    """
+    point, rows = of.point, of.rows
+    d = point.projection(own(point, name))(of.tangent[name])
+    w = point.irls_weight
+    score = np.bincount(rows.block, w * d * point.residual)
+    of_block = np.zeros(len(score), dtype=np.int64)
+    of_block[rows.block] = rows.recording
+    recordings = int(rows.recording.max()) + 1
+    known = np.bincount(rows.recording, w * d**2, recordings)
+    pulls = np.bincount(of_block, score, recordings)
+    spread = np.sqrt(np.bincount(of_block, score**2, recordings))
+    known = np.maximum(known, 1e-12)
+    return tuple((float(1.0 - p / k), float(s / k))
+                 for p, s, k in zip(pulls, spread, known, strict=True))
+
+
+def _problem(of: Secants, name: str, above: Sequence[str], policy: GradePolicy) -> Problem:
+    point = of.point
+    free = np.setdiff1d(np.arange(len(point.x)), own(point, name))
+    family = [part for f in above for part in (
+        of.variants[f], policy.family * of.of[f][:, None] * modulations(of, policy.tail))]
+    columns = np.concatenate([point.jacobian[:, free], *family, of.of[name][:, None]], axis=1)
+    beside = columns.shape[1] - len(free) - 1
+    pull = np.concatenate([point.space.pull[free], np.ones(beside), [0.0]])
+    start = np.concatenate([point.x[free], np.zeros(beside + 1)])
+    weighted = columns * point.irls_weight[:, None]
+    units = int(of.unit.max()) + 1
+    normal = np.stack([weighted[of.unit == u].T @ columns[of.unit == u] for u in range(units)])
+    slope = np.stack([weighted[of.unit == u].T @ point.residual[of.unit == u]
+                      for u in range(units)])
+    return Problem(normal, slope, pull, start)

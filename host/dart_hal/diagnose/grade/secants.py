@@ -1,0 +1,125 @@
+"""The last fit, made linear: what each named effect did to the residuals, and in which driving.
+
+    d_a = r(with a) - r(without a)          secant of effect a, all else as fitted
+    r(l) = r + l d_a                        l = -1: without it, l = 0: as fitted
+    t_a = sum_q (k_q - null_q) dr/dk_q      tangent there: how r changes with the size
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dart_hal.types import FloatArray, IntArray
+
+from ..evidence.residuals import Evidence
+from ..evidence.rows import RowLabels, rows_of, spread
+from ..policy import GradePolicy, Policy
+from ..search.fit import Point
+from ..unexplained.bases import basis
+from ..unexplained.features import message_features, window_features
+from .family import variants
+
+STATE = ("speed", "steering_angle", "throttle", "lateral_acceleration", "acceleration",
+         "steering_rate")
+"""What the force of a cause may depend on; each once as it is and once without its sign."""
+PLACE = ("time", "x", "y", "heading")
+"""What else the size of a constant cause must not depend on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Secants:
+    """A fitted point with secants, tangents (N,) and, of its forces, variants (N, d).
+
+    unit (N,): what is drawn together for a grade; state: standardised functions (N,) of what the
+    car was doing, by name.
+    """
+
+    point: Point
+    of: Mapping[str, FloatArray]
+    tangent: Mapping[str, FloatArray]
+    variants: Mapping[str, FloatArray]
+    rows: RowLabels
+    unit: IntArray
+    features: Mapping[str, FloatArray]
+
+
+def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Policy) -> Secants:
+    """Of the effects of a fitted point, given with the largest gain first."""
+    p, timing = point.vehicle, point.timing
+    found, tangent = {}, {}
+    for name in effects:
+        tangent[name] = _tangent(point, name)
+        without = replace(p, effects=tuple(a for a in p.effects if a.name != name))
+        before = point.noise.stacked(evidence.residuals(without, timing))[0]
+        found[name] = point.residual - before
+    rows = rows_of(evidence, evidence.residuals(p, timing), policy.blocks)
+    # of the last one nobody asks: nothing that is named gained less
+    written = {name: variants(evidence, point, name) for name in effects[:-1]}
+    return Secants(point, found, tangent, written, rows, units(evidence, rows, point, policy.grade),
+                   features(evidence, point))
+
+
+def own(point: Point, name: str) -> list[int]:
+    """Coordinates that are parameters of an effect."""
+    return [i for i, n in enumerate(point.space.names) if n.partition(".")[0] == name]
+
+
+def _tangent(point: Point, name: str) -> FloatArray:
+    """In coordinates whose null is where the base is: at 0."""
+    mine = own(point, name)
+    return np.asarray(point.jacobian[:, mine] @ point.x[mine])
+
+
+def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy) -> IntArray:
+    """(N,) recordings, where there are enough; else stretches of time of each."""
+    if int(rows.recording.max()) + 1 >= policy.recordings:
+        return rows.recording
+    seconds = len(np.unique(rows.block[rows.channel >= 0])) * policy.block_s
+    length = max(policy.block_s, seconds / policy.units)
+    columns = len(point.noise.motion)
+    label = spread(*evidence.blocks(length), columns)
+    still = spread(np.zeros(len(evidence.motion_drive), dtype=np.int64),
+                   evidence.sensor_still.astype(np.int64), columns) > 0
+    out = np.unique(np.where(still, label[~still].min() if (~still).any() else 0, label),
+                    return_inverse=True)[1].ravel()
+    # a standing car is one place in time only: its messages are shared out among all
+    out[still] = np.arange(int(still.sum())) % (int(out.max()) + 1)
+    return np.asarray(out, dtype=np.int64)
+
+
+def features(evidence: Evidence, point: Point) -> dict[str, FloatArray]:
+    """What the car was doing, (N,) by name, for each of the stacked residuals."""
+    windows = window_features(evidence, point.vehicle)
+    messages = message_features(evidence, point.vehicle)
+    columns, sensors = len(point.noise.motion), len(point.noise.sensors)
+    return {name: np.concatenate([np.repeat(np.nan_to_num(windows[name]), columns),
+                                  np.repeat(np.nan_to_num(messages[name]), sensors)])
+            for name in (*STATE, *PLACE)}
+
+
+def modulations(of: Secants, tail: float) -> FloatArray:
+    """(N, k) by what a cause may be written differently: functions of the state, of unit size."""
+    columns = []
+    for name in STATE:
+        for value in (of.features[name], np.abs(of.features[name])):
+            low, high = np.quantile(value, [tail, 1.0 - tail])
+            columns.append(np.clip(value, low, high))
+    out = np.stack(columns, axis=1)
+    return np.asarray((out - out.mean(axis=0)) / np.maximum(out.std(axis=0), 1e-9))
+
+
+def shapes(of: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
+    """(variable of each, (N, k)) functions along which the size of a cause may change."""
+    names, columns = list[str](), []
+    for name in (*STATE, *PLACE):
+        waves = policy.waves
+        if name == "time":
+            span = float(np.ptp(of.features["time"]))
+            waves = int(np.clip(2.0 * span / policy.period_s, policy.waves, policy.time_waves))
+        found = basis(of.features, (name,), policy.tail, waves)
+        names += [name] * found.shape[1]
+        columns.append(found / np.maximum(found.std(axis=0), 1e-9))
+    return names, np.concatenate(columns, axis=1)

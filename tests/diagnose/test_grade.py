@@ -1,0 +1,92 @@
+"""How sure a name is, and whether its size is constant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.evidence.space import Space, Timing
+from dart_hal.diagnose.grade.bag import Problem, probability, sizes
+from dart_hal.diagnose.grade.constancy import constancy
+from dart_hal.diagnose.grade.secants import secants
+from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose.search.fit import refit
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+
+UNITS, ROWS, DRAWS = 16, 40, 400
+
+
+def problem(rng, signal, beside=(), pull=1.0):
+    """Units of rows with noise of size 1: residuals of a fit whose effect, of so much signal, is
+    taken out at step -1; beside: directions that may follow, with a prior of size 1 / pull."""
+    effect = rng.normal(size=(UNITS, ROWS))
+    columns = [*(f(effect, rng) for f in beside), effect]
+    z = np.stack(columns, axis=2) * np.array([1.0] * len(beside) + [signal])
+    noise = rng.normal(size=(UNITS, ROWS))
+    flat = z.reshape(-1, z.shape[2])
+    noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
+    return Problem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
+                   np.array([pull] * len(beside) + [0.0]), np.zeros(z.shape[2]))
+
+
+def test_what_is_there_is_sure_and_what_is_not_is_not():
+    rng = np.random.default_rng(1)
+    assert probability(problem(rng, 0.3), -1.0, DRAWS, 0) > 0.97
+    faint = [probability(problem(rng, 0.02), -1.0, DRAWS, i) for i in range(20)]
+    assert np.median(faint) < USUAL.grade.shown
+
+
+def test_what_the_family_of_another_explains_is_no_second_cause():
+    """The same direction but for a tenth: with the family beside it the name is not sure."""
+    def alike(effect, rng):
+        return effect + 0.1 * rng.normal(size=effect.shape)
+
+    rng = np.random.default_rng(2)
+    free, held = (probability(problem(rng, 0.3, [alike], pull), -1.0, DRAWS, 0)
+                  for pull in (1e-3, 1e6))
+    assert free < USUAL.grade.shown
+    assert held > 0.95  # the control: without the family it is
+
+
+def test_an_effect_that_bags_want_with_the_other_sign_is_not_wanted():
+    p = problem(np.random.default_rng(3), 0.3)
+    turned = Problem(p.normal, p.slope + 1.5 * p.normal[:, :, -1], p.pull, p.start)
+    assert probability(turned, -1.0, DRAWS, 0) < 0.05
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """name -> secants of the fit with one effect, of a drive with another one hidden in it."""
+    folder = tmp_path_factory.mktemp("grade")
+
+    def fit(named, hidden, **values):
+        plan = Plan(seconds=60.0)
+        recording = read(write(folder / "hidden.csv", apply(PAPER, hidden, **values), 12, plan))
+        evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
+        noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+        space = Space(apply(PAPER, named), ())
+        return secants(evidence, refit(evidence, noise, space, space.point(Timing())), [named],
+                       USUAL)
+
+    return fit
+
+
+def test_a_constant_cause_is_constant_and_of_its_size(fitted):
+    of = fitted("motor_gain", "motor_gain", k=0.08)
+    assert constancy(of, "motor_gain", USUAL.grade, 0).constant
+    ((size, error),) = sizes(of, "motor_gain")
+    assert size == pytest.approx(1.0, abs=0.1)
+    assert 0.0 < error < 0.1
+
+
+def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
+    found = constancy(fitted("motor_gain", "battery_fade", k=-0.3), "motor_gain", USUAL.grade, 0)
+    assert not found.constant
+    places = [size for _, size, _ in found.curve]
+    assert max(places) - min(places) > 0.5
