@@ -53,8 +53,9 @@ def stages():
     return tuple(out), evidence, ctrv
 
 
-CONSTANT = Constancy(0.42, "speed", ((0.5, 0.97, 0.05), (1.0, 1.01, 0.04), (1.5, 1.02, 0.06)))
-CHANGES = replace(CONSTANT, p_value=0.001)
+CONSTANT = Constancy(0.42, "speed", ((0.5, 0.97, 0.05), (1.0, 1.01, 0.04), (1.5, 1.02, 0.06)), 0.04,
+                     (0.01, 0.1))
+CHANGES = replace(CONSTANT, p_value=0.001, change=0.3)
 
 
 def cause(name, value, std, gain, like=()):

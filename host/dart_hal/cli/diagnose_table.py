@@ -13,6 +13,7 @@ from dart_hal.diagnose.report import sentence, structure, verdict
 from dart_hal.diagnose.report.words import (
     CHANNELS,
     channel,
+    claim,
     interval,
     moved,
     pooled,
@@ -35,6 +36,8 @@ def show(d: Diagnosis) -> None:
         Console(file=output, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
+    for claimed in d.claims:
+        _say(f"parameters: {claim(claimed)}")
     for p in d.possible:
         _say(f"possible, not shown: {possible(p)}", style="dim")
     for u in d.unexplained:

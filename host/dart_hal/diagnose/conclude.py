@@ -19,9 +19,13 @@ from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
 from .grade.names import Grading, Shown, shown
+from .grade.secants import secants
+from .parameters.claims import Asked, claims
+from .parameters.sets import Sets
 from .report.words import removes
 from .result import (
     Cause,
+    Claim,
     Considered,
     Diagnosis,
     Gained,
@@ -75,12 +79,14 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     causes = tuple(_cause(q, one, points[i], points[i + 1], last.vehicle, stds, sure)
                    for i, one in enumerate(named))
     moved = _moved(q, points[-1])
+    claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
     return Diagnosis(
-        verdict=_verdict(q, found, causes, left, gain), model=q.model, refitted=moved,
+        verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn, sure),
-        possible=_possible(found, sure, q), unexplained=left, stages=stages,
+        possible=_possible(found, sure, q), claims=claimed,
+        unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=_cautions(q, causes, gain),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
@@ -203,6 +209,15 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
         f"{gain.measure}: {removes(gain)}")
 
 
+def _claims(q: Question, last: Point) -> tuple[Claim, ...]:
+    """Parameters of the base that were wrong, at the final model."""
+    settings = q.settings
+    of = secants(q.train.evidence, last, (), settings.policy)
+    sets = Sets(q.train.evidence, q.base, last, of.unit, settings.known, settings.policy, {})
+    return claims(Asked(sets, q.test.evidence, of, covariance(last, _blocks(q, last)),
+                        as_logged(q, last), settings.seed))
+
+
 def _blocks(q: Question, point: Point) -> IntArray:
     rows = _rows(q, point)
     many = rows.recording.max() + 1 >= q.settings.policy.blocks.units
@@ -274,13 +289,15 @@ def _cautions(q: Question, causes: Sequence[Cause], gain: Mapping[str, Gained]) 
 
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
-             gain: Mapping[str, Gained]) -> str:
+             gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
     if causes:  # one that surely makes predictions worse does not explain
         worse = any(c.gain.high < 0.0 for c in causes)
         changes = any(not c.constancy.constant for c in causes)
         return "partly_explained" if left or worse or changes else "explained"
     if left:
         return "unexplained"
+    if claimed and not _worse(q, gain):
+        return "parameters_only"
     if q.refit:
         p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
                           q.settings.seed, q.settings.policy.naming.draws)

@@ -150,7 +150,24 @@ class GradePolicy:
     period_s: float = 5.0  # s; the shortest wave along time
     time_waves: int = 48  # at most: two minutes of them
     changes: float = 0.01  # level at which a size is said to change; a right one does once in 25
+    least_change: float = 0.1  # of its size, root mean square; less is not worth a word
     turns: int = 999  # signs of blocks turned: ten of them beyond that level
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimPolicy:
+    """Which parameters of the model are said to be wrong."""
+
+    prior: float = 0.2  # probability that a group is wrong: one or two of seven
+    certain: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
+    swap: float = 100.0  # twice a log probability to second order; a far move is off by as much
+    hardly: float = 0.05  # probability below which a group is not looked at again
+    draws: int = 128  # of units
+    believed: float = 0.5  # probability from which on a group is claimed ...
+    matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE
+    stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
+    instead: float = 0.1  # probability of another group without this one, to be its confounder
+    unsure: float = 0.05  # probability by which a pair is surer than either of it: one claim
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +227,7 @@ class Policy:
     naming: NamingPolicy = field(default_factory=NamingPolicy)
     confounders: ConfounderPolicy = field(default_factory=ConfounderPolicy)
     grade: GradePolicy = field(default_factory=GradePolicy)
+    claims: ClaimPolicy = field(default_factory=ClaimPolicy)
     unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
     conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)
     suggest: SuggestPolicy = field(default_factory=SuggestPolicy)

@@ -70,21 +70,24 @@ class Constancy:
 
     p_value, family-wise, that a constant size would vary as much; along: what it changes
     with most; curve: (value of it, size relative to the fitted one, its standard error).
+    change: root mean square of the change, as a share of the size. What is surer than
+    ``least[0]`` and larger than ``least[1]`` is said.
     """
 
     p_value: float
     along: str
     curve: tuple[tuple[float, float, float], ...]
-    level: float = 0.01
+    change: float
+    least: tuple[float, float]
 
     @property
     def constant(self) -> bool:
         """Whether it may well be."""
-        return self.p_value >= self.level
+        return self.p_value >= self.least[0] or self.change < self.least[1]
 
     def to_json(self) -> dict[str, Any]:
-        """{"constant", "p_value", "changes_with", "curve"}; changes_with null where it is."""
-        return {"constant": self.constant, "p_value": self.p_value,
+        """{"constant", "p_value", "change", "changes_with" or null, "curve"}."""
+        return {"constant": self.constant, "p_value": self.p_value, "change": self.change,
                 "changes_with": None if self.constant else self.along,
                 "curve": [list(at) for at in self.curve]}
 
@@ -124,6 +127,51 @@ class Cause:
                 "gain": self.gain.to_json(),
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment}
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A quantity of the car that a mechanic can check: by the model as given, and as fitted."""
+
+    before: float
+    after: float
+    std: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """{"before", "after", "std", "unit"}."""
+        return {"before": self.before, "after": self.after, "std": self.std, "unit": self.unit}
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Parameters of the model that were wrong.
+
+    cost: RMSE of the test recordings with this group at its old value over that with
+    all refitted, and its 90 % interval (NaN where they are too short). share: of all
+    that refitted parameters take away, 0 to 1.
+    """
+
+    group: str
+    title: str
+    parameters: tuple[str, ...]
+    probability: float
+    quantities: Mapping[str, Change]
+    cost: tuple[float, float, float]
+    share: float
+    cannot_be_told_from: tuple[str, ...]
+    experiment: str
+    constancy: Constancy
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the list ``parameters``."""
+        ratio, low, high = self.cost
+        return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
+                "probability": self.probability,
+                "quantities": {k: c.to_json() for k, c in self.quantities.items()},
+                "cost": {"ratio": ratio, "ci90": [low, high]}, "share": self.share,
+                "cannot_be_told_from": list(self.cannot_be_told_from),
+                "experiment": self.experiment, "constancy": self.constancy.to_json()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +273,7 @@ class Diagnosis:
     false_alarm: float = 0.01
     ranking: Mapping[str, float] = field(default_factory=dict)
     possible: tuple[Possible, ...] = ()
+    claims: tuple[Claim, ...] = ()
 
     @property
     def extended(self) -> Vehicle:
@@ -238,6 +287,7 @@ class Diagnosis:
             "base": {"model": self.model,
                      "refitted": {k: m.to_json() for k, m in self.refitted.items()},
                      "errors": self.stages[0].horizons},
+            "parameters": [c.to_json() for c in self.claims],
             "causes": [c.to_json() for c in self.causes],
             "possible": [p.to_json() for p in self.possible],
             "considered": [c.to_json() for c in self.considered],

@@ -24,7 +24,7 @@ import numpy as np
 from dart_hal.types import FloatArray
 
 from ..policy import GradePolicy
-from .secants import Secants, modulations, own
+from .secants import Secants, modulations
 
 ABSENT = -1.0  # step along a secant at which its effect is gone
 
@@ -88,7 +88,7 @@ def sizes(of: Secants, name: str) -> tuple[tuple[float, float], ...]:
     error from the scores of blocks.
     """
     point, rows = of.point, of.rows
-    d = point.projection(own(point, name))(of.tangent[name])
+    d = point.projection(of.coordinates[name])(of.tangent[name])
     w = point.irls_weight
     score = np.bincount(rows.block, w * d * point.residual)
     of_block = np.zeros(len(score), dtype=np.int64)
@@ -104,7 +104,7 @@ def sizes(of: Secants, name: str) -> tuple[tuple[float, float], ...]:
 
 def _problem(of: Secants, name: str, above: Sequence[str], policy: GradePolicy) -> Problem:
     point = of.point
-    free = np.setdiff1d(np.arange(len(point.x)), own(point, name))
+    free = np.setdiff1d(np.arange(len(point.x)), of.coordinates[name])
     family = [part for f in above for part in (
         of.variants[f], policy.family * of.of[f][:, None] * modulations(of, policy.tail))]
     columns = np.concatenate([point.jacobian[:, free], *family, of.of[name][:, None]], axis=1)

@@ -5,7 +5,9 @@
 
 d: tangent of the cause, every phi_k d with all that is free projected out; z: speed, angle,
 throttle, accelerations, time, place, heading. The null distribution of T turns the signs of blocks:
-a wind named as a slope has its period in time, warming tyres a course.
+a wind named as a slope has its period in time, warming tyres a course. How much it changes is
+
+    a = |sum_b s_kb| / sum w (P phi_k d)^2      as a share of its size, phi of unit size
 """
 
 from __future__ import annotations
@@ -14,17 +16,18 @@ import numpy as np
 
 from ..policy import GradePolicy
 from ..result import Constancy
-from .secants import Secants, own, shapes
+from .secants import Secants, shapes
 
 
 def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constancy:
     """Of one named effect."""
     point, w = of.point, of.point.irls_weight
-    d, project = of.tangent[name], of.point.projection(own(of.point, name))
+    d, project = of.tangent[name], of.point.projection(of.coordinates[name])
     names, phi = shapes(of, policy)
     known = w * project(d)**2
     phi = phi - (known @ phi) / max(float(known.sum()), 1e-12)
-    score = project(d[:, None] * phi) * (w * point.residual)[:, None]
+    along = project(d[:, None] * phi)
+    score = along * (w * point.residual)[:, None]
     unit = of.rows.recording
     if int(unit.max()) + 1 < policy.recordings:
         unit = of.rows.block
@@ -32,6 +35,7 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     size = np.sqrt((blocks**2).sum(axis=0))
     use = size > 1e-9
     blocks, size = blocks[:, use], size[use]
+    change = -blocks.sum(axis=0) / np.maximum((w @ along**2)[use], 1e-12)
     names = [n for n, u in zip(names, use, strict=True) if u]
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (policy.turns, len(blocks)))
     null = np.sort((np.abs(signs @ blocks) / size).max(axis=1))
@@ -39,14 +43,15 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     best = int(found.argmax())
     above = len(null) - int(np.searchsorted(null, found[best], side="left"))
     return Constancy((1.0 + above) / (1.0 + len(null)), names[best],
-                     _curve(of, name, names[best]), policy.changes)
+                     _curve(of, name, names[best]), abs(float(change[best])),
+                     (policy.changes, policy.least_change))
 
 
 def _curve(of: Secants, name: str, along: str, bins: int = 6
            ) -> tuple[tuple[float, float, float], ...]:
     """(place, relative size, standard error) in bins with the same information each."""
     point, w = of.point, of.point.irls_weight
-    d = point.projection(own(point, name))(of.tangent[name])
+    d = point.projection(of.coordinates[name])(of.tangent[name])
     known, value = w * d**2, of.features[along]
     order = np.argsort(value, kind="stable")
     share = np.cumsum(known[order]) / max(float(known.sum()), 1e-12)

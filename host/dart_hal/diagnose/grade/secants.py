@@ -33,6 +33,8 @@ PLACE = ("time", "x", "y", "heading")
 class Secants:
     """A fitted point with secants, tangents (N,) and, of its forces, variants (N, d).
 
+    coordinates: those of the point that are an effect's own.
+
     unit (N,): what is drawn together for a grade; state: standardised functions (N,) of what the
     car was doing, by name.
     """
@@ -41,6 +43,7 @@ class Secants:
     of: Mapping[str, FloatArray]
     tangent: Mapping[str, FloatArray]
     variants: Mapping[str, FloatArray]
+    coordinates: Mapping[str, Sequence[int]]
     rows: RowLabels
     unit: IntArray
     features: Mapping[str, FloatArray]
@@ -50,26 +53,26 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
     """Of the effects of a fitted point, given with the largest gain first."""
     p, timing = point.vehicle, point.timing
     found, tangent = {}, {}
+    own = {name: starting(point, (f"{name}.",)) for name in effects}
     for name in effects:
-        tangent[name] = _tangent(point, name)
+        tangent[name] = towards_null(point, own[name])
         without = replace(p, effects=tuple(a for a in p.effects if a.name != name))
         before = point.noise.stacked(evidence.residuals(without, timing))[0]
         found[name] = point.residual - before
     rows = rows_of(evidence, evidence.residuals(p, timing), policy.blocks)
     # of the last one nobody asks: nothing that is named gained less
     written = {name: variants(evidence, point, name) for name in effects[:-1]}
-    return Secants(point, found, tangent, written, rows, units(evidence, rows, point, policy.grade),
-                   features(evidence, point))
+    return Secants(point, found, tangent, written, own, rows,
+                   units(evidence, rows, point, policy.grade), features(evidence, point))
 
 
-def own(point: Point, name: str) -> list[int]:
-    """Coordinates that are parameters of an effect."""
-    return [i for i, n in enumerate(point.space.names) if n.partition(".")[0] == name]
+def starting(point: Point, beginnings: tuple[str, ...]) -> list[int]:
+    """Coordinates whose names begin so."""
+    return [i for i, n in enumerate(point.space.names) if n.startswith(beginnings)]
 
 
-def _tangent(point: Point, name: str) -> FloatArray:
-    """In coordinates whose null is where the base is: at 0."""
-    mine = own(point, name)
+def towards_null(point: Point, mine: Sequence[int]) -> FloatArray:
+    """Change (N,) of the residuals by some coordinates from where the base is, at 0."""
     return np.asarray(point.jacobian[:, mine] @ point.x[mine])
 
 
@@ -94,6 +97,8 @@ def features(evidence: Evidence, point: Point) -> dict[str, FloatArray]:
     """What the car was doing, (N,) by name, for each of the stacked residuals."""
     windows = window_features(evidence, point.vehicle)
     messages = message_features(evidence, point.vehicle)
+    # what mocap and sensors smooth differs where a turn begins
+    messages["steering_rate"] = np.zeros_like(messages["steering_rate"])
     columns, sensors = len(point.noise.motion), len(point.noise.sensors)
     return {name: np.concatenate([np.repeat(np.nan_to_num(windows[name]), columns),
                                   np.repeat(np.nan_to_num(messages[name]), sensors)])

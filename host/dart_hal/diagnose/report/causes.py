@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.diagnose.result import Cause, Diagnosis, Unexplained
+from dart_hal.diagnose.result import Cause, Diagnosis, Number, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
@@ -15,7 +15,7 @@ from dart_hal.report.numbers import listed, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue
 
 from .along import SIDES, Along, Column, Means, Rows, along, columns, most, stages_of
-from .words import channel, interval, quantity, sentence, structure, variable
+from .words import channel, claim, interval, quantity, sentence, structure, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
@@ -66,11 +66,27 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
          p_value(u.p_value), percent(u.share)) for u in d.unexplained])])
 
 
+def claims_section(d: Diagnosis) -> Html:
+    """Parameters of the model that were wrong: one card each, and the figures in a table."""
+    if not d.claims:
+        return el("p", "No parameter of the model is said to have been wrong.")
+    head = ("group", "quantity", "before", "after", "probability", "errors without it", "share")
+    rows = [(c.title, name, significant(q.before), quantity(Number(q.after, q.std, q.unit)),
+             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(c.share))
+            for c in d.claims for name, q in c.quantities.items()]
+    return join([*(page.card(el("p", claim(c)), good=True, kind="cause") for c in d.claims),
+                 table(head, rows, 2),
+                 page.soft("Errors without it: RMSE of the motion on the test recordings, in "
+                           "standard deviations, with the group at its old value over that with "
+                           "all fitted anew. Share: its Shapley value in what all of them take "
+                           "away there.")])
+
+
 def possible_section(d: Diagnosis) -> Html:
     """Names of which data left out are not sure enough."""
     if not d.possible:
-        return el("p", "Nothing: every effect that the search accepted is sure enough to be shown, or "
-                       "hardly more than chance.")
+        return el("p", "Nothing: every effect that the search accepted is sure enough to be shown, "
+                       "or hardly more than chance.")
     head = ("effect", "probability", "drop of the loss", "what it would mean")
     return join([page.soft("The search accepted these, but too few of the data left out from their "
                            "size want them beside the causes above. They are not in the extended "

@@ -18,10 +18,15 @@ from dart_hal.report.numbers import listed
 
 from . import tables
 from .along import Rows
-from .causes import cause_section, possible_section, unexplained_section
+from .causes import (
+    cause_section,
+    claims_section,
+    possible_section,
+    unexplained_section,
+)
 from .glossary import glossary
 from .next_drive import next_drives
-from .words import overall, sentence, verdict
+from .words import claim, overall, sentence, verdict
 
 
 def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
@@ -47,6 +52,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
         "errors": ("Errors, step by step", tables.errors(d)),
         "causes": ("The causes, and their evidence",
                    found or el("p", "No effect of the catalogue was named.")),
+        "claims": ("Parameters that were wrong", claims_section(d)),
         "possible": ("Possible, not shown above", possible_section(d)),
         "unexplained": ("What is not explained", unexplained_section(d, rows)),
         "ranking": ("Every effect by what it would take away", tables.ranking(d)),
@@ -73,5 +79,7 @@ def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
     """Verdict and causes in sentences, each with a link to its evidence on the page ``report``."""
     causes = (join([sentence(c), " ", el("a", "evidence", href=f"{report}#cause-{i}")])
               for i, c in enumerate(d.causes, 1))
-    return builder.card(el("p", verdict(d), class_="big"), builder.items(causes, "ol"), *after,
+    wrong = (join([claim(c), " ", el("a", "evidence", href=f"{report}#claims")]) for c in d.claims)
+    return builder.card(el("p", verdict(d), class_="big"), builder.items([*wrong, *causes], "ol"),
+                        *after,
                         good=d.verdict in ("nothing_wrong", "explained", "parameters_only"))

@@ -6,7 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.result import Cause, Diagnosis, Gained, Moved, Number, Possible, Unexplained
+from dart_hal.diagnose.result import (
+    Cause,
+    Change,
+    Claim,
+    Diagnosis,
+    Gained,
+    Moved,
+    Number,
+    Possible,
+    Unexplained,
+)
 from dart_hal.report.numbers import listed, p_value, percent, significant, with_error
 from dart_hal.vehicle.effects import catalogue
 
@@ -60,6 +70,35 @@ def sentence(cause: Cause) -> str:
         if cause.experiment:
             parts.append(f"to decide, drive: {_inside(cause.experiment.rstrip('.'))}")
     return "; ".join(parts) + "."
+
+
+def claim(c: Claim) -> str:
+    """Parameters that were wrong: old and new values, and what leaving them would cost."""
+    parts = [f"The model's {c.title} {'were' if c.title.endswith('s') else 'was'} wrong: "
+             + ", ".join(f"{name} {change(q)}" for name, q in c.quantities.items())
+             + f" (probability {c.probability:.2f})", costs(c)]
+    if c.cannot_be_told_from:
+        parts.append(f"cannot be told from {listed(c.cannot_be_told_from, 'or')} with these data")
+        parts.append(f"to decide, drive: {_inside(c.experiment.rstrip('.'))}")
+    if not c.constancy.constant:
+        parts.append(f"its size changes with {variable(c.constancy.along)} "
+                     f"({p_value(c.constancy.p_value)})")
+    return "; ".join(parts) + "."
+
+
+def change(q: Change) -> str:
+    """"0.294 -> 0.351 +- 0.004 N"."""
+    return f"{significant(q.before)} -> {quantity(Number(q.after, q.std, q.unit))}"
+
+
+def costs(c: Claim) -> str:
+    """What becomes of the errors where these parameters are left as they were."""
+    ratio, low, high = c.cost
+    if not math.isfinite(ratio):
+        return "what leaving it costs could not be measured"
+    between = f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else f" ({NO_INTERVAL})"
+    return (f"with it left as it was, and all else estimated anew, errors on recordings it has not "
+            f"seen are {ratio:.2f}{between} times as large")
 
 
 def possible(p: Possible) -> str:

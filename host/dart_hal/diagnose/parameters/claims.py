@@ -1,0 +1,132 @@
+"""The claims: groups of parameters that were wrong, with old and new values and what each costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
+
+from ..evidence.residuals import Evidence
+from ..grade.constancy import constancy
+from ..grade.secants import Secants, starting, towards_null
+from ..result import Change, Claim
+from ..search.fit import Point
+from .cost import Test, cost, shapley
+from .groups import GROUPS, MERGED, Quantity
+from .sets import Posterior, Set, Sets, posterior
+
+SAMPLES = 200  # of the fitted parameters, for the standard error of a quantity
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What claims are made from. secants: of the last fit, with its units and features.
+
+    covariance (k, k) of the last fit; logged: its vehicle with delays counted from the log.
+    """
+
+    sets: Sets
+    test: Evidence
+    secants: Secants
+    covariance: FloatArray
+    logged: Vehicle
+    seed: int
+
+
+def claims(asked: Asked) -> tuple[Claim, ...]:
+    """What costs most first."""
+    of, policy = asked.sets, asked.sets.policy.claims
+    found = posterior(of, asked.seed)
+    together = _together(found, policy.unsure)
+    paired = frozenset().union(*together)
+    parts = {frozenset({g}): found.of(g) for g in found.groups if g not in paired}
+    parts |= {pair: found.of(*pair) for pair in together}
+    believed = {part: p for part, p in parts.items() if p > policy.believed}
+    every = frozenset().union(*believed)
+    if not every:
+        return ()
+    whole, drop = of.losses(every).sum(), of.losses(frozenset()).sum() - of.losses(every).sum()
+    held = [part for part in believed if _beyond_what_is_stated(of, part)
+            and of.losses(every - part).sum() - whole > policy.matters * drop]
+    test = Test(asked.test, of)
+    costs = {part: cost(test, every, part, asked.seed) for part in held}
+    held = [part for part in held if not costs[part][2] < 1.0]  # surely better without it
+    shares = _shares(test, held, every)
+    out = [_claim(asked, part, believed[part], costs[part], shares[part],
+                  found) for part in held]
+    return tuple(sorted(out, key=lambda c: -c.share))
+
+
+def _together(found: Posterior, by: float) -> list[Set]:
+    """Pairs of groups of which the data say that one was wrong, and not which."""
+    def unsure(pair: Set) -> bool:
+        return max(found.of(g) for g in pair) < found.of(*pair) - by
+
+    return [pair for pair in MERGED if pair <= set(found.groups) and unsure(pair)]
+
+
+def _shares(test: Test, parts: Sequence[Set], every: Set) -> dict[Set, float]:
+    """Of what the claimed groups take away together, beside what else has moved."""
+    rest = every - frozenset().union(*parts)
+    names = [" + ".join(sorted(part)) for part in parts]
+    of = dict(zip(names, parts, strict=True))
+
+    def union(some: Sequence[str]) -> Set:
+        return rest.union(*(of[n] for n in some))
+
+    value = {frozenset(some): -float(test.squares(union(some)).sum())
+             for k in range(len(names) + 1) for some in combinations(names, k)}
+    found = shapley(value, names) if names else {}
+    return {of[n]: share for n, share in found.items()}
+
+
+def _beyond_what_is_stated(of: Sets, part: Set) -> bool:
+    """Whether a parameter has left what the file says it may be; True where it says nothing."""
+    point = of.full
+    mine = [n for g in part for n in of.names(g)]
+    if not any(n in of.known for n in mine):
+        return True
+    return any(abs(point.x[point.space.names.index(n)]) > of.policy.claims.stated for n in mine)
+
+
+def _claim(asked: Asked, part: Set, probability: float, costs: tuple[float, float, float],
+           share: float, found: Posterior) -> Claim:
+    of, policy = asked.sets, asked.sets.policy
+    names = tuple(n for g in sorted(part) for n in of.names(g))
+    known = [GROUPS[g] for g in sorted(part)]
+    group, title, quantities = MERGED.get(part) or (
+        next(iter(part)), known[0].title, known[0].quantities)
+    like = () if len(part) > 1 else tuple(
+        g for g, p in found.instead(next(iter(part))).items() if p > policy.claims.instead)
+    mine = starting(of.full, names)
+    tangent = towards_null(of.full, mine)
+    secants = replace(asked.secants, tangent={group: tangent}, coordinates={group: mine})
+    return Claim(group, title, names, probability, changes(asked, mine, quantities), costs, share,
+                 like, " ".join(k.experiment for k in known),
+                 constancy(secants, group, policy.grade, asked.seed))
+
+
+def changes(asked: Asked, mine: Sequence[int], quantities: Mapping[str, tuple[str, Quantity]]
+            ) -> dict[str, Change]:
+    """By quantity, old and new value; its standard error from draws of the parameters."""
+    point, base = asked.sets.full, asked.sets.base
+    rng = np.random.default_rng(asked.seed)
+    block = asked.covariance[np.ix_(mine, mine)]
+    draws = rng.multivariate_normal(point.x[list(mine)], block, SAMPLES, method="eigh")
+    cars = [_at(point, mine, x) for x in draws]
+    out = {}
+    for name, (unit, quantity) in quantities.items():
+        spread = np.array([quantity(car) for car in cars])
+        out[name] = Change(quantity(base), quantity(asked.logged), float(np.std(spread)), unit)
+    return out
+
+
+def _at(point: Point, mine: Sequence[int], x: FloatArray) -> Vehicle:
+    whole = point.x.copy()
+    whole[list(mine)] = x
+    return point.space.split(np.clip(whole, point.space.low, point.space.high))[0]

@@ -1,0 +1,90 @@
+"""What a group is worth on recordings that no fit has seen, and its share among the claimed ones.
+
+    l_g = RMSE without g / RMSE with all      g at its old value, all else fitted anew
+    share_g = Shapley value of g in -sum r^2 over subsets of the claimed groups, as a share of all
+
+r: whitened errors of the test recordings, motion and sensors; the 90 % interval of l_g is a
+bootstrap over blocks (or recordings). All: the groups that are believed to have been wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+
+from dart_hal.evaluate.compare import draws
+from dart_hal.types import FloatArray, IntArray
+
+from ..evidence.residuals import Evidence, Residuals
+from ..evidence.rows import rows_of
+from ..search.fit import Point
+from .sets import Set, Sets
+
+LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
+LEAST_BLOCKS = 4
+
+
+class Test:
+    """The test recordings: squared whitened errors by block of any fit, once each."""
+
+    __test__ = False
+
+    def __init__(self, evidence: Evidence, of: Sets) -> None:
+        self._evidence, self._of, self.policy = evidence, of, of.policy.claims
+        self._kept: dict[Set, FloatArray] = {}
+        self._block: IntArray | None = None
+
+    def squares(self, free: Set) -> FloatArray:
+        """(blocks,) sums of squares with some groups free."""
+        if free not in self._kept:
+            self._kept[free] = self.of_point(self._of.fit(free))
+        return self._kept[free]
+
+    def of_point(self, point: Point) -> FloatArray:
+        """(blocks,) of a fit."""
+        r = self._evidence.residuals(point.vehicle, point.timing)
+        values = _motion_squares(point, r)
+        if self._block is None:
+            rows = rows_of(self._evidence, r, self._of.policy.blocks)
+            many = int(rows.recording.max()) + 1 >= self._of.policy.blocks.units
+            motion = rows.channel >= 0
+            label = (rows.recording if many else rows.block)[motion]
+            self._block = np.unique(label, return_inverse=True)[1].ravel()
+        return np.asarray(np.bincount(self._block, values), dtype=np.float64)
+
+
+def _motion_squares(point: Point, r: Residuals) -> FloatArray:
+    """Of windows; a noise that knows the windows of the training recordings is without them."""
+    noise = replace(point.noise, certain=1.0)
+    motion, _ = noise.whiten(r)
+    return np.asarray(motion.ravel()**2)
+
+
+def cost(test: Test, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:
+    """(l_g, its 90 % interval); NaN where the test recordings are too short for one."""
+    left = frozenset({group}) if isinstance(group, str) else group
+    with_all, without = test.squares(every), test.squares(every - left)
+    value = float(np.sqrt(without.sum() / max(with_all.sum(), 1e-12)))
+    if len(with_all) < LEAST_BLOCKS:
+        return value, np.nan, np.nan
+    count = draws(np.arange(len(with_all)), seed=seed)
+    ratio = np.sqrt((count @ without) / np.maximum(count @ with_all, 1e-12))
+    low, high = np.quantile(ratio, LEVEL)
+    return value, float(low), float(high)
+
+
+def shapley(value: Mapping[Set, float], groups: Sequence[str]) -> dict[str, float]:
+    """Shares of value(all) - value(none); value: of every subset of the groups."""
+    n = len(groups)
+    out = {}
+    for g in groups:
+        others = [o for o in groups if o != g]
+        out[g] = sum(factorial(k) * factorial(n - k - 1) / factorial(n)
+                     * (value[frozenset({*s, g})] - value[frozenset(s)])
+                     for k in range(n) for s in combinations(others, k))
+    total = value[frozenset(groups)] - value[frozenset()]
+    return {g: v / total if total else 0.0 for g, v in out.items()}

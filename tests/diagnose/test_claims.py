@@ -1,0 +1,99 @@
+"""Which parameters were wrong: exactly those that were altered, in quantities of the car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.parameters.cost import shapley
+from dart_hal.diagnose.parameters.groups import GROUPS, steady_speed
+from dart_hal.diagnose.report.words import claim
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.flat import names
+from dart_hal.vehicle.load import find_model
+
+SECONDS = 60.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("claims")
+
+
+@cache
+def answer(folder, **factors):
+    """The diagnosis of a car whose parameters are other than the paper's, by factors."""
+    groups = {}
+    for name, factor in factors.items():
+        group, key = name.split("__")
+        part = groups.get(group, getattr(PAPER, group))
+        groups[group] = replace(part, **{key: getattr(part, key) * factor})
+    car = replace(PAPER, **groups)
+    train, test = (read(write(folder / f"{seed}.csv", car, seed, Plan(seconds=SECONDS)))
+                   for seed in (21, 22))
+    file, p = find_model("paper")
+    sides = checked([train], [test], p)
+    return diagnose(file, p, sides.train, sides.test, max_causes=0)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("factors", "groups"), [
+    ({"tyres__front_D": 1.25}, {"front tyre"}), ({"motor__d": 0.8}, {"motor"}),
+    ({"delay__steering_s": 1.3}, {"steering timing"}),
+    ({"tyres__rear_cornering_stiffness": 0.8, "motor__d": 1.2}, {"rear tyre", "motor"})])
+def test_exactly_the_altered_groups_are_claimed(folder, factors, groups):
+    found = answer(folder, **factors)
+    assert {c.group for c in found.claims} == groups
+    assert found.verdict == "parameters_only"
+    for c in found.claims:
+        assert c.probability > 0.9
+        assert c.cost[0] > 1.0
+        assert c.to_json()["quantities"]
+
+
+@pytest.mark.more
+def test_of_an_exact_model_nothing_is_claimed(folder):
+    found = answer(folder)
+    assert found.claims == ()
+    assert found.verdict == "nothing_wrong"
+
+
+@pytest.mark.more
+def test_the_new_value_is_that_of_the_car(folder):
+    (c,) = answer(folder, tyres__front_D=1.25).claims
+    peak = c.quantities["peak side force over load"]
+    assert peak.after == pytest.approx(1.25 * peak.before, rel=0.03)
+    assert abs(peak.after - 1.25 * peak.before) < 4.0 * peak.std
+    assert "front tyres were wrong" in claim(c)
+
+
+def test_every_parameter_that_a_refit_moves_is_of_one_group():
+    free = [n for n in names(PAPER) if not n.startswith(("body.", "tyres.front_C"))]
+    of = [sum(n.startswith(g.names) for g in GROUPS.values()) for n in free]
+    assert set(of) <= {0, 1}
+    assert {n for n, k in zip(free, of, strict=True) if k} >= {
+        "friction.a", "motor.d", "steering.s0", "delay.steering_s", "delay.throttle_lag_s",
+        "tyres.front_D", "tyres.rear_cornering_stiffness"}
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_quantities_are_numbers_of_the_paper_car(group):
+    for unit, quantity in GROUPS[group].quantities.values():
+        assert np.isfinite(quantity(PAPER)), unit
+
+
+def test_the_steady_speed_is_where_motor_and_friction_are_equal():
+    slow, fast = (steady_speed(throttle)(PAPER) for throttle in (0.25, 0.3))
+    assert 0.5 < slow < fast < 8.0
+
+
+def test_shapley_shares_add_up_and_are_fair():
+    value = {frozenset(): 0.0, frozenset("a"): 1.0, frozenset("b"): 3.0, frozenset("ab"): 5.0}
+    assert shapley(value, ["a", "b"]) == pytest.approx({"a": 0.3, "b": 0.7})
