@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import campaign_show as show
 import numpy as np
 from campaign_cases import BASES, GROUPS, Case, car, cases, habits, model_file, thinned
-from campaign_score import confusion, rows, score
+from campaign_score import confusion, grades, rows, score
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from stranger_files import pair
@@ -38,7 +38,8 @@ HOME = Path(__file__).resolve().parents[2]
 SECONDS = (120.0, 80.0)
 """To learn from, to judge by."""
 RESULTS = HOME / "build" / "campaign" / "results.jsonl"
-KEEP = ("verdict", "base", "causes", "possible", "unexplained", "withdrawn", "notes", "error")
+KEEP = ("verdict", "base", "parameters", "causes", "possible", "unexplained", "withdrawn", "notes",
+        "error")
 
 Answer = dict[str, Any]
 
@@ -131,6 +132,8 @@ def _report(found: Sequence[Answer], o: argparse.Namespace) -> int:
         out = Console(width=None if sys.stdout.isatty() else 120)
         out.print(show.table(summary))
         out.print(show.errors(confusion(judged)))
+        out.print(show.reliability(grades((c, line) for (c, *_), line in zip(judged, found,
+                                                                             strict=True))))
     crashed = [line["key"] for line in found if "error" in line]
     rich_groups = [g for g in ("small", "medium", "large") if any(c.group == g for c, *_ in judged)]
     if rich_groups and o.picture:

@@ -8,10 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import wrong_parameters
 from out_of_catalogue import FAR, NEAR
 from stranger import Car
 from stranger_causes import ACTUATORS, CAUSES, FORCES, SENSORS, hide, signed
 from stranger_files import Habits, drawn
+from wrong_parameters import WRONG
 
 SMALL, MEDIUM, LARGE = range(3)
 RICH = ("steps", "waves", "laps", "prbs")
@@ -28,10 +30,10 @@ NO_MOCAP = tuple(n for n in CAUSES if not n.startswith("mocap_"))
 
 @dataclass(frozen=True)
 class Group:
-    """Cases that are judged together. kind: effect, null, pair, far, near.
+    """Cases that are judged together. kind: effect, null, pair, far, near, wrong.
 
     styles: of driving; push: disturbance over 0.12 N; base: what the model knows
-    of the car, one of BASES; mocap: the files have it.
+    of the car, one of BASES; mocap: the files have it. effects: hidden besides wrong parameters.
     """
 
     kind: str
@@ -41,6 +43,7 @@ class Group:
     push: float = 1.0
     base: str = "known"
     mocap: bool = True
+    effects: int = 0
 
 
 BASES = {"known": 0.01, "rough": 0.035, "paper": 0.0, "fixed": 0.0}
@@ -60,7 +63,9 @@ GROUPS: dict[str, Group] = {
     "null onboard": Group("null", seeds=20, mocap=False),
     "pair": Group("pair", seeds=40), "pair fixed": Group("pair", seeds=40, base="fixed"),
     "far": Group("far", seeds=2), "far fixed": Group("far", seeds=2, base="fixed"),
-    "near": Group("near", seeds=2)}
+    "near": Group("near", seeds=2),
+    "wrong": Group("wrong", seeds=100, base="paper"),
+    "wrong and one": Group("wrong", seeds=50, base="paper", effects=1)}
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,11 @@ def _group(name: str, group: Group, first: int) -> Iterator[Case]:
     elif group.kind == "pair":
         for seed in seeds:
             yield Case(name, seed, _two(np.random.default_rng(1000 + seed)))
+    elif group.kind == "wrong":
+        for seed in seeds:
+            rng = np.random.default_rng(2000 + seed)
+            beside = _two(rng)[:group.effects]
+            yield Case(name, seed, (*wrong_parameters.drawn(rng, 3 - group.effects), *beside))
     else:
         known = {"effect": CAUSES if group.mocap else NO_MOCAP, "far": FAR, "near": NEAR}
         for seed in seeds:
@@ -155,6 +165,9 @@ def habits(case: Case, rng: np.random.Generator) -> Habits:
 def car(case: Case, rng: np.random.Generator) -> Car:
     """The car with what is hidden in it; as far from the paper's as the model says it may be."""
     c, share = Car(), BASES[case.known]
+    if GROUPS[case.group].kind == "wrong":  # of which the model's maker knows nothing
+        for attribute in BASE.values():
+            setattr(c, attribute, getattr(c, attribute) * (1.0 + rng.uniform(-0.01, 0.01)))
     for name, attribute in BASE.items():
         draw = rng.normal() if share < 0.02 else rng.uniform(0.6, 1.4) * rng.choice([-1, 1])
         value = getattr(c, attribute)
@@ -162,6 +175,8 @@ def car(case: Case, rng: np.random.Generator) -> Car:
     for name, size in case.hidden:
         if name in CAUSES:
             hide(c, name, size)
+        elif name in WRONG:
+            WRONG[name][0](c, size)
         else:
             (FAR | NEAR)[name][0](c, size)
     return c

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from campaign_cases import GROUPS, Case
 from out_of_catalogue import FAMILY
+from wrong_parameters import WRONG, claimed
 
 SET = 3
 """An honest "cannot be told from" names no more than so many."""
@@ -20,7 +21,7 @@ TARGETS: dict[str, dict[str, float]] = {
     "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "null fixed": {"wrong": 0.01},
     "fixed": {"right": 0.95, "wrong": 0.02}, "pair": {"right": 0.85},
     "pair fixed": {"right": 0.85}, "far": {"right": 0.95}, "far fixed": {"right": 0.95},
-    "near": {"right": 0.80}}
+    "near": {"right": 0.80}, "wrong": {"right": 0.80}}
 """Least share that is right, largest share that is wrong."""
 PROTOTYPE = {"small": 0.76, "medium": 0.895, "large": 1.0, "disturbed": 0.71, "gentle": 0.71,
              "rough": 0.58, "onboard": 0.44, "onboard large": 0.67, "null": 1.0, "pair": 1.0,
@@ -59,7 +60,21 @@ def score(case: Case, answer: Mapping[str, Any]) -> Score:
         right = any(_answers(c) & family for c in causes)
         return Score("right" if right else "wrong" if causes else "missed", named,
                      sum(not _answers(c) & family for c in causes))
+    if kind == "wrong":
+        return _of_wrong(case, answer, named)
     return _of_hidden(case, causes, named)
+
+
+def _of_wrong(case: Case, answer: Mapping[str, Any], named: str) -> Score:
+    """Exactly the altered groups, and the effects beside them."""
+    groups = [c["group"] for c in answer.get("parameters", [])]
+    causes = answer.get("causes", [])
+    false, missed = claimed({n for n, _ in case.hidden if n in WRONG}, groups)
+    effects = {n for n, _ in case.hidden if n not in WRONG}
+    others = [c for c in causes if not _answers(c) & effects]
+    told = len(effects & {n for c in causes for n in _answers(c)})
+    extra, left = false + len(others), missed + len(effects) - told
+    return Score("wrong" if extra else "missed" if left else "right", named, extra)
 
 
 def _of_hidden(case: Case, causes: Sequence[Mapping[str, Any]], named: str) -> Score:
@@ -125,6 +140,23 @@ def rows(results: Iterable[tuple[Case, Score, float]]) -> list[Row]:
         out.append(Row(group, len(scores), {o: count[o] / len(scores) for o in OUTCOMES},
                        sum(s.extra > 0 for s in scores) / len(scores), sizes,
                        float(np.mean([t for *_, t in by_group[group]]))))
+    return out
+
+
+def grades(results: Iterable[tuple[Case, Mapping[str, Any]]]) -> list[tuple[float, bool]]:
+    """(stated probability, whether right) of every name, but of causes outside of the catalogue.
+
+    Right: what is hidden, or its family; of those outside no name is.
+    """
+    out = []
+    for case, answer in results:
+        kind = GROUPS[case.group].kind
+        if kind == "far":
+            continue
+        hidden = {n for n, _ in case.hidden}
+        truth = FAMILY[case.hidden[0][0]] if kind == "near" else hidden
+        out += [(float(c["probability"]), bool(_answers(c) & truth))
+                for c in answer.get("causes", []) if "probability" in c]
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,24 @@ def table(rows: Sequence[Row]) -> Table:
                     f"{r.shares['wrong']:.3f}", f"{r.shares['missed']:.3f}", f"{r.extra:.3f}",
                     size, f"{r.seconds:.1f}", {True: "yes", False: "NO", None: ""}[r.ok])
     return out
+
+
+BINS = (0.8, 0.9, 0.97, 0.99, 1.0)
+"""Bounds of stated probabilities; the last bin holds 1 alone."""
+
+
+def reliability(grades: Sequence[tuple[float, bool]]) -> Table:
+    """Of names with a stated probability, how many were right."""
+    found = Table(title="Stated probability against the share that was right")
+    for head in ("P", "names", "mean P", "right"):
+        found.add_column(head, justify="right")
+    for low, high in pairwise((*BINS, 2.0)):
+        here = [(p, right) for p, right in grades if low <= p < high]
+        if here:
+            share = sum(right for _, right in here) / len(here)
+            found.add_row(f"{low:g} to {high:g}" if high <= 1.0 else f"{low:g}", str(len(here)),
+                          f"{sum(p for p, _ in here) / len(here):.3f}", f"{share:.3f}")
+    return found
 
 
 def errors(matrix: Mapping[str, Counter[str]]) -> Table:

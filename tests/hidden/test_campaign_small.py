@@ -10,7 +10,7 @@ import campaign
 import numpy as np
 import pytest
 from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
-from campaign_score import confusion, rows, score
+from campaign_score import confusion, grades, rows, score
 from out_of_catalogue import FAMILY, FAR, NEAR
 from stranger import Car
 from stranger_causes import CAUSES, EITHER_SIGN, SIZES
@@ -30,6 +30,10 @@ def said(*effects, like=(), flagged=False, size=1.0):
     return {"causes": [{"effect": e, "parameters": {"k": {"value": size}},
                         "cannot_be_told_from": list(like)} for e in effects],
             "unexplained": [{}] if flagged else []}
+
+
+def claims(*groups):
+    return {"parameters": [{"group": g} for g in groups], "causes": []}
 
 
 def case(*hidden, group="medium", size=1.0):
@@ -55,7 +59,15 @@ def case(*hidden, group="medium", size=1.0):
     (case("carpet", group="far"), said("grip"), "wrong"),
     (case("carpet", group="far"), said(), "missed"),
     (case("cubic_drag", group="near"), said("quadratic_drag"), "right"),
-    (case("cubic_drag", group="near"), said("grip"), "wrong")])
+    (case("cubic_drag", group="near"), said("grip"), "wrong"),
+    (case("friction", group="wrong"), claims("friction"), "right"),
+    (case("friction", group="wrong"), claims("drive force"), "right"),
+    (case("friction", "motor", group="wrong"), claims("drive force"), "right"),
+    (case("friction", group="wrong"), claims("friction", "rear tyre"), "wrong"),
+    (case("friction", "rear tyre", group="wrong"), claims("friction"), "missed"),
+    (case("friction", group="wrong"), claims("friction") | said("grip"), "wrong"),
+    (case("friction", "grip", group="wrong and one"), claims("friction") | said("grip"), "right"),
+    (case("friction", "grip", group="wrong and one"), claims("friction"), "missed")])
 def test_an_answer_is_judged(question, answer, outcome):
     assert score(question, answer).outcome == outcome
 
@@ -178,3 +190,12 @@ def test_from_files_to_names():
         outcomes[key] = score(one, campaign.run(one, SECONDS)).outcome
     assert outcomes["null/nothing/0"] == "right"
     assert sum(o == "right" for o in outcomes.values()) >= len(ASKED) - 1, outcomes
+
+
+def test_names_are_counted_by_their_stated_probability():
+    sure = said("grip", "mass")
+    for cause, p in zip(sure["causes"], (0.99, 0.85), strict=True):
+        cause["probability"] = p
+    assert grades([(case("grip"), sure)]) == [(0.99, True), (0.85, False)]
+    assert grades([(case(group="null"), sure)]) == [(0.99, False), (0.85, False)]
+    assert grades([(case("carpet", group="far"), sure)]) == []
