@@ -164,7 +164,9 @@ class ClaimPolicy:
     hardly: float = 0.05  # probability below which a group is not looked at again
     draws: int = 128  # of units
     believed: float = 0.5  # probability from which on a group is claimed ...
-    matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE
+    matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE,
+    much: float = 0.05  # and either it has this share of what is gained on unseen recordings ...
+    costs: float = 1.1  # ... or errors there are so many times as large without it
     stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
     instead: float = 0.1  # probability of another group without this one, to be its confounder
     unsure: float = 0.05  # probability by which a pair is surer than either of it: one claim

@@ -51,11 +51,17 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     if not every:
         return ()
     whole, drop = of.losses(every).sum(), of.losses(frozenset()).sum() - of.losses(every).sum()
-    held = [part for part in believed if _beyond_what_is_stated(of, part)
-            and of.losses(every - part).sum() - whole > policy.matters * drop]
+    back = {part: float(of.losses(every - part).sum() - whole) / drop for part in believed}
     test = Test(asked.test, of)
-    costs = {part: cost(test, every, part, asked.seed) for part in held}
-    held = [part for part in held if not costs[part][2] < 1.0]  # surely better without it
+    costs = {part: cost(test, every, part, asked.seed) for part in believed}
+
+    def matters(part: Set) -> bool:
+        surely_better_without = costs[part][2] < 1.0
+        return back[part] > policy.matters and not surely_better_without
+
+    held = [part for part in believed if matters(part) and _beyond_what_is_stated(of, part)]
+    shares = _shares(test, held, every)
+    held = [part for part in held if shares[part] > policy.much or costs[part][0] > policy.costs]
     shares = _shares(test, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
                   found) for part in held]
