@@ -143,6 +143,7 @@ class GradePolicy:
     units: int = 16  # stretches of time, where recordings are fewer ...
     block_s: float = 2.0  # s ... and no shorter than this, as ``BlockPolicy.seconds``
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state
+    place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it
     tail: float = 0.02  # quantile beyond which such a function is flat
     shown: float = 0.8  # probability; below, a name is possible and not shown
     possible: float = 0.3  # probability; below, it is not even possible

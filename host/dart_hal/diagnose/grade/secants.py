@@ -15,9 +15,10 @@ import numpy as np
 from dart_hal.types import FloatArray, IntArray
 
 from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, rows_of, spread
+from ..evidence.rows import RowLabels, spread
 from ..policy import GradePolicy, Policy
 from ..search.fit import Point
+from ..search.selection import rows_at
 from ..unexplained.bases import basis
 from ..unexplained.features import message_features, window_features
 from .family import variants
@@ -59,9 +60,9 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
         without = replace(p, effects=tuple(a for a in p.effects if a.name != name))
         before = point.noise.stacked(evidence.residuals(without, timing))[0]
         found[name] = point.residual - before
-    rows = rows_of(evidence, evidence.residuals(p, timing), policy.blocks)
+    rows = rows_at(evidence, point, policy)
     # of the last one nobody asks: nothing that is named gained less
-    written = {name: variants(evidence, point, name) for name in effects[:-1]}
+    written = {name: variants(evidence, point, name, policy.grade) for name in effects[:-1]}
     return Secants(point, found, tangent, written, own, rows,
                    units(evidence, rows, point, policy.grade), features(evidence, point))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.effects import apply, catalogue, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise, measure
@@ -214,12 +214,9 @@ class Search:
 
     def _space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null."""
-        p = self._base
-        for a in vehicle.effects:
-            if a.name not in {b.name for b in p.effects}:
-                p = apply(p, a.name)
-        return Space(p, self._settings.free, self._settings.known, self._evidence.late,
-                     self._settings.policy.prior)
+        s = self._settings
+        return Space(with_nulls(self._base, vehicle.effects), s.free, s.known, self._evidence.late,
+                     s.policy.prior)
 
     def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
                  ) -> tuple[Point, Noise, list[Named]]:

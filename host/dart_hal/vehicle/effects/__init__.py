@@ -76,6 +76,12 @@ def extended(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:
     return replace(p, effects=tuple(sorted(every.values(), key=lambda a: place(a.effect))))
 
 
+def with_nulls(p: Vehicle, effects: Iterable[ActiveEffect]) -> Vehicle:
+    """The vehicle with those effects that it has not, at their null."""
+    has = {a.name for a in p.effects}
+    return extended(p, [applied(effect(a.name), {}) for a in effects if a.name not in has])
+
+
 def place(of: Effect) -> tuple[int, bool, str]:
     """Sort key: stage by stage from the command to the sensor; what comes late is late last.
 

@@ -1,0 +1,48 @@
+"""How else a force of the catalogue may act in a real car: departures from how it is written.
+
+A force was written by somebody: along the body or along the steered wheel, in proportion to the
+angle or to its sine, the same at both axles or not. With dF what the effect adds:
+
+    X = dF_xf + dF_xr + dF_x                                       along the car
+    F_xf += e1 X,  F_x -= e1 X                                 at the steered wheels instead
+    F_x  += e2 X |delta| / 0.2 rad + e3 X (v_x / 1 m/s - 1)    more with angle, with speed
+    F_yf += e4 dF_yf,  F_yr += e5 dF_yr,  M_z += e6 dM_z       at one axle more than the other
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+ANGLE, SPEED = 0.2, 1.0  # rad, m/s: half of full lock, and a usual speed
+DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
+"""e1 to e6."""
+
+
+def with_departures(effect: Effect) -> Effect:
+    """A force with one more parameter for each departure, 0 where it is as written."""
+    more = tuple(Parameter(name, "-", -1.0, 1.0, sizes=(0.1, 0.2, 0.4)) for name in DEPARTURES)
+    n = len(effect.parameters)
+
+    def force(p: Vehicle, f: Namespace, *values: Value) -> Callable[[Forces], Forces]:
+        assert effect.force is not None
+        written = effect.force(p, f, *values[:n])
+        front, angle, speed, side_f, side_r, moment = values[n:]
+
+        def hook(q: Forces) -> Forces:
+            r = written(q)
+            along = (r.f_xf - q.f_xf) + (r.f_xr - q.f_xr) + (r.f_x - q.f_x)
+            turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
+            share = angle * turned / ANGLE + speed * (q.v_x / SPEED - 1.0) - front
+            return r._replace(f_xf=r.f_xf + front * along, f_x=r.f_x + share * along,
+                              f_yf=r.f_yf + side_f * (r.f_yf - q.f_yf),
+                              f_yr=r.f_yr + side_r * (r.f_yr - q.f_yr),
+                              m_z=r.m_z + moment * (r.m_z - q.m_z))
+
+        return hook
+
+    return replace(effect, parameters=(*effect.parameters, *more), force=force)
