@@ -32,12 +32,12 @@ NEXT_BEST = 3
 def show(d: Diagnosis) -> None:
     """Everything, the verdict first."""
     _say(verdict(d), style="bold")
+    for claimed in d.claims:
+        _say(f"parameters: {claim(claimed)}")
     if d.causes:
         Console(file=output, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
-    for claimed in d.claims:
-        _say(f"parameters: {claim(claimed)}")
     for p in d.possible:
         _say(f"possible, not shown: {possible(p)}", style="dim")
     for u in d.unexplained:

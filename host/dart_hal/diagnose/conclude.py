@@ -213,7 +213,7 @@ def _claims(q: Question, last: Point) -> tuple[Claim, ...]:
     """Parameters of the base that were wrong, at the final model."""
     settings = q.settings
     of = secants(q.train.evidence, last, (), settings.policy)
-    sets = Sets(q.train.evidence, q.base, last, of.unit, settings.known, settings.policy, {})
+    sets = Sets(q.train.evidence, q.base, last, of.unit, settings.known, settings.policy)
     return claims(Asked(sets, q.test.evidence, of, covariance(last, _blocks(q, last)),
                         as_logged(q, last), settings.seed))
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.evaluate.compare import draws as drawn
 from dart_hal.types import FloatArray
 
 from ..policy import GradePolicy
@@ -60,8 +61,7 @@ def grade(of: Secants, name: str, above: Sequence[str], policy: GradePolicy, see
 def probability(problem: Problem, absent: float, draws: int, seed: int) -> float:
     """Share of draws in which the units left out are better told with the effect than without."""
     units = len(problem.normal)
-    rng = np.random.default_rng(seed)
-    counts = rng.multinomial(units, np.full(units, 1.0 / units), size=draws).astype(np.float64)
+    counts = drawn(np.arange(units), draws, seed)
     out = (counts == 0.0).astype(np.float64)
     keep = out.sum(axis=1) > 0.0
     counts, out = counts[keep], out[keep]

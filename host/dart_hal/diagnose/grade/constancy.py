@@ -16,6 +16,7 @@ import numpy as np
 
 from ..policy import GradePolicy
 from ..result import Constancy
+from ..search.significance import p_value
 from .secants import Secants, shapes
 
 
@@ -41,8 +42,7 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     null = np.sort((np.abs(signs @ blocks) / size).max(axis=1))
     found = np.abs(blocks.sum(axis=0)) / size
     best = int(found.argmax())
-    above = len(null) - int(np.searchsorted(null, found[best], side="left"))
-    return Constancy((1.0 + above) / (1.0 + len(null)), names[best],
+    return Constancy(p_value(float(found[best]), null), names[best],
                      _curve(of, name, names[best]), abs(float(change[best])),
                      (policy.changes, policy.least_change))
 

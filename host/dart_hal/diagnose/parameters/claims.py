@@ -16,7 +16,7 @@ from ..grade.constancy import constancy
 from ..grade.secants import Secants, starting, towards_null
 from ..result import Change, Claim
 from ..search.fit import Point
-from .cost import Test, cost, shapley
+from .cost import Unseen, cost, shapley
 from .groups import GROUPS, MERGED, Quantity
 from .sets import Posterior, Set, Sets, posterior
 
@@ -39,7 +39,7 @@ class Asked:
 
 
 def claims(asked: Asked) -> tuple[Claim, ...]:
-    """What costs most first."""
+    """Those with the largest share first; none where nothing is surely wrong."""
     of, policy = asked.sets, asked.sets.policy.claims
     found = posterior(of, asked.seed)
     together = _together(found, policy.unsure)
@@ -52,17 +52,17 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
         return ()
     whole, drop = of.losses(every).sum(), of.losses(frozenset()).sum() - of.losses(every).sum()
     back = {part: float(of.losses(every - part).sum() - whole) / drop for part in believed}
-    test = Test(asked.test, of)
-    costs = {part: cost(test, every, part, asked.seed) for part in believed}
+    unseen = Unseen(asked.test, of)
+    costs = {part: cost(unseen, every, part, asked.seed) for part in believed}
 
     def matters(part: Set) -> bool:
         surely_better_without = costs[part][2] < 1.0
         return back[part] > policy.matters and not surely_better_without
 
     held = [part for part in believed if matters(part) and _beyond_what_is_stated(of, part)]
-    shares = _shares(test, held, every)
+    shares = _shares(unseen, held, every)
     held = [part for part in held if shares[part] > policy.much or costs[part][0] > policy.costs]
-    shares = _shares(test, held, every)
+    shares = _shares(unseen, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
                   found) for part in held]
     return tuple(sorted(out, key=lambda c: -c.share))
@@ -76,7 +76,7 @@ def _together(found: Posterior, by: float) -> list[Set]:
     return [pair for pair in MERGED if pair <= set(found.groups) and unsure(pair)]
 
 
-def _shares(test: Test, parts: Sequence[Set], every: Set) -> dict[Set, float]:
+def _shares(unseen: Unseen, parts: Sequence[Set], every: Set) -> dict[Set, float]:
     """Of what the claimed groups take away together, beside what else has moved."""
     rest = every - frozenset().union(*parts)
     names = [" + ".join(sorted(part)) for part in parts]
@@ -85,7 +85,7 @@ def _shares(test: Test, parts: Sequence[Set], every: Set) -> dict[Set, float]:
     def union(some: Sequence[str]) -> Set:
         return rest.union(*(of[n] for n in some))
 
-    value = {frozenset(some): -float(test.squares(union(some)).sum())
+    value = {frozenset(some): -float(unseen.squares(union(some)).sum())
              for k in range(len(names) + 1) for some in combinations(names, k)}
     found = shapley(value, names) if names else {}
     return {of[n]: share for n, share in found.items()}

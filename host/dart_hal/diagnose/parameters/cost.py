@@ -3,7 +3,7 @@
     l_g = RMSE without g / RMSE with all      g at its old value, all else fitted anew
     share_g = Shapley value of g in -sum r^2 over subsets of the claimed groups, as a share of all
 
-r: whitened errors of the test recordings, motion and sensors; the 90 % interval of l_g is a
+r: whitened errors of the motion in the test recordings; the 90 % interval of l_g is a
 bootstrap over blocks (or recordings). All: the groups that are believed to have been wrong.
 """
 
@@ -16,7 +16,7 @@ from math import factorial
 
 import numpy as np
 
-from dart_hal.evaluate.compare import draws
+from dart_hal.evaluate.compare import LEAST_BLOCKS, draws
 from dart_hal.types import FloatArray, IntArray
 
 from ..evidence.residuals import Evidence, Residuals
@@ -25,13 +25,10 @@ from ..search.fit import Point
 from .sets import Set, Sets
 
 LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
-LEAST_BLOCKS = 4
 
 
-class Test:
+class Unseen:
     """The test recordings: squared whitened errors by block of any fit, once each."""
-
-    __test__ = False
 
     def __init__(self, evidence: Evidence, of: Sets) -> None:
         self._evidence, self._of, self.policy = evidence, of, of.policy.claims
@@ -64,10 +61,10 @@ def _motion_squares(point: Point, r: Residuals) -> FloatArray:
     return np.asarray(motion.ravel()**2)
 
 
-def cost(test: Test, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:
+def cost(unseen: Unseen, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:
     """(l_g, its 90 % interval); NaN where the test recordings are too short for one."""
     left = frozenset({group}) if isinstance(group, str) else group
-    with_all, without = test.squares(every), test.squares(every - left)
+    with_all, without = unseen.squares(every), unseen.squares(every - left)
     value = float(np.sqrt(without.sum() / max(with_all.sum(), 1e-12)))
     if len(with_all) < LEAST_BLOCKS:
         return value, np.nan, np.nan

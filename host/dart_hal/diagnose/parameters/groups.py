@@ -12,15 +12,14 @@ import numpy as np
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
-from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.parameters import GRAVITY, Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_tyres
 
-GRAVITY = 9.81
 SLOW_SLIP = 0.02  # rad; where a tyre is still linear
 SLIPS = np.linspace(0.0, 0.8, 161)  # rad; beyond it nothing was ever driven
 SPEEDS = np.linspace(0.0, 8.0, 801)  # m/s
-THROTTLE = 0.25  # a usual one
+THROTTLE = 0.25  # a usual one: 1.3 m/s of the paper's car
 Quantity = Callable[[Vehicle], float]
 
 
@@ -135,7 +134,7 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
             {"steady speed at throttle 0.25": ("m/s", steady_speed(THROTTLE)),
              "pull at throttle 0.25, standing": ("N", _pull(THROTTLE, 0.0))}),
         frozenset({"front tyre", "rear tyre"}): (
-            "tyres", "tyres (front and rear)",
+            "tyres", "front and rear tyres",
             {"peak side force over load, front": ("-", _peak(0)),
              "cornering stiffness, front over rear": (
                  "-", lambda p: _stiffness(0)(p) / _stiffness(1)(p))})}))

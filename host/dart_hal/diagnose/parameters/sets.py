@@ -20,8 +20,9 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.evaluate.compare import draws
 from dart_hal.types import FloatArray, IntArray
-from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.effects import with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Evidence
@@ -33,45 +34,45 @@ from .groups import GROUPS
 Set = frozenset[str]
 
 
-@dataclass(frozen=True, slots=True)
 class Sets:
-    """Fits by set of free groups; the training evidence, the last fit, units (N,) of its rows."""
+    """Fits by set of free groups, each made once.
 
-    evidence: Evidence
-    base: Vehicle
-    full: Point
-    unit: IntArray
-    known: Mapping[str, float]
-    policy: Policy
-    fits: dict[Set, Point]
+    phi: overdispersion of the scores of units; every: groups of which anything is free.
+    """
 
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Base parameters that the last fit moved."""
-        effects = {a.name for a in self.full.vehicle.effects}
-        own = {a.name for a in self.base.effects}
-        return tuple(n for n in self.full.space.names
-                     if n.partition(".")[0] not in effects - own)
+    def __init__(self, evidence: Evidence, base: Vehicle, full: Point, unit: IntArray,
+                 known: Mapping[str, float], policy: Policy) -> None:
+        """base: the model as given; full: the last fit; unit (N,): what is drawn together."""
+        self.evidence, self.base, self.full = evidence, base, full
+        self.unit, self.known, self.policy = unit, known, policy
+        effects = {a.name for a in full.vehicle.effects} - {a.name for a in base.effects}
+        self.free = tuple(n for n in full.space.names if n.partition(".")[0] not in effects)
+        self._names = {g: group.of(self.free) for g, group in GROUPS.items()}
+        self.every = frozenset(g for g, names in self._names.items() if names)
+        self.phi = dispersion(full, unit)
+        pull = np.diag(full.space.pull + 1e-6)
+        self.normal = (full.normal - pull) / self.phi + pull
+        self._fits: dict[Set, Point] = {}
 
     def names(self, group: str) -> tuple[str, ...]:
         """Free parameters of a group."""
-        return GROUPS[group].of(self.free)
+        return self._names[group]
 
     def coordinates(self, group: str) -> list[int]:
         """Of the last fit, those of a group."""
-        return [self.full.space.names.index(n) for n in self.names(group)]
+        return [self.full.space.names.index(n) for n in self._names[group]]
 
     def fit(self, free: Set) -> Point:
         """Fitted anew with some groups at the values of the model."""
-        if free not in self.fits:
+        if free not in self._fits:
             p = self.full.vehicle
             names = tuple(n for n in self.free
                           if any(n in self.names(g) for g in free) or not _grouped(n))
-            vehicle = _at_null(self.base, p)
+            vehicle = with_nulls(self.base, p.effects)
             space = Space(vehicle, names, self.known, self.evidence.late, self.policy.prior)
             x = space.start(p, self.full.timing)
-            self.fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
-        return self.fits[free]
+            self._fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
+        return self._fits[free]
 
     def losses(self, free: Set) -> FloatArray:
         """(u,) loss of each unit."""
@@ -106,15 +107,14 @@ def posterior(of: Sets, seed: int) -> Posterior:
     From the set that is best to second order, one group at a time leaves or enters as long as a
     fit with it says that this is better; what is nearly as good as the best set stays.
     """
-    policy, phi = of.policy.claims, dispersion(of.full, of.unit)
-    every = frozenset(g for g in GROUPS if of.names(g))
-    guessed = _guessed(of, every, phi)
-    prices: dict[Set, float] = {}
+    policy, every, guessed = of.policy.claims, of.every, _guessed(of)
+    fitted: dict[Set, float] = {}
 
-    def price(s: Set) -> float:
-        if s not in prices:
-            prices[s] = float(of.losses(s).sum()) / phi + _paid(of, s, phi)
-        return prices[s]
+    def criterion(s: Set) -> float:
+        """-2 log p, but for a constant."""
+        if s not in fitted:
+            fitted[s] = float(of.losses(s).sum()) / of.phi + _penalty(of, s)
+        return fitted[s]
 
     best, last = min(guessed, key=lambda s: guessed[s]), None
     while best != last:
@@ -122,14 +122,13 @@ def posterior(of: Sets, seed: int) -> Posterior:
         swaps = [best - {a} | {b} for a in sorted(best) for b in sorted(every - best)]
         near = [*(best ^ {g} for g in sorted(every)),
                 *(s for s in swaps if guessed[s] < guessed[best] + policy.swap)]
-        best = min([best, *near], key=price)
-    return _posterior(of, [s for s in prices if prices[s] < prices[best] + policy.certain], phi,
-                      seed)
+        best = min([best, *near], key=criterion)
+    return _posterior(of, [s for s in fitted if fitted[s] < fitted[best] + policy.certain], seed)
 
 
-def _posterior(of: Sets, sets: Sequence[Set], phi: float, seed: int) -> Posterior:
+def _posterior(of: Sets, sets: Sequence[Set], seed: int) -> Posterior:
     """With the groups that are not too improbable, the surest first."""
-    weight = weights(of, sets, phi, seed)
+    weight = weights(of, sets, seed)
     every = Posterior(tuple(sorted(frozenset().union(*sets))), tuple(sets), weight)
     seen = [g for g in every.groups if every.of(g) > of.policy.claims.hardly]
     return replace(every, groups=tuple(sorted(seen, key=lambda g: -every.of(g))))
@@ -137,51 +136,48 @@ def _posterior(of: Sets, sets: Sequence[Set], phi: float, seed: int) -> Posterio
 
 def all_sets(of: Sets, seed: int) -> Posterior:
     """The same of all sets there are, each fitted: what the search is checked against."""
-    every = sorted(g for g in GROUPS if of.names(g))
-    sets = [frozenset(s) for k in range(len(every) + 1) for s in combinations(every, k)]
-    return _posterior(of, sets, dispersion(of.full, of.unit), seed)
+    return _posterior(of, _subsets(of.every), seed)
 
 
-def _guessed(of: Sets, every: Set, phi: float) -> dict[Set, float]:
+def _subsets(groups: Set) -> list[Set]:
+    ordered = sorted(groups)
+    return [frozenset(s) for k in range(len(ordered) + 1) for s in combinations(ordered, k)]
+
+
+def _guessed(of: Sets) -> dict[Set, float]:
     """-2 log p of every set to second order around the fit with all groups.
 
     To hold coordinates x_out at 0 costs x_out^T [(H^-1)_out,out]^-1 x_out.
     """
-    point, inverse = of.full, np.linalg.inv(of.full.normal)
-    groups, prices = sorted(every), dict[Set, float]()
-    for s in (frozenset(s) for k in range(len(groups) + 1) for s in combinations(groups, k)):
-        out = [i for g in groups if g not in s for i in of.coordinates(g)]
-        x = point.x[out]
+    inverse, found = np.linalg.inv(of.full.normal), dict[Set, float]()
+    for s in _subsets(of.every):
+        out = [i for g in sorted(of.every - s) for i in of.coordinates(g)]
+        x = of.full.x[out]
         rise = float(x @ np.linalg.solve(inverse[np.ix_(out, out)], x)) if out else 0.0
-        prices[s] = rise / phi + _paid(of, s, phi)
-    return prices
+        found[s] = rise / of.phi + _penalty(of, s)
+    return found
 
 
-def _paid(of: Sets, s: Set, phi: float) -> float:
-    """What a set pays for being improbable, and for what its parameters could have been."""
-    point, q = of.full, of.policy.claims.prior
+def _penalty(of: Sets, s: Set) -> float:
+    """Of a set, for being improbable and for what else its parameters could have been."""
+    q = of.policy.claims.prior
     mine = [i for g in sorted(s) for i in of.coordinates(g)]
-    grouped = {i for g in GROUPS for i in of.coordinates(g)}
-    beside = [i for i in range(len(point.x)) if i not in grouped]
-    pull = np.diag(point.space.pull + 1e-6)
-    normal = (point.normal - pull) / phi + pull
+    grouped = {i for g in of.every for i in of.coordinates(g)}
+    beside = [i for i in range(len(of.full.x)) if i not in grouped]
 
     def log_det(some: Sequence[int]) -> float:
-        return float(np.linalg.slogdet(normal[np.ix_(some, some)])[1]) if len(some) else 0.0
+        return float(np.linalg.slogdet(of.normal[np.ix_(some, some)])[1]) if len(some) else 0.0
 
     return (log_det([*beside, *mine]) - log_det(beside)
             + 2.0 * len(s) * float(np.log((1.0 - q) / q)))
 
 
-def weights(of: Sets, sets: Sequence[Set], phi: float, seed: int) -> FloatArray:
+def weights(of: Sets, sets: Sequence[Set], seed: int) -> FloatArray:
     """(sets,) posterior, mean over draws of units."""
-    policy = of.policy.claims
     losses = np.stack([of.losses(s) for s in sets], axis=1)
-    units = len(losses)
-    counts = np.random.default_rng(seed).multinomial(
-        units, np.full(units, 1.0 / units), size=policy.draws)
-    paid = np.array([_paid(of, s, phi) for s in sets])
-    log = -counts @ losses / (2.0 * phi) - 0.5 * paid
+    counts = draws(np.arange(len(losses)), of.policy.claims.draws, seed)
+    penalty = np.array([_penalty(of, s) for s in sets])
+    log = -counts @ losses / (2.0 * of.phi) - 0.5 * penalty
     p = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray((p / p.sum(axis=1, keepdims=True)).mean(axis=0))
 
@@ -198,10 +194,3 @@ def dispersion(point: Point, unit: IntArray) -> float:
 def _grouped(name: str) -> bool:
     return any(name.startswith(g.names) for g in GROUPS.values())
 
-
-def _at_null(base: Vehicle, p: Vehicle) -> Vehicle:
-    """The base with the effects of another vehicle at their null."""
-    for a in p.effects:
-        if a.name not in {b.name for b in base.effects}:
-            base = apply(base, a.name)
-    return base
