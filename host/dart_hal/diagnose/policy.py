@@ -161,8 +161,10 @@ class ClaimPolicy:
 
     prior: float = 0.2  # probability that a group is wrong: one or two of seven
     certain: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
+    near: float = 25.0  # loss; parameters that go no further need no fit: five standard deviations
     swap: float = 100.0  # twice a log probability to second order; a far move is off by as much
     hardly: float = 0.05  # probability below which a group is not looked at again
+    guessed: float = 0.01  # the same to second order, below which no fit asks for it
     draws: int = 128  # of units
     believed: float = 0.5  # probability from which on a group is claimed ...
     matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE,
@@ -179,6 +181,8 @@ class UnexplainedPolicy:
 
     share: float = 0.05  # of the variance; below, structure is not worth a word
     sharp: float = 2.0  # times the level, at which the exact null must agree with the sharp one
+    doubted: float = 6.0  # times the level by a tenth of the turns, from where on all are made:
+    # what is at the level is above it once in 300
     add: float = 0.01  # of the variance that one more variable must add ...
     multiply: float = 1.25  # ... and by how much it must multiply the share
     block_s: float = 2.0  # s, as ``BlockPolicy.seconds``

@@ -3,6 +3,8 @@
 A general solver spends most of its rollouts at the bounds where delays and
 lags like to end, and scales its steps without knowing the priors. Parameters
 here are in units of their prior, so that damping and prior are the same thing.
+A Jacobian costs a rollout for every parameter: it is kept as long as steps gain
+what it promises (Shamanskii 1967).
 scipy's ``trf`` needs twice the rollouts for the same joint fit
 (``benchmarks/bench_solver.py``).
 """
@@ -22,6 +24,8 @@ DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6  # of the diagonal: firs
 CONVERGED = 1e-4  # of the cost
 EDGES = 3  # times the number of parameters: edges of the box that a step may meet
 SMALL = 1e-9  # of a parameter's unit
+NOTHING = 0.1  # of the gain at which a fit has converged; a step that promises less is not tried
+KEPT = 0.25  # of what a Jacobian promises; one whose step gains it within as much is kept
 STUCK = 1e-2  # of the cost; a larger gain was promised where no step gained anything
 
 
@@ -29,18 +33,20 @@ def descend(residual: Callable[[FloatArray], FloatArray],
             jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
             low: FloatArray, high: FloatArray, *, robust: float | FloatArray, prior: float,
             rounds: int = ROUNDS, reach: float | FloatArray = np.inf,
-            gain: float = CONVERGED) -> Solution:
+            gain: float = CONVERGED, kept: float = KEPT, first: FloatArray | None = None
+            ) -> Solution:
     """Minimise the soft L1 of residual(x) beyond ``robust`` (a number or (n,)), plus prior * |x|^2.
 
     jacobian(x, r) (n, k) at x, where the residual is r. reach: how far a slope is
     believed, a number or (k,); no step goes further. gain: share of the cost below
-    which the fit has converged.
+    which the fit has converged. kept: see KEPT; infinite = one Jacobian for all.
+    first: a Jacobian to begin with, from nearby.
     """
     x = np.clip(x, low, high)
     r = residual(x)
-    damping = DAMPING
+    jac = jacobian(x, r) if first is None else first
+    damping, fresh, proved = DAMPING, first is None or kept == np.inf, False
     for _ in range(rounds):
-        jac = jacobian(x, r)
         weight = soft_l1_weight(r, robust)
         hessian = (jac * weight[:, None]).T @ jac + prior * np.eye(len(x))
         slope = jac.T @ (weight * r) + prior * x
@@ -48,13 +54,20 @@ def descend(residual: Callable[[FloatArray], FloatArray],
         while damping < TOO_HARD:
             trial = _step(x, hessian, slope, damping, np.maximum(low, x - reach),
                           np.minimum(high, x + reach))
+            promised = -float((2.0 * slope + hessian @ (trial - x)) @ (trial - x))
+            if promised < NOTHING * gain * cost:
+                break
             r_trial = residual(trial)
             gained = cost - _cost(r_trial, trial, robust, prior)
             if gained > 0.0:
                 x, r, moved = trial, r_trial, True
                 damping *= EASIER
+            if moved or not fresh:
                 break
             damping *= HARDER
+        if not moved and not fresh and not (proved and promised < NOTHING * gain * cost):
+            jac, fresh = jacobian(x, r), True
+            continue
         if not moved:
             # at the bottom, or stuck where the Jacobian promises what no step keeps
             free = _free(x, slope, low, high)
@@ -63,6 +76,9 @@ def descend(residual: Callable[[FloatArray], FloatArray],
                             at_bound(x, low, high))
         if gained < gain * cost and damping < 1.0:
             return Solution(x, r, jac, weight, True, at_bound(x, low, high))
+        fresh, proved = kept == np.inf, True
+        if abs(gained - promised) > kept * promised + gain * cost:
+            jac, fresh = jacobian(x, r), True
     return Solution(x, r, jac, weight, False, at_bound(x, low, high))
 
 

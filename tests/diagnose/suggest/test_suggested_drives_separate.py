@@ -16,7 +16,7 @@ SAME = 6.0
 @pytest.mark.parametrize(("case", "mocap"), [
     (Case("slow waves", ("steering_lag", 0.06), "steering_delay"), True),
     (Case("slow waves", ("steering_delay", 0.04), "steering_lag"), True),
-    (Case("pulls", ("mass", 0.15), "motor_gain", ("motor.d", "motor.e", "friction.a")), True),
+    (Case("pulls", ("mass", 0.12), "motor_gain", ("motor.d", "motor.e", "friction.a")), True),
     (Case("straight", ("gyro_bias", 0.02), "steering_trim"), False),
     (Case("slow circles", ("front_grip", -0.15), "steering_gain"), True),
 ], ids=lambda p: p.truth[0] if isinstance(p, Case) else "")

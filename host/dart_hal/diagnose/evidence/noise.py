@@ -65,6 +65,17 @@ class Noise:
         return replace(other, sensors=self.sensors,
                        weight=np.concatenate([other.weight[:c], self.weight[c:]]))
 
+    def instead_of(self, other: Noise, rows: FloatArray, windows: int) -> FloatArray:
+        """Stacked rows (N, k) of n windows that another has whitened, as this one would."""
+        c, k = len(self.motion), rows.shape[1]
+        motion = rows[:windows * c].reshape(windows, c, k).transpose(0, 2, 1)
+        si = motion @ np.linalg.inv(other.motion).T
+        certain = np.broadcast_to(np.asarray(self.certain) / other.certain, (windows, c))
+        motion = (si * certain[:, None]) @ self.motion.T
+        sensors = rows[windows * c:].reshape(-1, len(self.sensors), k)
+        sensors = sensors * (other.sensors / self.sensors)[:, None]
+        return np.concatenate([motion.transpose(0, 2, 1).reshape(-1, k), sensors.reshape(-1, k)])
+
     def stacked(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
         """(residuals in standard deviations, the weight of each), (N,) both."""
         motion, sensors = self.whiten(r)

@@ -8,7 +8,8 @@ in all read-outs of a window, where the whitening finds it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -53,6 +54,10 @@ class OnboardEvidence(Evidence):
     late = 0.0  # everything is on the clock of the messages
     exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Session, ...]
+    mounting: Mapping[str, Mapping[str, float]] = MappingProxyType({name: {} for name in (
+        "imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")})
+    """How the IMU sits: no car is built truer than 3 degrees and a centimetre, and with nothing
+    but this IMU to go by the search asks more of a name than to be visible."""
 
     def __init__(self, drives: Sequence[Session], l_r: float) -> None:
         self.drives = tuple(drives)

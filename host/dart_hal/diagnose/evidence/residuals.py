@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -35,7 +35,7 @@ POSE, THROTTLE, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering", "angle")))
 KEPT = 24  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
-AT = sorted({r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)})
+AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
 """Weights by which POINTS poses give a derivative [1/s]."""
@@ -56,6 +56,9 @@ class Evidence:
 
     late = LATE
     exact = True  # but for noise, with the right model nothing is left
+    mounting: Mapping[str, Mapping[str, float]] = MappingProxyType({})
+    """Effects that every car has a little of, and what is left of them no structure: see
+    ``OnboardEvidence``."""
 
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""
@@ -238,10 +241,7 @@ def _held(series: FloatArray, at: FloatArray) -> FloatArray:
 
 def _velocities(states: FloatArray) -> FloatArray:
     """Velocities (len(READ_OUTS), 3, n) of states (len(AT), 6, n), derived as the mocap's are."""
-    out = []
-    for r in READ_OUTS:
-        rows = [AT.index(r + j) for j in OFFSETS]
-        dx, dy, omega = np.tensordot(SLOPE, states[rows, :3], axes=(0, 0))
-        c, s = (f(states[AT.index(r), 2]) for f in (np.cos, np.sin))
-        out.append(np.stack([c * dx + s * dy, c * dy - s * dx, omega]))
-    return np.stack(out)
+    near = states.reshape(len(READ_OUTS), len(OFFSETS), *states.shape[1:])
+    dx, dy, omega = np.einsum("j,rjcn->crn", SLOPE, near[:, :, :3])
+    c, s = np.cos(near[:, HALF, 2]), np.sin(near[:, HALF, 2])
+    return np.stack([c * dx + s * dy, c * dy - s * dx, omega], axis=1)

@@ -52,6 +52,7 @@ class Sets:
         self.phi = dispersion(full, unit)
         pull = np.diag(full.space.pull + 1e-6)
         self.normal = (full.normal - pull) / self.phi + pull
+        self._inverse = np.linalg.inv(full.normal)
         self._fits: dict[Set, Point] = {}
 
     def names(self, group: str) -> tuple[str, ...]:
@@ -70,17 +71,45 @@ class Sets:
                           if any(n in self.names(g) for g in free) or not _grouped(n))
             vehicle = with_nulls(self.base, p.effects)
             space = Space(vehicle, names, self.known, self.evidence.late, self.policy.prior)
-            x = space.start(p, self.full.timing)
+            x = space.carried(space.start(p, self.full.timing), self.full.space, self._held(free))
             self._fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
         return self._fits[free]
 
+    def _held(self, free: Set) -> FloatArray:
+        """(k,) the last fit with the other groups where the model has them, to second order.
+
+            x_in + H_in,in^-1 H_in,out x_out
+        """
+        held = [i for g in sorted(self.every - free) for i in self.coordinates(g)]
+        rest = np.setdiff1d(np.arange(len(self.full.x)), held)
+        x, normal = self.full.x.copy(), self.full.normal
+        pushed = normal[rest][:, held] @ x[held]
+        x[rest] += np.linalg.solve(normal[np.ix_(rest, rest)], pushed)
+        x[held] = 0.0
+        return np.asarray(x)
+
     def losses(self, free: Set) -> FloatArray:
-        """(u,) loss of each unit."""
-        point = self.fit(free)
-        by_row = point.weight * point.noise.loss(point.residual)
-        by_row = by_row + point.prior(np.zeros(len(point.x))) / len(by_row)
+        """(u,) loss of each unit; from the last fit on to first order where that is not far."""
+        if self.rise(free) < self.policy.claims.near:
+            point, move = self.full, self._held(free) - self.full.x
+            residual = point.residual + point.jacobian @ move
+        else:
+            point = self.fit(free)
+            residual, move = point.residual, np.zeros(len(point.x))
+        by_row = point.weight * point.noise.loss(residual)
+        by_row = by_row + point.prior(move) / len(by_row)
         return np.asarray(np.bincount(self.unit, by_row, int(self.unit.max()) + 1),
                           dtype=np.float64)
+
+    def rise(self, free: Set) -> float:
+        """By how much the loss rises with the other groups where the model has them.
+
+        To second order, x_out^T [(H^-1)_out,out]^-1 x_out: as much as the residuals move.
+        """
+        out = [i for g in sorted(self.every - free) for i in self.coordinates(g)]
+        x = self.full.x[out]
+        inverse = self._inverse[np.ix_(out, out)]
+        return float(x @ np.linalg.solve(inverse, x)) if out else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +131,13 @@ class Posterior:
 
 
 def posterior(of: Sets, seed: int) -> Posterior:
-    """Of the groups that may have moved; those that hardly did are left out.
+    """Of the groups that may have moved; those that to second order hardly did are left out.
 
     From the set that is best to second order, one group at a time leaves or enters as long as a
     fit with it says that this is better; what is nearly as good as the best set stays.
     """
-    policy, every, guessed = of.policy.claims, of.every, _guessed(of)
+    policy, guessed = of.policy.claims, _guessed(of)
+    every = _plausible(of, guessed)
     fitted: dict[Set, float] = {}
 
     def criterion(s: Set) -> float:
@@ -145,17 +175,16 @@ def _subsets(groups: Set) -> list[Set]:
 
 
 def _guessed(of: Sets) -> dict[Set, float]:
-    """-2 log p of every set to second order around the fit with all groups.
+    """-2 log p of every set to second order around the fit with all groups."""
+    return {s: of.rise(s) / of.phi + _penalty(of, s) for s in _subsets(of.every)}
 
-    To hold coordinates x_out at 0 costs x_out^T [(H^-1)_out,out]^-1 x_out.
-    """
-    inverse, found = np.linalg.inv(of.full.normal), dict[Set, float]()
-    for s in _subsets(of.every):
-        out = [i for g in sorted(of.every - s) for i in of.coordinates(g)]
-        x = of.full.x[out]
-        rise = float(x @ np.linalg.solve(inverse[np.ix_(out, out)], x)) if out else 0.0
-        found[s] = rise / of.phi + _penalty(of, s)
-    return found
+
+def _plausible(of: Sets, guessed: Mapping[Set, float]) -> Set:
+    """Groups that are not too improbable by the sets as guessed."""
+    least = min(guessed.values())
+    weight = {s: float(np.exp(-0.5 * (c - least))) for s, c in guessed.items()}
+    enough = of.policy.claims.guessed * sum(weight.values())
+    return frozenset(g for g in of.every if sum(w for s, w in weight.items() if g in s) > enough)
 
 
 def _penalty(of: Sets, s: Set) -> float:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.fitting.levenberg_marquardt import bounded, descend
+from dart_hal.fitting.levenberg_marquardt import KEPT, bounded, descend
 from dart_hal.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -137,11 +137,21 @@ def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
     return Point(noise, space, x, r, weight, _jacobian(evidence, noise, space, x, r))
 
 
+def seen_by(evidence: Evidence, noise: Noise, point: Point) -> Point:
+    """A point with another noise."""
+    r, weight = _residual(evidence, noise, point.space, point.x)
+    return Point(noise, point.space, point.x, r, weight,
+                 _slopes_of(evidence, noise, point.space, point.x, point))
+
+
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          rounds: int = ROUNDS) -> Point:
-    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors."""
-    return _descend(evidence, noise, space, x,
-                    lambda z, r: _jacobian(evidence, noise, space, z, r), rounds)
+          near: Point | None = None, rounds: int = ROUNDS) -> Point:
+    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
+
+    near: a point whose slopes are used as long as steps gain what they promise.
+    """
+    first = None if near is None else _slopes_of(evidence, noise, space, x, near)
+    return _descend(evidence, noise, space, x, rounds, first)
 
 
 def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
@@ -158,32 +168,44 @@ def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
 def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
                near: Point) -> Point:
-    """The same with the slopes of a point nearby; only those that it lacks are found."""
-    r, _ = _residual(evidence, noise, space, x)
-    tail = len(near.space.names)
-    known = {name: near.jacobian[:, i] for i, name in enumerate(near.space.names)}
+    """The same with the slopes of a point nearby alone; only those that it lacks are found."""
+    return _descend(evidence, noise, space, x, QUICK,
+                    _slopes_of(evidence, noise, space, x, near), np.inf)
+
+
+def _slopes_of(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+               near: Point) -> FloatArray:
+    """(N, k) at x, those that a point nearby has from there."""
+    r, tail = _residual(evidence, noise, space, x)[0], len(near.space.names)
+    slopes = near.jacobian
+    if noise is not near.noise:
+        slopes = noise.instead_of(near.noise, slopes, len(evidence.motion_drive))
+    known = {name: slopes[:, i] for i, name in enumerate(near.space.names)}
     columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
                for i, name in enumerate(space.names)]
-    jac = np.column_stack([*columns, near.jacobian[:, tail:]])
-    return _descend(evidence, noise, space, x, lambda z, r: jac, QUICK)
+    return np.column_stack([*columns, slopes[:, tail:]])
 
 
-def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-             slopes: Callable[[FloatArray, FloatArray], FloatArray], rounds: int) -> Point:
-    """slopes(x, r) -> Jacobian (N, k) of the whitened residuals."""
+def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, rounds: int,
+             first: FloatArray | None = None, kept: float = KEPT) -> Point:
+    """first (N, k): Jacobian of the whitened residuals to begin with; kept: see ``descend``."""
     weight = _residual(evidence, noise, space, x)[1]
     root, pull = np.sqrt(weight), np.sqrt(space.pull)
 
     def residual(z: FloatArray) -> FloatArray:
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
 
+    def weighted(slopes: FloatArray) -> FloatArray:
+        return np.concatenate([root[:, None] * slopes, np.diag(pull)])
+
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        return np.concatenate([root[:, None] * slopes(z, r[:len(root)] / root), np.diag(pull)])
+        return weighted(_jacobian(evidence, noise, space, z, r[:len(root)] / root))
 
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     robust = np.concatenate([noise.policy.robust * root, far])
     found = descend(residual, jacobian, x, space.low, space.high,
-                    robust=robust, prior=1e-9, rounds=rounds, reach=space.reach)
+                    robust=robust, prior=1e-9, rounds=rounds, reach=space.reach, kept=kept,
+                    first=None if first is None else weighted(first))
     n = len(root)
     return Point(noise, space, found.x, found.residual[:n] / root, weight,
                  found.jacobian[:n] / root[:, None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -18,8 +18,8 @@ from ..evidence.noise import Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
 from ..evidence.space import Space, Timing, widest
 from .confounders import confounders, correlated
-from .fit import Point, at, loss_at, refit, refit_near, refit_with
-from .scan import Progress, Trial, scan
+from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
+from .scan import Line, Progress, Trial, scan
 from .selection import Named, Rejected, Settings, fitted, rows_at, select
 
 AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
@@ -73,6 +73,7 @@ class Search:
         self._evidence, self._settings, self._progress = evidence, settings, progress
         self._base = base
         self._done, self._dropped = 0.0, False
+        self._before: tuple[Noise, dict[str, tuple[Line, ...]]] | None = None
 
     def run(self) -> SearchResult:
         """Search until nothing passes."""
@@ -112,7 +113,7 @@ class Search:
 
         Each from the one before: along what the data hardly tell nothing moves.
         """
-        points = [at(self._evidence, noise, base.space, base.x)]
+        points = [seen_by(self._evidence, noise, base)]
         for i in range(len(effects)):
             points.append(self.fit(point, noise, effects[:i + 1], points[-1]))
         return (base, *points[1:])
@@ -130,7 +131,20 @@ class Search:
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
         if all(only_read(catalogue()[name]) for name in other):
             return near
-        return refit(self._evidence, noise, space, near.x)
+        return refit(self._evidence, noise, space, near.x, near)
+
+    def beside(self, point: Point, noise: Noise, small: Mapping[str, Mapping[str, float]]
+               ) -> Point:
+        """A point with effects that may be there and are no causes; small: values to begin at."""
+        has, vehicle = {a.name for a in point.vehicle.effects}, point.vehicle
+        for name in small:
+            if name not in has:
+                vehicle = apply(vehicle, name, **small[name])
+        if vehicle is point.vehicle:
+            return point
+        space = self._space(vehicle)
+        x = space.carried(space.start(vehicle, point.timing), point.space, point.x)
+        return refit_near(self._evidence, noise, space, x, point)
 
     def _jointly(self, near: Point, point: Point, noise: Noise) -> tuple[Point, ...]:
         """The fit from where the search has ended, if it is better than the last of the steps.
@@ -138,7 +152,7 @@ class Search:
         That is, if the motion is surely better told: for what a sensor gains the car
         is not moved.
         """
-        far = refit(self._evidence, noise, point.space, point.x)
+        far = refit(self._evidence, noise, point.space, point.x, point)
         policy = self._settings.policy
         motion = rows_at(self._evidence, point, policy).channel >= 0
         losses = [float(p.weight[motion] @ p.noise.loss(p.residual[motion]))
@@ -150,11 +164,11 @@ class Search:
         """Fit and measure the residuals, until both suit each other; once from a fit on."""
         passes = PASSES if x is None else 1
         x = self._start(space, timing) if x is None else x
-        for _ in range(passes):
-            vehicle, timing = space.split(x)
-            noise = self._measured(vehicle, timing)
-            point = refit(self._evidence, noise, space, x)
-            x = point.x
+        point: Point | None = None
+        while point is None or passes:
+            noise = self._measured(*space.split(x))
+            point = refit(self._evidence, noise, space, x, point)
+            x, passes = point.x, passes - 1
         return point, noise
 
     def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
@@ -189,9 +203,11 @@ class Search:
                 self._progress(self._done + 0.5 * share * (1.0 - self._done), name)
 
         s = self._settings
-        trials = scan(self._evidence, point, s.names or None, tell, s.jobs, s.policy.scan)
+        trials = scan(self._evidence, point, s.names or None, tell, s.jobs, s.policy.scan,
+                      self._before)
+        self._before = point.noise, {t.effect: t.lines for t in trials}
         self._done += 0.5 * (1.0 - self._done)
-        return trials
+        return [replace(t, lines=()) for t in trials]
 
     def _with(self, point: Point, noise: Noise, trial: Trial) -> Point:
         """The full fit with one more effect, from its trial on."""
@@ -263,4 +279,4 @@ class Search:
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which cannot show progress here."""
-        return {**self.__dict__, "_progress": None}
+        return {**self.__dict__, "_progress": None, "_before": None}

@@ -4,6 +4,9 @@
 
 k: size of effect a, over a ladder and a few parabola steps; d: what is free (base parameters,
 effects found before, timing) follows r(a = k) to first order. J: see ``fit``.
+
+What an effect does, r(a = k) - r, hardly changes from round to round, only what there is to explain
+does: an effect whose change in the round before promises next to nothing now is not rolled out.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dart_hal.errors import ConfigError
 from dart_hal.process.jobs import each
@@ -21,6 +25,7 @@ from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
+from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..policy import USUAL, ScanPolicy
 from .fit import Point, Sums
@@ -29,16 +34,33 @@ Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
+class Line:
+    """One parameter of an effect with others beside it: change (N,) of the residuals by size."""
+
+    parameter: Parameter
+    beside: Mapping[str, float]
+    changes: Mapping[float, NDArray[np.float32]]
+
+    def seen_by(self, noise: Noise, other: Noise, windows: int) -> Line:
+        """The same, where another noise has whitened what this one should."""
+        ks = list(self.changes)
+        rows = noise.instead_of(other, np.stack([self.changes[k] for k in ks], axis=1), windows)
+        return replace(self, changes=dict(zip(ks, rows.astype(np.float32).T, strict=True)))
+
+
+@dataclass(frozen=True, slots=True)
 class Trial:
     """gain: drop of the robust loss; 1 is one squared standard deviation of one residual.
 
     residual (N,): whitened, at these values, before anything has moved along.
+    lines: what was tried.
     """
 
     effect: str
     values: Mapping[str, float]
     gain: float
     residual: FloatArray
+    lines: tuple[Line, ...] = ()
 
 
 class Scan:
@@ -81,12 +103,32 @@ class Scan:
     def best(self, name: str) -> Trial:
         """The size of an effect that takes away most."""
         effect = catalogue()[name]
-        found = Trial(name, {}, 0.0, self.point.residual)
+        found, lines = Trial(name, {}, 0.0, self.point.residual), list[Line]()
         for parameter in scanned(effect):
             for beside in settings_of(effect):
                 trial = self._along(effect, parameter, beside)
+                lines += trial.lines
                 found = trial if trial.gain > found.gain else found
-        return found
+        return replace(found, lines=tuple(lines))
+
+    def again(self, name: str, lines: Sequence[Line]) -> Trial | None:
+        """The same from what other sizes did before; None where that promises anything."""
+        found = Trial(name, {}, 0.0, self.point.residual)
+        for line in lines:
+            gains = self._promised(line)
+            if _promises(gains, line, self._policy):
+                return None
+            k = max(gains, key=lambda k: gains[k])
+            if k in line.changes:
+                values = {**line.beside, line.parameter.name: k}
+                found = max(found, Trial(name, values, gains[k], self.point.residual
+                                         + line.changes[k]), key=lambda t: t.gain)
+        return replace(found, lines=tuple(lines))
+
+    def _promised(self, line: Line) -> dict[float, float]:
+        """Gain by size, from what each did before."""
+        return {line.parameter.null: 0.0,
+                **{k: self.gain(self.point.residual + d) for k, d in line.changes.items()}}
 
     def _along(self, effect: Effect, parameter: Parameter,
                beside: Mapping[str, float]) -> Trial:
@@ -100,19 +142,40 @@ class Scan:
                 return -np.inf
             return self.gain(kept[k])
 
-        near, far = ladder(parameter, self._policy.dense if parameter.tops else self._policy.ladder)
-        gains = {k: gain(k) for k in near} | {parameter.null: 0.0}
-        if _goes_on(gains, parameter, gain, self._policy):
-            gains |= {k: gain(k) for k in far}
-        while (k := _beyond(gains, parameter, self._policy.ladder[-1])) is not None:
-            gains[k] = gain(k)
         def moved(k: float) -> float:
             return self._moved(kept[k]) if k in kept else np.inf
 
-        _find_onset(gains, parameter, gain, moved, self._policy)
-        _refine(gains, parameter, gain, self._policy)
+        near, far = ladder(parameter, self._policy.dense if parameter.tops else self._policy.ladder)
+        gains = {parameter.null: 0.0, near[0]: gain(near[0])}
+        if len(near) == 1 or not self._faint_on_both_sides(parameter, near[0], kept):
+            gains |= {k: gain(k) for k in near[1:]}
+            if _goes_on(gains, parameter, gain, self._policy):
+                gains |= {k: gain(k) for k in far}
+            while (k := _beyond(gains, parameter, self._policy.ladder[-1])) is not None:
+                gains[k] = gain(k)
+            _find_onset(gains, parameter, gain, moved, self._policy)
+            _refine(gains, parameter, gain, self._policy)
         best = max(gains, key=lambda k: gains[k])
-        return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best])
+        return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best],
+                     (self._line(parameter, beside, kept, (*near, *far[:2])),))
+
+    def _faint_on_both_sides(self, p: Parameter, k: float, kept: Mapping[float, FloatArray]
+                             ) -> bool:
+        """Whether next to nothing is promised if the other side does the opposite of size k."""
+        if k not in kept:
+            return False
+        change = (kept[k] - self.point.residual).astype(np.float32)
+        line = Line(p, {}, {k: change, 2.0 * p.null - k: -change})
+        return not _promises(self._promised(line), line, self._policy)
+
+    def _line(self, p: Parameter, beside: Mapping[str, float], kept: Mapping[float, FloatArray],
+              ks: Sequence[float]) -> Line:
+        """Of the first sizes: what they did; the other side the opposite where it was not tried."""
+        changes = {k: (kept[k] - self.point.residual).astype(np.float32) for k in ks if k in kept}
+        if len(changes) == 1 and p.low < p.null < p.high:
+            (k, change), = changes.items()
+            changes[2.0 * p.null - k] = -change
+        return Line(p, beside, changes)
 
 
 def scanned(effect: Effect) -> Sequence[Parameter]:
@@ -156,6 +219,24 @@ def _goes_on(gains: dict[float, float], p: Parameter, gain: Callable[[float], fl
     k = float(np.clip(p.null + top, p.low, p.high))
     gains[k] = gain(k)
     return bool(abs(gains[k] - promised) > policy.kept * promised)
+
+
+def _promises(gains: Mapping[float, float], line: Line, policy: ScanPolicy) -> bool:
+    """Whether sizes that were tried before are worth another look; gains: what each would gain.
+
+    Always, where what they explain may have a threshold or several tops.
+    """
+    p = line.parameter
+    ks = sorted(gains, key=lambda k: abs(k - p.null))[:3]
+    if p.tops or len(ks) < 3 or max(gains.values()) > policy.faint:
+        return True
+    if not p.low < p.null < p.high:
+        near, far = (float(np.linalg.norm(line.changes[k])) for k in ks[1:])
+        if near < policy.threshold * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
+            return True
+    bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    top = np.clip(p.null - 0.5 * slope / bend, p.low, p.high) - p.null if bend < 0.0 else np.inf
+    return bool(slope * top + bend * top**2 > policy.faint if bend < 0.0 else slope > 0.0)
 
 
 def _beyond(gains: Mapping[float, float], p: Parameter, last: float) -> float | None:
@@ -230,19 +311,28 @@ def _parabola(gains: Mapping[float, float], bracket: tuple[float, float, float]
 
 
 def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
-         progress: Progress | None = None, jobs: int = 1, policy: ScanPolicy = USUAL.scan
-         ) -> list[Trial]:
+         progress: Progress | None = None, jobs: int = 1, policy: ScanPolicy = USUAL.scan,
+         before: tuple[Noise, Mapping[str, Sequence[Line]]] | None = None) -> list[Trial]:
     """Every effect alone, the one that takes away most first; effects of the point left out.
 
-    jobs: processes; None of what comes out depends on it.
+    jobs: processes; None of what comes out depends on it. before: what was tried in the round
+    before, by effect, and the noise that it was seen with.
     """
     work = Scan(evidence, point, policy)
     has = {a.name for a in point.vehicle.effects}
     wanted = [n for n in (catalogue() if names is None else names) if n not in has]
-    trials = []
-    for i, trial in enumerate(each(work.best, wanted, jobs)):
+    noise, lines = before or (point.noise, {})
+    windows = len(evidence.motion_drive)
+    trials = list[Trial]()
+    for name in [n for n in wanted if lines.get(n)]:
+        known = [line.seen_by(point.noise, noise, windows) for line in lines[name]]
+        if trial := work.again(name, known):
+            trials.append(trial)
+    done = {t.effect for t in trials}
+    for trial in each(work.best, [n for n in wanted if n not in done], jobs):
+        trials.append(trial)
         if progress is not None:
-            progress((i + 1) / len(wanted), trial.effect)
-        # in single precision: there are many of them, and they are long
-        trials.append(replace(trial, residual=trial.residual.astype(np.float32)))
-    return sorted(trials, key=lambda t: (-t.gain, t.effect))
+            progress(len(trials) / len(wanted), trial.effect)
+    # in single precision: there are many of them, and they are long
+    return sorted((replace(t, residual=t.residual.astype(np.float32)) for t in trials),
+                  key=lambda t: (-t.gain, t.effect))

@@ -61,13 +61,14 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """An effect of the last round that was not accepted."""
+    """An effect of the last round that was not accepted, and the size that gained most."""
 
     effect: str
     p_value: float
     gain: float
     held_out: float
     why: str
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
                 failed[trial.effect] = trial.gain
                 failures += 1
         if why:
-            rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why))
+            rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why, trial.values))
     return Step(tuple(accepted), tuple(rejected))
 
 

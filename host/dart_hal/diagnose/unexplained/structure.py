@@ -139,7 +139,7 @@ def _exogenous(p: Vehicle, features: dict[str, FloatArray], straight: float
 def structure(of: list[Group], seed: int = 0, level: float = 0.01,
               policy: UnexplainedPolicy = USUAL.unexplained) -> tuple[Unexplained, ...]:
     """``unexplained`` for residuals that are at hand."""
-    found = _search(of, seed, math.ceil(10.0 / level) - 1, policy)  # ten of them at the level
+    found = _surely(of, seed, level, policy)
     if found is None:
         return ()
     p_value = found.p_values(policy.sharp)
@@ -156,6 +156,17 @@ def structure(of: list[Group], seed: int = 0, level: float = 0.01,
                 variables = tuple(name for name in along if name != WAVES)
                 out.append(Unexplained(channel, words, variables, p, share, period))
     return tuple(sorted(out, key=lambda u: (u.p_value, -u.share)))
+
+
+def _surely(of: list[Group], seed: int, level: float, policy: UnexplainedPolicy) -> Shares | None:
+    """What is worth a word by ten turns at the level; a tenth of them tell most that is not."""
+    found = None
+    for turns, doubted in ((1.0, policy.doubted * level), (10.0, level)):
+        found = _search(of, seed, math.ceil(turns / level) - 1, policy)
+        if found is None or not ((found.p_values(policy.sharp) <= doubted)
+                                 & (found.share >= found.least)).any():
+            return None
+    return found
 
 
 def shares(of: list[Group], seed: int = 0, policy: UnexplainedPolicy = USUAL.unexplained
@@ -205,13 +216,13 @@ def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Gene
     features, y = _features(group), _centred(group, policy.clip)
     within, across = _folds(group, block, rng, policy)
     tried = sets(features)
+    columns = [basis(features, along, policy.tail) for along in tried]
     folds = [within if set(along) & set(WITHIN) else across for along in tried]
     _, recording = np.unique(group.recording, return_inverse=True)
 
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
-        return np.stack([*(predicted_share(basis(features, along, policy.tail),
-                                           Blocked(y, block, fold), signs, policy.ridge)
-                           for along, fold in zip(tried, folds, strict=True)),
+        return np.stack([*(predicted_share(phi, Blocked(y, block, fold), signs, policy.ridge)
+                           for phi, fold in zip(columns, folds, strict=True)),
                          *(waves(y, block, features[name], phases(name, recording), signs)
                            for name, _ in ALONG)], axis=1)
 
@@ -219,8 +230,7 @@ def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Gene
     left = y.copy()
     for i, best in enumerate(share[0, :len(tried)].argmax(axis=0)):
         if share[0, best, i] > 0.0:
-            left[:, i] -= held_out(basis(features, tried[best], policy.tail), y[:, i],
-                                   folds[best], policy.ridge)
+            left[:, i] -= held_out(columns[best], y[:, i], folds[best], policy.ridge)
     both = np.concatenate([share, table(left, signs)])
     return both.reshape(len(both), -1), [*tried, *ALONG]
 
