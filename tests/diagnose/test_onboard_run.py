@@ -94,3 +94,4 @@ def test_a_run_is_diagnosed(run, tmp_path, effect):
     only = ("motor_gain", "rolling_resistance", "gyro_scale", "encoder_scale")
     found = diagnose(file, EXACT, sides.train, sides.test, refit=False, only=only)
     assert [c.effect for c in found.causes] == [effect.split(":")[0]] * bool(effect)
+

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.fitting.levenberg_marquardt import bounded, descend
+from dart_hal.fitting.levenberg_marquardt import KEPT, bounded, descend
 
 
 def quadratic(normal, slope, move):
@@ -62,3 +62,30 @@ def test_no_step_goes_further_than_its_slope_is_believed(reach, ends):
     found = descend(lambda x: np.cos(x), lambda x, r: -np.sin(x)[:, None], np.array([0.04]),
                     np.array([-50.0]), np.array([50.0]), robust=1e6, prior=0.0, reach=reach)
     assert found.x[0] == pytest.approx(ends, abs=1e-2)
+
+
+@pytest.mark.parametrize("bend", [0.02, 1.0])
+def test_slopes_are_kept_while_steps_gain_what_they_promise(bend):
+    """The same bottom as with slopes of every step, from fewer of them; most where all is flat."""
+    rng = np.random.default_rng(4)
+    mix, target = rng.normal(size=(30, 5)), rng.normal(size=5)
+    asked = {}
+
+    def ended(kept):
+        asked[kept] = 0
+
+        def residual(x):
+            z = x - target
+            return mix @ (z + bend * z**2) + 0.3
+
+        def jacobian(x, r):
+            asked[kept] += 1
+            return mix * (1.0 + 2.0 * bend * (x - target))
+
+        return descend(residual, jacobian, np.zeros(5), np.full(5, -9.0), np.full(5, 9.0),
+                       robust=3.0, prior=1e-9, gain=1e-6, kept=kept)
+
+    often, seldom = ended(0.0), ended(KEPT)
+    assert seldom.x == pytest.approx(often.x, abs=2e-3)
+    assert asked[KEPT] < asked[0.0]
+    assert bend > 0.1 or asked[KEPT] == 1

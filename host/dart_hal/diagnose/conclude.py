@@ -38,7 +38,7 @@ from .result import (
 )
 from .search.fit import Point, covariance
 from .search.forward import Search, SearchResult
-from .search.selection import TOO_SMALL, Named, Settings, rows_at
+from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
 from .unexplained.structure import groups, shares, unexplained
 
@@ -61,20 +61,18 @@ class Question:
 def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
              began: float) -> Diagnosis:
     """Everything a report needs."""
-    small = {**q.train.evidence.mounting,
-             **{r.effect: r.values for r in found.rejected if r.why == TOO_SMALL}}
-    left = _left(q, found.point, found.noise, small)
+    left = _left(q, found.point, found.noise)
     withdrawn = _spurious(q, found, left)
     named = tuple(n for n in found.named if n.effect not in withdrawn)
     points = found.points
     if withdrawn:
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
-        left = _left(q, points[-1], found.noise, small)
+        left = _left(q, points[-1], found.noise)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
-        left = _left(q, points[-1], found.noise, small)
+        left = _left(q, points[-1], found.noise)
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
@@ -107,10 +105,9 @@ def as_logged(q: Question, point: Point) -> Vehicle:
                            for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def _left(q: Question, point: Point, noise: Noise,
-          small: Mapping[str, Mapping[str, float]]) -> tuple[Unexplained, ...]:
-    """Structure that neither causes explain nor what is there and too small to be one."""
-    point = q.search.beside(point, noise, small)
+def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
+    """Structure that neither causes explain nor how the sensors are mounted."""
+    point = q.search.beside(point, noise, q.train.evidence.mounting)
     evidence, timing = q.train.evidence, point.timing
     r = evidence.residuals(point.vehicle, timing)
     return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm,

@@ -168,7 +168,8 @@ class ClaimPolicy:
     draws: int = 128  # of units
     believed: float = 0.5  # probability from which on a group is claimed ...
     matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE,
-    much: float = 0.05  # and either it has this share of what is gained on unseen recordings ...
+    worth: float = 1.01  # and errors on unseen recordings are so many times as large without it,
+    much: float = 0.05  # and either it has this share of what is gained there ...
     costs: float = 1.1  # ... or errors there are so many times as large without it
     stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
     instead: float = 0.1  # probability of another group without this one, to be its confounder
@@ -180,6 +181,9 @@ class UnexplainedPolicy:
     """When what is left is structure."""
 
     share: float = 0.05  # of the variance; below, structure is not worth a word
+    accel: float = 0.03  # m/s2, root mean square; an accelerometer's sensitivity and the angle
+    # between its axes are good to 1 % by its data sheet (BNO055), and a car pulls 3 m/s2 aside
+    encoder: float = 0.006  # m/s, the same; one edge of 2.1 mm in 0.1 s over sqrt(12)
     sharp: float = 2.0  # times the level, at which the exact null must agree with the sharp one
     doubted: float = 6.0  # times the level by a tenth of the turns, from where on all are made:
     # what is at the level is above it once in 300

@@ -8,7 +8,9 @@ and throttle are the commands that the pulses on the pins stand for.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -28,6 +30,7 @@ from dart_hal.types import SAMPLE, FloatArray, IntArray, State
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
 SHORTEST = 100  # frames: 1 s
+KEPT = 32  # runs whose messages are kept: an hour of driving is 10 MB
 ACCEL_LATENCY = 0.0075  # s; as GYRO_LATENCY, with the 62.5 Hz filter of the accelerometer
 MASS = "mass"  # metadata of a run: kg and std, as weighed
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
@@ -43,6 +46,36 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
     Errors: RecordingError for a file that is no run or holds less than 1 s.
     """
     path = Path(path)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    run = _replayed(path, digest)
+    notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
+                                                       else "all used"))]
+    notes += [Note("frames lost on the line", run.lost)] if run.lost else []
+    messages = run.messages[every] if every in run.messages else _messages(
+        *_states(path), every)
+    return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
+                     mass=_weighed(path))
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """What is kept of a run: messages by the frames that each is made of."""
+
+    frames: int
+    lost: int
+    messages: Mapping[int, Messages]
+
+
+@lru_cache(maxsize=KEPT)
+def _replayed(path: Path, digest: str) -> _Run:
+    """A run, replayed once for all that is asked of it; digest: of its content."""
+    states, files = _states(path)
+    return _Run(len(states), states[-1].health.lost,
+                {every: _messages(states, files, every) for every in (EVERY, FINE)})
+
+
+def _states(path: Path) -> tuple[list[State], CarFiles]:
+    """Errors: as ``read_run``."""
     try:
         with Car.open(f"replay://{path}") as car:
             files = car.files
@@ -56,13 +89,7 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
         raise RecordingError(f"{path}: the run is too short", found=f"{len(states)} frames",
                              expected="at least 1 s", read=str(path),
                              remedy="leave this file out")
-    lost = states[-1].health.lost
-    notes = [Note(f"{len(states)} frames at 100 Hz, " + (f"means of {every} used" if every > 1
-                                                        else "all used"))]
-    notes += [Note("frames lost on the line", lost)] if lost else []
-    return Recording(path, RUN, _messages(states, files, every), None, "ok", None,
-                     hashlib.sha256(path.read_bytes()).hexdigest(), tuple(notes),
-                     mass=_weighed(path))
+    return states, files
 
 
 def finer(recording: Recording) -> Recording:

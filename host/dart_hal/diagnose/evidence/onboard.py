@@ -8,8 +8,8 @@ in all read-outs of a window, where the whitening finds it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -28,9 +28,9 @@ from .onboard_drive import (
     Session,
     counted,
 )
-from .onboard_windows import predicted
+from .onboard_windows import Actuated, actuated, predicted
 from .readings import SENSORS, at_rest
-from .residuals import SENSED, Evidence, Residuals
+from .residuals import SENSED, Evidence, Residuals, pulled_by, steered_by
 from .space import EXACT, Timing
 from .standing import spread
 
@@ -54,16 +54,12 @@ class OnboardEvidence(Evidence):
     late = 0.0  # everything is on the clock of the messages
     exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Session, ...]
-    mounting: Mapping[str, Mapping[str, float]] = MappingProxyType({name: {} for name in (
-        "imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")})
+    mounting = ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")
     """How the IMU sits: no car is built truer than 3 degrees and a centimetre, and with nothing
     but this IMU to go by the search asks more of a name than to be visible."""
 
     def __init__(self, drives: Sequence[Session], l_r: float) -> None:
-        self.drives = tuple(drives)
-        self.l_r, self.overlap = l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING
-        self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
-        self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
+        super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING)
 
     @property
     def columns(self) -> dict[str, int]:
@@ -110,13 +106,21 @@ class OnboardEvidence(Evidence):
         """Of the model p with its effects, as ``Evidence.residuals``."""
         p = timing.advanced(p)
         q = settled(p)
+        throttle, angle = (
+            self._once((channel, *of(p, q), timing.late, timing.spread),
+                       partial(self._actuated, p, channel, timing))
+            for channel, of in (("throttle", pulled_by), ("steering", steered_by)))
         parts = [(np.empty((0, MESSAGES_AHEAD * len(MOTION))), np.empty((0, 4))),
-                 *(_of(drive, p, q, timing) for drive in self.drives)]
+                 *(_of(drive, p, q, *inputs)
+                   for drive, *inputs in zip(self.drives, throttle, angle, strict=True))]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # what says nothing of any model still needs a size
             if not np.isfinite(sensors[:, k]).any():
                 sensors[:, k] = spread(len(sensors))
         return Residuals(motion, sensors)
+
+    def _actuated(self, p: Vehicle, channel: str, timing: Timing) -> list[Actuated]:
+        return [actuated(drive, p, channel, timing) for drive in self.drives]
 
 
 def unseen() -> tuple[str, ...]:
@@ -141,11 +145,12 @@ def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
     return (*UNKNOWN, *own)
 
 
-def _of(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> tuple[FloatArray, FloatArray]:
+def _of(drive: Session, p: Vehicle, q: Vehicle, throttle: Actuated, angle: Actuated
+        ) -> tuple[FloatArray, FloatArray]:
     rest = at_rest(drive, p)
     if not len(drive.begin):
         return np.empty((0, MESSAGES_AHEAD * len(MOTION))), rest
-    said = predicted(drive, p, q, timing)
+    said = predicted(drive, p, q, throttle, angle)
     motion = (said[:2] - drive.said).transpose(2, 1, 0).reshape(len(drive.begin), -1)
     accel = said[2:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].transpose(2, 1, 0).reshape(-1, 2)
     driven = np.full((len(accel), 4), np.nan)

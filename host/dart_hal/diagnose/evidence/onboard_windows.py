@@ -6,7 +6,7 @@ they do wrong; from there on it is the model's alone.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,16 +31,36 @@ AFTER = round((MESSAGES_AHEAD * ENCODER_SPAN + MAX_JITTER) / SAMPLE) + 1
 STEEPEST = 0.2  # rad; slip of the rear axle at a start
 
 
-def predicted(drive: Session, p: Vehicle, q: Vehicle, timing: Timing) -> FloatArray:
+@dataclass(frozen=True, slots=True)
+class Actuated:
+    """Of a drive, what an actuator did: series (samples,); windows (samples, n), or finer."""
+
+    series: FloatArray
+    windows: FloatArray
+
+
+def actuated(drive: Session, p: Vehicle, channel: str, timing: Timing) -> Actuated:
+    """The throttle, or of "steering" the road-wheel angle in FINE steps per sample."""
+    series = behind_actuator(p, channel, spread_over(getattr(drive.grid, channel), timing.spread),
+                             drive.grid.t, smooth=True, sampled="mean")
+    at = _samples(drive) - timing.late / SAMPLE
+    return Actuated(series, fine(series, at) if channel == "steering" else _along(series, at))
+
+
+def _samples(drive: Session) -> FloatArray:
+    """(samples, n) of each window, from BEFORE its start on."""
+    return np.asarray(np.arange(-BEFORE, AFTER + 1)[:, None] + drive.begin)
+
+
+def predicted(drive: Session, p: Vehicle, q: Vehicle, throttle: Actuated, angle: Actuated
+              ) -> FloatArray:
     """What encoder, gyro and accelerometer would have said in each window, (4, MESSAGES_AHEAD, n).
 
     The model has driven for BEFORE samples when a window starts, which gives it
     a speed sideways; speed and turning are then set right by what was read last.
     """
-    g, throttle, angle = _measured(drive, p, q, timing.spread)
-    over = np.arange(-BEFORE, AFTER + 1)[:, None] + drive.begin
-    tau = _along(throttle, over - timing.late / SAMPLE)
-    delta = fine(angle, over - timing.late / SAMPLE)
+    g, over = _measured(drive, p, q, throttle.series), _samples(drive)
+    tau, delta = throttle.windows, angle.windows
     t, way = _along(g.t, over), _along(np.cumsum(g.v_x) * SAMPLE, over[:1])
     none = np.zeros(len(drive.begin))
     first = np.stack([none, none, *(_along(f, over[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
@@ -72,27 +92,21 @@ def _sensors(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
     return sensed(p, driven(p, motion(t, states, rates, way), tau))
 
 
-def _measured(drive: Session, p: Vehicle, q: Vehicle,
-              spread: float) -> tuple[Grid, FloatArray, FloatArray]:
-    """The measured motion without what the effects of p do to the sensors, and the actuators.
+def _measured(drive: Session, p: Vehicle, q: Vehicle, throttle: FloatArray) -> Grid:
+    """The measured motion without what the effects of p do to the sensors.
 
     Small changes: an effect is taken off once. The speed sideways is that of a
     car that has been turning like this for a while.
     """
-    g = drive.grid
-    throttle, angle = (behind_actuator(p, channel, spread_over(command, spread), g.t, smooth=True,
-                                       sampled="mean")
-                       for channel, command in (("throttle", g.throttle),
-                                                ("steering", g.steering)))
-    g = _with_sideways(g, q)
+    g = _with_sideways(drive.grid, q)
     if not (signals(p, "wheel") or signals(p, "gyro")):
-        return g, throttle, angle
+        return g
     rates = [np.gradient(g.v_x, SAMPLE), 0.0, np.gradient(g.omega, SAMPLE)]
     wheel, gyro, _, _ = sensed(p, driven(p, motion(g.t, states(g), rates), throttle))
     omega = 2.0 * g.omega - gyro
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
     freed = replace(g, v_x=2.0 * g.v_x - wheel, omega=omega, yaw=yaw)
-    return _with_sideways(freed, q), throttle, angle
+    return _with_sideways(freed, q)
 
 
 def _with_sideways(g: Grid, q: Vehicle) -> Grid:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -56,8 +56,8 @@ class Evidence:
 
     late = LATE
     exact = True  # but for noise, with the right model nothing is left
-    mounting: Mapping[str, Mapping[str, float]] = MappingProxyType({})
-    """Effects that every car has a little of, and what is left of them no structure: see
+    mounting: tuple[str, ...] = ()
+    """Effects that every car has a little of, and what they do is no structure: see
     ``OnboardEvidence``."""
 
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
@@ -158,11 +158,10 @@ class Evidence:
     def _motion(self, p: Vehicle, spread: float) -> FloatArray:
         q = settled(p)
         start, seen = self._once(("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
-        throttle = self._once(("throttle", _throttle(p, q), spread), lambda: np.repeat(
+        throttle = self._once(("throttle", *pulled_by(p, q), spread), lambda: np.repeat(
             self._inputs(p, spread, "throttle", _held), FINE, axis=0))
-        angle = self._once(
-            ("angle", q.delay.steering_s, q.delay.steering_lag_s, q.steering, _on(p, STEERING),
-             spread), lambda: self._inputs(p, spread, "steering", fine))
+        angle = self._once(("angle", *steered_by(p, q), spread),
+                           lambda: self._inputs(p, spread, "steering", fine))
         states = fine_rollout(p, start, throttle, angle, AT)
         error = _velocities(states) - seen
         return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
@@ -183,7 +182,7 @@ class Evidence:
         q = settled(p)
         seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
-        pulled = self._once(("pulled", _throttle(p, q)), lambda: [
+        pulled = self._once(("pulled", pulled_by(p, q)), lambda: [
             behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
             for d in self.drives])
         return np.concatenate([part for drive, m, throttle
@@ -211,7 +210,7 @@ def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     """What readings depend on, of a vehicle and a measured motion."""
     q = settled(p)
     on_sensors = _on(p, frozenset(SENSED))
-    drive = (q.motor, q.friction, _throttle(p, q)) if on_sensors else ()
+    drive = (q.motor, q.friction, pulled_by(p, q)) if on_sensors else ()
     return ("readings", q.body, _on(p, POSE), on_sensors, drive)
 
 
@@ -220,9 +219,14 @@ def _on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...]:
     return tuple(a for a in p.effects if channels & set(a.effect.signals))
 
 
-def _throttle(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
+def pulled_by(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
     """What the throttle behind its actuator depends on; q: p settled."""
     return (q.delay.throttle_s, q.delay.throttle_lag_s, q.motor.g, _on(p, THROTTLE))
+
+
+def steered_by(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
+    """The same of the road-wheel angle."""
+    return (q.delay.steering_s, q.delay.steering_lag_s, q.steering, _on(p, STEERING))
 
 
 def _actuated(p: Vehicle, drive: Drive, spread: float, channel: str) -> FloatArray:

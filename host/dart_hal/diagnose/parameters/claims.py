@@ -61,7 +61,8 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
 
     held = [part for part in believed if matters(part) and _beyond_what_is_stated(of, part)]
     shares = _shares(unseen, held, every)
-    held = [part for part in held if shares[part] > policy.much or costs[part][0] > policy.costs]
+    held = [part for part in held if costs[part][0] > policy.worth
+            and (shares[part] > policy.much or costs[part][0] > policy.costs)]
     shares = _shares(unseen, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
                   found) for part in held]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -133,13 +133,11 @@ class Search:
             return near
         return refit(self._evidence, noise, space, near.x, near)
 
-    def beside(self, point: Point, noise: Noise, small: Mapping[str, Mapping[str, float]]
-               ) -> Point:
-        """A point with effects that may be there and are no causes; small: values to begin at."""
+    def beside(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
+        """A point with effects that may be there and are no causes."""
         has, vehicle = {a.name for a in point.vehicle.effects}, point.vehicle
-        for name in small:
-            if name not in has:
-                vehicle = apply(vehicle, name, **small[name])
+        for name in [n for n in names if n not in has]:
+            vehicle = apply(vehicle, name)
         if vehicle is point.vehicle:
             return point
         space = self._space(vehicle)

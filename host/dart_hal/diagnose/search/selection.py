@@ -61,14 +61,13 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """An effect of the last round that was not accepted, and the size that gained most."""
+    """An effect of the last round that was not accepted."""
 
     effect: str
     p_value: float
     gain: float
     held_out: float
     why: str
-    values: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +133,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
                 failed[trial.effect] = trial.gain
                 failures += 1
         if why:
-            rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why, trial.values))
+            rejected.append(Rejected(trial.effect, p, trial.gain, held.gain, why))
     return Step(tuple(accepted), tuple(rejected))
 
 

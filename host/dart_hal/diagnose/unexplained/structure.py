@@ -202,12 +202,21 @@ def _search(of: list[Group], seed: int, turns: int, policy: UnexplainedPolicy) -
             table, tried = _tried(group, block, mine, rng, policy)
             tables.append(table)
             known = np.clip(group.y.var(axis=0), 1e-12, 1.0)
-            least.append(np.tile(policy.share / known, len(tried)))
+            floor = np.array([_tolerance(c, policy) for c in group.channels])
+            variance = np.maximum(((group.y * group.size)**2).mean(axis=0), 1e-12)
+            least.append(np.tile(np.maximum(policy.share / known, floor**2 / variance), len(tried)))
             names += [(channel, along) for along in tried for channel in group.channels]
     if not tables:
         return None
     table = np.concatenate(tables, axis=1)
     return Shares(names, table[0], table[1:1 + turns], table[1 + turns:], np.concatenate(least))
+
+
+def _tolerance(channel: str, policy: UnexplainedPolicy) -> float:
+    """What a sound sensor may be off, in SI units."""
+    if channel.startswith("accel"):
+        return policy.accel
+    return policy.encoder if channel == "encoder" else 0.0
 
 
 def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Generator,

@@ -1,0 +1,89 @@
+"""What one round tells the next: the same answer, from fewer rollouts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from searched import ALL_FREE, drive, evidence, fitted
+
+from dart_hal.diagnose.parameters.sets import Sets, _subsets
+from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose.search import scan as scanning
+from dart_hal.diagnose.search.fit import at, seen_by
+from dart_hal.diagnose.search.scan import scan
+from dart_hal.vehicle import PAPER
+
+NAMES = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale", "steering_lag",
+         "mass", "road_slope_x")
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return evidence(drive(("steering_lag", 0.06), seconds=24.0))
+
+
+@pytest.fixture(scope="module")
+def point(seen):
+    return fitted(seen)[1]
+
+
+@pytest.fixture
+def rollouts(monkeypatch):
+    """Names of what is rolled out."""
+    out, best = [], scanning.Scan.best
+    monkeypatch.setattr(scanning.Scan, "best", lambda self, name: (out.append(name),
+                                                                   best(self, name))[1])
+    return out
+
+
+def test_what_promised_nothing_is_not_rolled_out_again(seen, point, rollouts):
+    first = scan(seen, point, NAMES)
+    assert sorted(rollouts) == sorted(NAMES)
+    rollouts.clear()
+    lines = {t.effect: t.lines for t in first}
+    again = scan(seen, point, NAMES, before=(point.noise, lines))
+    gains = {t.effect: t.gain for t in first}
+    assert again[0].effect == "steering_lag"
+    assert again[0].gain == pytest.approx(gains["steering_lag"], abs=1e-6)
+    faint = {n for n, g in gains.items() if g < USUAL.scan.faint}
+    assert faint
+    assert len(rollouts) < len(NAMES)
+    for trial in again:  # what is screened out hides nothing
+        assert trial.gain == pytest.approx(gains[trial.effect], abs=1.0)
+
+
+def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
+    """In a round before, all that is left of it was nothing; with the other gone it is there."""
+    both = evidence(drive(("steering_lag", 0.06), ("gyro_scale", 0.05), seconds=24.0))
+    before = fitted(both)[1]
+    first = scan(both, before, NAMES)
+    nothing = {t.effect: t.lines for t in first}
+    rollouts.clear()
+    found = scan(both, before, NAMES, before=(before.noise, nothing))
+    assert {"steering_lag", "gyro_scale"} <= set(rollouts)
+    assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
+
+
+def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(seen, point):
+    other, _ = fitted(seen, noise=None)
+    louder = fitted(seen, p=PAPER, free=("motor.d",))[0]
+    here = at(seen, point.noise, point.space, point.x)
+    for noise in (other, louder):
+        carried = seen_by(seen, noise, here).jacobian
+        own = at(seen, noise, point.space, point.x).jacobian
+        size = np.abs(own).max(axis=0)
+        assert np.abs(carried - own).max(axis=0) == pytest.approx(0.0, abs=0.01 * size.max())
+
+
+def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(seen):
+    """Without rollouts; further off it is fitted, and there a first order would be wrong."""
+    full = fitted(seen, free=ALL_FREE)[1]
+    unit = np.arange(len(full.residual)) % 16
+    sets = Sets(seen, PAPER, full, unit, {}, USUAL)
+    near = [s for s in _subsets(sets.every) if sets.rise(s) < USUAL.claims.near]
+    assert len(near) > 3
+    quick = {s: sets.losses(s).sum() - sets.losses(sets.every).sum() for s in near}
+    assert not sets._fits
+    for s in sorted(near, key=len)[:4]:
+        assert quick[s] == pytest.approx(sets.fit(s).loss() - sets.fit(sets.every).loss(),
+                                         abs=0.5 + 0.15 * quick[s])
