@@ -13,6 +13,8 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.parameters.cost import shapley
 from dart_hal.diagnose.parameters.groups import GROUPS, steady_speed
+from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
+from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.words import claim
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -97,3 +99,25 @@ def test_the_steady_speed_is_where_motor_and_friction_are_equal():
 def test_shapley_shares_add_up_and_are_fair():
     value = {frozenset(): 0.0, frozenset("a"): 1.0, frozenset("b"): 3.0, frozenset("ab"): 5.0}
     assert shapley(value, ["a", "b"]) == pytest.approx({"a": 0.3, "b": 0.7})
+
+
+@pytest.mark.more
+def test_a_claim_is_drawn_old_new_and_as_the_car_drives(folder):
+    """The car's own points, measured where no fit has been, lie on the new curve."""
+    found = answer(folder, tyres__front_D=1.25)
+    (c,) = found.claims
+    front = next(k for k in PICTURES if k.title == "Front tyres")
+    points = _measured(front, found)
+    told = np.isfinite(points.error)
+    new, old = (np.abs(front.curve(p, points.x) - points.mean)[told]
+                for p in (found.extended, found.stages[0].vehicle))
+    assert np.median(new) < 0.3 * np.median(old)
+    (drawn,) = pictures(c, found)
+    assert drawn.count("<polyline") == 2
+    assert "the car on the test recordings" in drawn
+    assert "Parameters that were wrong" in page(found)
+
+
+def test_a_delay_is_no_curve():
+    for kind in PICTURES:
+        assert not any("delay.steering_s".startswith(n) for n in kind.names)

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_drive import Plan, write
+from searched import drive
 
+from dart_hal.diagnose import conclude as conclusions
+from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.grade.bag import Problem, probability, sizes
 from dart_hal.diagnose.grade.constancy import constancy
+from dart_hal.diagnose.grade.names import _least
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose.result import Gained
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.load import find_model
 
 UNITS, ROWS, DRAWS = 16, 40, 400
 
@@ -90,3 +98,31 @@ def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     assert not found.constant
     places = [size for _, size, _ in found.curve]
     assert max(places) - min(places) > 0.5
+
+
+def test_a_name_that_lowers_no_error_elsewhere_is_left_out():
+    """By its interval where there are recordings enough for one; else by what it gains."""
+    harms = Gained("vx", 0.2, -0.02, -0.03, -0.01, "")
+    unsure, helps = replace(harms, test=0.02, low=-0.01), replace(harms, test=0.2, low=0.1)
+    assert _least(harms, False) <= 0.0
+    assert _least(unsure, False) > 0.0 >= _least(unsure, True)
+    assert _least(helps, True) > 0.0
+    assert _least(replace(helps, test=np.nan, low=np.nan), True) > 0.0  # nothing to judge by
+
+
+@pytest.mark.more
+@pytest.mark.cpu(30)
+@pytest.mark.parametrize("asked", [True, False])
+def test_where_its_gain_is_a_loss_a_name_is_only_possible(asked, monkeypatch, tmp_path):
+    """The same drives with the gain turned about: the negative control is the name itself."""
+    if not asked:
+        real = conclusions.gained
+        monkeypatch.setattr(conclusions, "gained", lambda *a: replace(
+            real(*a), test=-0.1, low=-0.2))
+    train, test = (drive(("gyro_scale", 0.05), seconds=30.0, seed=s) for s in (3, 4))
+    file, p = find_model("paper")
+    found = diagnose(file, p, [train], [test], refit=False, only=("gyro_scale", "gyro_bias"))
+    assert [c.effect for c in found.causes] == ["gyro_scale"] * asked
+    assert [c.effect for c in found.possible] == ["gyro_scale"] * (not asked)
+    assert asked or "no fit has seen" in found.possible[0].why
+    assert not {a.name for a in found.extended.effects} or asked

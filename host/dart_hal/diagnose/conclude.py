@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,9 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     if withdrawn:
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
         left = _left(q, points[-1], found.noise)
-    grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed)
+    grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
+                      partial(_gain, q),
+                      len(set(q.test.names)) >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
@@ -76,12 +79,12 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, points[i], points[i + 1], last.vehicle, stds, sure)
-                   for i, one in enumerate(named))
+    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
     moved = _moved(q, points[-1])
-    claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    # of a model that predicts worse than before no parameter was shown to be wrong
+    claimed = _claims(q, last) if q.refit and not _worse(q, gain) else ()
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn, sure),
@@ -178,9 +181,15 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 
-def _cause(q: Question, named: Named, before: Point, after: Point, final: Vehicle,
-           stds: Mapping[str, float], sure: Shown) -> Cause:
-    """One cause: its gain from the fit before it to the fit with it, its numbers at the end."""
+def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
+    """Of one cause, from the fit before it to the fit with it."""
+    return gained(catalogue()[name], (as_logged(q, before), before), (as_logged(q, after), after),
+                  q.train, q.test, q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+
+
+def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown
+           ) -> Cause:
+    """One cause, its numbers at the end."""
     effect = catalogue()[named.effect]
     numbers = {}
     for parameter in effect.parameters:
@@ -188,8 +197,7 @@ def _cause(q: Question, named: Named, before: Point, after: Point, final: Vehicl
         numbers[parameter.name] = Number(float(value(final, key)),
                                          stds[key], parameter.unit,
                                          parameter.null)
-    gain = gained(effect, (as_logged(q, before), before), (as_logged(q, after), after),
-                  q.train, q.test, q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    gain = sure.gains[effect.name]
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
                  _evidence(q, named, numbers, gain), gain, named.confounders, effect.experiment,
                  sure.grades[effect.name].probability,
@@ -254,9 +262,9 @@ def _possible(found: SearchResult, sure: Shown, q: Question) -> tuple[Possible, 
     """Names whose grade is too low to be shown, the surest first."""
     least = q.settings.policy.grade.possible
     loss = {n.effect: n.gain for n in found.named}
-    return tuple(Possible(name, catalogue()[name].title, grade.probability, loss[name])
-                 for name, grade in sorted(sure.left_out.items(), key=lambda kg: -kg[1].probability)
-                 if grade.probability >= least)
+    return tuple(Possible(name, catalogue()[name].title, one.probability, loss[name], one.why)
+                 for name, one in sorted(sure.left_out.items(), key=lambda kg: -kg[1].probability)
+                 if one.probability >= least)
 
 
 def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
@@ -265,8 +273,8 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
                       "withdrawn: with it as much structure is left as without it")
            for n in found.named if n.effect in withdrawn]
     out += [Considered(n.effect, n.p_value, n.gain, n.held_out,
-                       f"only possible: {sure.left_out[n.effect].probability:.0%} of the data left "
-                       "out from its size want it beside the others")
+                       f"only possible, with probability "
+                       f"{sure.left_out[n.effect].probability:.2f}: {sure.left_out[n.effect].why}")
             for n in found.named if n.effect in sure.left_out]
     return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
                     for r in found.rejected if r.effect not in withdrawn))
@@ -298,7 +306,7 @@ def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Se
         return "partly_explained" if left or worse or changes else "explained"
     if left:
         return "unexplained"
-    if claimed and not _worse(q, gain):
+    if claimed:
         return "parameters_only"
     if q.refit:
         p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,

@@ -176,17 +176,21 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Possible:
-    """An effect that the search accepted, but of which data left out are not sure enough."""
+    """An effect that the search accepted, but of which data left out are not sure enough.
+
+    why: or that lowers no error on recordings that no fit has seen.
+    """
 
     effect: str
     title: str
     probability: float
     loss: float
+    why: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``possible``."""
         return {"effect": self.effect, "title": self.title, "probability": self.probability,
-                "loss": self.loss}
+                "loss": self.loss, "why": self.why}
 
 
 @dataclass(frozen=True, slots=True)

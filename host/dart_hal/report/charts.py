@@ -23,13 +23,14 @@ MAX_LABELLED = 6
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """y over x (n,), whiskers ``reach`` to either side (NaN: none); style: before, after."""
+    """y over x (n,), whiskers ``reach`` to either side (NaN: none); style: before, after, car."""
 
     x: FloatArray
     y: FloatArray
     reach: FloatArray
     style: str = "after"
     joined: bool = True
+    marked: bool = True
 
 
 def lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
@@ -41,7 +42,8 @@ def lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
     frame = svg.Frame(x, svg.around(*ends))
     parts = frame.axes(x_label, y_label, x_names)
     for s in series:
-        parts += svg.curve(frame, s.x, s.y, s.y - s.reach, s.y + s.reach, s.style, s.joined)
+        parts += svg.curve(frame, s.x, s.y, s.y - s.reach, s.y + s.reach, s.style, s.joined,
+                           s.marked)
     return svg.picture(name, parts)
 
 

@@ -33,6 +33,7 @@ svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height:
 .line { fill: none; stroke-width: 2 } .whisker { stroke-width: 1.2 } .mark { stroke: none }
 .before { stroke: var(--before) } .before.mark, .before.bar { fill: var(--before) }
 .after { stroke: var(--after) } .after.mark, .after.bar { fill: var(--after) }
+.car { stroke: var(--ink) } .car.mark { fill: var(--ink) }
 .line.before, .line.after { fill: none } .bar { stroke: none } .other.bar { fill: var(--other) }
 .legend { font-size: .88rem; margin: .2rem 0 .6rem } .key .other { fill: var(--other) }
 .legend span { margin-right: 1.2rem; white-space: nowrap }

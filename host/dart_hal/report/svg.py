@@ -79,7 +79,7 @@ def text(x: float, y: float, words: str, anchor: str = "start", class_: str = "t
 
 
 def curve(frame: Frame, x: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray,
-          class_: str, joined: bool = True) -> list[Html]:
+          class_: str, joined: bool = True, marked: bool = True) -> list[Html]:
     """Points with whiskers (k,), joined by a line; what is not finite is left out."""
     points = [(*frame.at(float(a), float(b)), float(a), float(lo), float(hi))
               for a, b, lo, hi in zip(x, y, low, high, strict=True)
@@ -91,7 +91,8 @@ def curve(frame: Frame, x: FloatArray, y: FloatArray, low: FloatArray, high: Flo
     for px, py, a, lo, hi in points:
         if math.isfinite(lo) and math.isfinite(hi):
             out.append(line(frame.at(a, lo), frame.at(a, hi), f"{class_} whisker"))
-        out.append(mark(px, py, class_))
+        if marked:
+            out.append(mark(px, py, class_))
     return out
 
 

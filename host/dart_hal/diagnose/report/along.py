@@ -137,17 +137,7 @@ class Rows:
             good &= self.features(column)["direction"] != 0.0
         if good.sum() < FEWEST:
             return None
-        x, y, stretch = x[good], y[good], self.stretch(column)[good]
-        low, high = np.quantile(x, [EDGE, 1.0 - EDGE])
-        if high - low < 1e-6:
-            return None
-        # halfway between equal numbers and equal widths: a steering angle is mostly at rest
-        share = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
-        edges = 0.5 * (np.quantile(x, share) + low + share * (high - low))
-        which = np.searchsorted(edges, x)
-        parts = [which == i for i in range(BINS)]
-        enough = [p for p in parts if p.sum() >= THIN * len(x)]
-        return _means([(x[p], y[p], stretch[p]) for p in enough]) if len(enough) > 2 else None
+        return means_along(x[good], y[good], self.stretch(column)[good])
 
     def sides(self, column: Column, r: Residuals) -> Means | None:
         """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
@@ -229,6 +219,20 @@ def _structure(m: Means) -> float:
     known = np.isfinite(m.mean) & np.isfinite(m.error)
     beyond = np.square(m.mean[known]) - np.square(m.error[known])
     return float(m.n[known] @ beyond / m.n.sum())
+
+
+def means_along(x: FloatArray, y: FloatArray, stretch: IntArray) -> Means | None:
+    """Of y (rows,) along x (rows,); None where x does not vary, or too little of it is driven."""
+    low, high = np.quantile(x, [EDGE, 1.0 - EDGE])
+    if high - low < 1e-6:
+        return None
+    # halfway between equal numbers and equal widths: a steering angle is mostly at rest
+    share = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
+    edges = 0.5 * (np.quantile(x, share) + low + share * (high - low))
+    which = np.searchsorted(edges, x)
+    parts = [which == i for i in range(BINS)]
+    enough = [p for p in parts if p.sum() >= THIN * len(x)]
+    return _means([(x[p], y[p], stretch[p]) for p in enough]) if len(enough) > 2 else None
 
 
 def _means(parts: Sequence[tuple[FloatArray, FloatArray, IntArray]]) -> Means:

@@ -15,6 +15,8 @@ from dart_hal.report.numbers import listed, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue
 
 from .along import SIDES, Along, Column, Means, Rows, along, columns, most, stages_of
+from .claimed import KEY as CLAIM_KEY
+from .claimed import pictures
 from .words import channel, claim, interval, quantity, sentence, structure, variable
 
 VISIBLE = 0.02
@@ -72,9 +74,10 @@ def claims_section(d: Diagnosis) -> Html:
         return el("p", "No parameter of the model is said to have been wrong.")
     head = ("group", "quantity", "before", "after", "probability", "errors without it", "share")
     rows = [(c.title, name, significant(q.before), quantity(Number(q.after, q.std, q.unit)),
-             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(c.share))
+             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(max(c.share, 0.0)))
             for c in d.claims for name, q in c.quantities.items()]
-    return join([*(page.card(el("p", claim(c)), good=True, kind="cause") for c in d.claims),
+    return join([*(join([page.card(el("p", claim(c)), good=True, kind="cause"),
+                         page.figures(list(pictures(c, d)))]) for c in d.claims), CLAIM_KEY,
                  table(head, rows, 2),
                  page.soft("Errors without it: RMSE of the motion on the test recordings, in "
                            "standard deviations, with the group at its old value over that with "
@@ -87,12 +90,11 @@ def possible_section(d: Diagnosis) -> Html:
     if not d.possible:
         return el("p", "Nothing: every effect that the search accepted is sure enough to be shown, "
                        "or hardly more than chance.")
-    head = ("effect", "probability", "drop of the loss", "what it would mean")
-    return join([page.soft("The search accepted these, but too few of the data left out from their "
-                           "size want them beside the causes above. They are not in the extended "
-                           "model."),
+    head = ("effect", "probability", "drop of the loss", "what it would mean", "why not shown")
+    return join([page.soft("The search accepted these, but not all that a cause must pass. They "
+                           "are not in the extended model."),
                  table(head, [(p.effect, f"{p.probability:.2f}", significant(p.loss, 4),
-                               f"the car {p.title}") for p in d.possible], 1)])
+                               f"the car {p.title}", p.why) for p in d.possible], 1)])
 
 
 def _constant(cause: Cause) -> Html:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal import __version__
-from dart_hal.diagnose.result import Diagnosis
+from dart_hal.diagnose.result import Cause, Claim, Diagnosis
 from dart_hal.diagnose.suggest.result import Suggestion
 from dart_hal.report import page as builder
 from dart_hal.report.html import Html, el, join
@@ -26,7 +26,7 @@ from .causes import (
 )
 from .glossary import glossary
 from .next_drive import next_drives
-from .words import claim, overall, sentence, verdict
+from .words import claim, overall, sentence, structure, verdict
 
 
 def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
@@ -49,12 +49,12 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
              "Python": platform.python_version(), "numpy": np.__version__,
              "model given": d.model, "extended model": d.written or "not written"}
     sections = {
-        "errors": ("Errors, step by step", tables.errors(d)),
+        "claims": ("Parameters that were wrong", claims_section(d)),
         "causes": ("The causes, and their evidence",
                    found or el("p", "No effect of the catalogue was named.")),
-        "claims": ("Parameters that were wrong", claims_section(d)),
         "possible": ("Possible, not shown above", possible_section(d)),
         "unexplained": ("What is not explained", unexplained_section(d, rows)),
+        "errors": ("Errors, step by step", tables.errors(d)),
         "ranking": ("Every effect by what it would take away", tables.ranking(d)),
         "considered": ("Considered and not named", tables.considered(d)),
         "parameters": ("Base parameters that moved", tables.parameters(d)),
@@ -64,7 +64,10 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
             builder.download(d.to_json() if answer is None else answer, "diagnosis.json")])),
         "glossary": ("Words and method", glossary())}
     if suggestions is not None:
-        sections = {"next": ("What to drive next", next_drives(suggestions)), **sections}
+        after = list(sections).index("errors")
+        parts = list(sections.items())
+        sections = dict([*parts[:after], ("next", ("What to drive next", next_drives(suggestions))),
+                         *parts[after:]])
     return builder.page(f"diagnosis of {d.model}",
                         f"What the model {d.model} gets wrong, and why", _result(d), sections)
 
@@ -75,11 +78,20 @@ def _result(d: Diagnosis) -> Html:
     return answer_card(d, builder.text(gained), builder.notices(d.notes), builder.text(back))
 
 
+def _drive(d: Diagnosis) -> str:
+    """What would decide what these recordings cannot."""
+    found: list[Claim | Cause] = [*d.claims, *d.causes]
+    unsure = [c for c in found if c.cannot_be_told_from]
+    return f"What would decide what these data cannot: {unsure[0].experiment}" if unsure else ""
+
+
 def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
     """Verdict and causes in sentences, each with a link to its evidence on the page ``report``."""
     causes = (join([sentence(c), " ", el("a", "evidence", href=f"{report}#cause-{i}")])
               for i, c in enumerate(d.causes, 1))
     wrong = (join([claim(c), " ", el("a", "evidence", href=f"{report}#claims")]) for c in d.claims)
+    unknown = (join(["Unknown: ", structure(u), ". ",
+                     el("a", "picture", href=f"{report}#unexplained")]) for u in d.unexplained)
     return builder.card(el("p", verdict(d), class_="big"), builder.items([*wrong, *causes], "ol"),
-                        *after,
+                        builder.items(unknown), builder.text(_drive(d)), *after,
                         good=d.verdict in ("nothing_wrong", "explained", "parameters_only"))

@@ -103,8 +103,9 @@ def costs(c: Claim) -> str:
 
 def possible(p: Possible) -> str:
     """A name that is not sure enough to be shown."""
+    why = f": {p.why}" if p.why else ""
     return (f"{p.effect}: perhaps the car {p.title} (probability {p.probability:.2f}); it is "
-            "not in the extended model")
+            f"not in the extended model{why}")
 
 
 def amount(cause: Cause) -> str:

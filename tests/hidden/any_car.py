@@ -1,0 +1,132 @@
+"""Unmodified emulated cars, each with its own identified model: is anything called wrong?
+
+    python tests/hidden/any_car.py --cars 30 --first-seed 100 --jobs 2
+
+A first drive gives each car its model, as ``dart-hal diagnose --write-model`` does; two more, by
+other draws, are diagnosed with it. Right is silence, or parameters alone. One line a car.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from dart_hal.car import Car
+from dart_hal.config import save_model
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.result import Diagnosis
+from dart_hal.diagnose.write import extended_model
+from dart_hal.identify.runs import read_run
+from dart_hal.process.jobs import each
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import find_model
+
+SILENT = ("nothing_wrong", "parameters_only")
+DRIVES = {"first": 80.0, "train": 60.0, "test": 40.0}  # s
+FRAME = 0.0115  # s; mean wait for a frame of the PWM, and the pulse: the data sheets say so
+SERVO = 0.1  # s from the middle to full lock, by the servo's
+
+
+@dataclass(frozen=True)
+class Answer:
+    """found: the diagnosis of the later drives; seconds: of CPU."""
+
+    seed: int
+    found: Diagnosis
+    seconds: float
+
+    @property
+    def right(self) -> bool:
+        return self.found.verdict in SILENT
+
+    def line(self) -> dict[str, Any]:
+        d = self.found
+        return {"seed": self.seed, "verdict": d.verdict, "right": self.right,
+                "causes": [c.effect for c in d.causes], "claims": [c.group for c in d.claims],
+                "unexplained": [(u.channel, u.along, round(u.share, 3)) for u in d.unexplained],
+                "gain": {k: round(g.test, 3) for k, g in d.gain.items()},
+                "seconds": round(self.seconds, 1)}
+
+
+def asked(seed: int, options: str = "") -> Answer:
+    """Drive a car of a seed, identify it, drive on and diagnose; options: more of its URL."""
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
+        runs = {name: home / f"{name}.mcap" for name in DRIVES}
+        for draw, (name, seconds) in enumerate(DRIVES.items()):
+            drive(f"sim://?seed={seed}{options if name != 'first' else ''}", runs[name], seconds,
+                  draw)
+        model = own_model(runs["first"], home / "own.toml")
+        began = time.process_time()
+        file, p = find_model(model)
+        sides = checked([read_run(runs["train"])], [read_run(runs["test"])], p)
+        return Answer(seed, diagnose(file, p, sides.train, sides.test),
+                      time.process_time() - began)
+
+
+def drive(url: str, run: Path, seconds: float, draw: int) -> None:
+    """Steps of steering and throttle at random times, after three seconds of standing."""
+    rng = np.random.default_rng([draw, 7])
+    with Car.open(url, record=run) as car:
+        for _ in car.states(duration=3.0):
+            pass
+        car.arm()
+        turn = pull = steering = throttle = 0.0
+        for i, _ in enumerate(car.states(duration=seconds)):
+            t = 0.01 * i
+            if t >= pull:
+                throttle, pull = rng.uniform(0.2, 0.3) * (rng.random() > 0.12), t + 1.5
+            if t >= turn:
+                steering, turn = rng.uniform(-0.9, 0.9), t + rng.uniform(0.4, 2.0)
+            car.drive(steering=steering, throttle=throttle)
+
+
+def own_model(run: Path, target: Path) -> Path:
+    """The paper's model with what data sheets say, extended by a diagnosis of one drive."""
+    file, p = find_model("paper")
+    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME, throttle_s=FRAME)),
+              "steering_rate_limit", k=SERVO)
+    sheet = model_of(p, file)
+    sides = checked([read_run(run)], [], p)
+    found = diagnose(sheet, p, sides.train, sides.test)
+    save_model(msgspec.structs.replace(extended_model(found, sheet, sides.train, "any car"),
+                                       name="own"), target)
+    return target
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--cars", type=int, default=30)
+    parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("--options", default="", help="of the later drives' URL: &effect=grip:-0.2")
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    seeds = range(given.first_seed, given.first_seed + given.cars)
+    right = sum(_shown(a) for a in answers(seeds, given.options, given.jobs))
+    print(f"{right} of {given.cars} silent or parameters only")
+    return 0
+
+
+def answers(seeds: range, options: str, jobs: int) -> Iterator[Answer]:
+    return each(partial(asked, options=options), seeds, jobs, parts=len(seeds))
+
+
+def _shown(answer: Answer) -> bool:
+    print(json.dumps(answer.line()), flush=True)
+    return answer.right
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
