@@ -11,8 +11,10 @@ from hidden_drive import Plan, write
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.parameters.claims import _costly
 from dart_hal.diagnose.parameters.cost import shapley
 from dart_hal.diagnose.parameters.groups import GROUPS, steady_speed
+from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.words import claim
@@ -121,3 +123,11 @@ def test_a_claim_is_drawn_old_new_and_as_the_car_drives(folder):
 def test_a_delay_is_no_curve():
     for kind in PICTURES:
         assert not any("delay.steering_s".startswith(n) for n in kind.names)
+
+
+def test_a_group_is_claimed_where_its_cost_is_sure():
+    policy = USUAL.claims
+    assert _costly((1.20, 1.05, 1.40), policy)
+    assert not _costly((1.20, 0.95, 1.50), policy)
+    assert not _costly((0.90, 0.80, 1.00), policy)
+    assert _costly((1.05, np.nan, np.nan), policy)

@@ -83,8 +83,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     moved = _moved(q, points[-1])
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
-    # of a model that predicts worse than before no parameter was shown to be wrong
-    claimed = _claims(q, last) if q.refit and not _worse(q, gain) else ()
+    claimed = _claims(q, last) if q.refit else ()
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn, sure),

@@ -167,10 +167,8 @@ class ClaimPolicy:
     guessed: float = 0.01  # the same to second order, below which no fit asks for it
     draws: int = 128  # of units
     believed: float = 0.5  # probability from which on a group is claimed ...
-    matters: float = 0.02  # ... if without it this share of the loss comes back: 1 % of an RMSE,
-    worth: float = 1.01  # and errors on unseen recordings are so many times as large without it,
-    much: float = 0.05  # and either it has this share of what is gained there ...
-    costs: float = 1.1  # ... or errors there are so many times as large without it
+    worth: float = 1.01  # ... if errors on unseen recordings are surely so many times as large
+    # without it: the lower end of a 90 % interval, or the ratio where they are too short for one
     stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
     instead: float = 0.1  # probability of another group without this one, to be its confounder
     unsure: float = 0.05  # probability by which a pair is surer than either of it: one claim

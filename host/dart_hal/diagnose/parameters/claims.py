@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -14,6 +15,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.residuals import Evidence
 from ..grade.constancy import constancy
 from ..grade.secants import Secants, starting, towards_null
+from ..policy import ClaimPolicy
 from ..result import Change, Claim
 from ..search.fit import Point
 from .cost import Unseen, cost, shapley
@@ -50,23 +52,20 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     every = frozenset().union(*believed)
     if not every:
         return ()
-    whole, drop = of.losses(every).sum(), of.losses(frozenset()).sum() - of.losses(every).sum()
-    back = {part: float(of.losses(every - part).sum() - whole) / drop for part in believed}
     unseen = Unseen(asked.test, of)
     costs = {part: cost(unseen, every, part, asked.seed) for part in believed}
-
-    def matters(part: Set) -> bool:
-        surely_better_without = costs[part][2] < 1.0
-        return back[part] > policy.matters and not surely_better_without
-
-    held = [part for part in believed if matters(part) and _beyond_what_is_stated(of, part)]
-    shares = _shares(unseen, held, every)
-    held = [part for part in held if costs[part][0] > policy.worth
-            and (shares[part] > policy.much or costs[part][0] > policy.costs)]
+    held = [part for part in believed if _costly(costs[part], policy)
+            and _beyond_what_is_stated(of, part)]
     shares = _shares(unseen, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
                   found) for part in held]
     return tuple(sorted(out, key=lambda c: -c.share))
+
+
+def _costly(cost: tuple[float, float, float], policy: ClaimPolicy) -> bool:
+    """Whether errors on unseen recordings are surely larger without the group."""
+    ratio, low, _ = cost
+    return (low if math.isfinite(low) else ratio) > policy.worth
 
 
 def _together(found: Posterior, by: float) -> list[Set]:

@@ -1,0 +1,21 @@
+"""An unmodified emulated car with its own model is not called wrong; a changed one is."""
+
+from __future__ import annotations
+
+import pytest
+from any_car import asked
+
+
+@pytest.mark.more
+@pytest.mark.cpu(240)
+@pytest.mark.parametrize(("options", "silent"), [("", True), ("&effect=motor_gain:-0.15", False)])
+def test_a_car_as_it_was_is_left_in_peace(options, silent):
+    answer = asked(103, options)
+    gained = max(g.test for g in answer.found.gain.values())
+    assert answer.right or not silent
+    if silent:
+        assert not answer.found.causes
+    else:  # its motor was wrong, as a cause or as a parameter, and that is worth a lot
+        named = {c.effect for c in answer.found.causes} | {c.group for c in answer.found.claims}
+        assert named & {"motor_gain", "motor", "drive force"}
+        assert gained > 0.5
