@@ -127,7 +127,8 @@ def test_a_delay_is_no_curve():
 
 def test_a_group_is_claimed_where_its_cost_is_sure():
     policy = USUAL.claims
-    assert _costly((1.20, 1.05, 1.40), policy)
-    assert not _costly((1.20, 0.95, 1.50), policy)
-    assert not _costly((0.90, 0.80, 1.00), policy)
-    assert _costly((1.05, np.nan, np.nan), policy)
+    assert _costly((1.20, 1.05, 1.40), 0.9, policy)
+    assert not _costly((1.20, 0.95, 1.50), 0.9, policy)
+    assert _costly((1.20, 0.95, 1.50), 0.99, policy)
+    assert not _costly((0.90, 0.80, 1.00), 0.99, policy)
+    assert _costly((1.05, np.nan, np.nan), 0.9, policy)

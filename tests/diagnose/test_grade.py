@@ -100,6 +100,14 @@ def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     assert max(places) - min(places) > 0.5
 
 
+@pytest.mark.more
+def test_what_does_nothing_has_no_size_that_changes(fitted):
+    of = fitted("motor_gain", "motor_gain", k=0.1)
+    still = replace(of, tangent={"motor_gain": np.zeros_like(of.tangent["motor_gain"])})
+    assert constancy(still, "motor_gain", USUAL.grade, 0).constant
+    assert constancy(still, "motor_gain", USUAL.grade, 0).curve == ()
+
+
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():
     """By its interval where there are recordings enough for one; else by what it gains."""
     harms = Gained("vx", 0.2, -0.02, -0.03, -0.01, "")

@@ -21,7 +21,7 @@ from .secants import Secants, shapes
 
 
 def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constancy:
-    """Of one named effect."""
+    """Of one named effect; of one that does nothing there is no size that could change."""
     point, w = of.point, of.point.irls_weight
     d, project = of.tangent[name], of.point.projection(of.coordinates[name])
     names, phi = shapes(of, policy)
@@ -35,6 +35,8 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     blocks = np.stack([np.bincount(unit, column) for column in score.T], axis=1)
     size = np.sqrt((blocks**2).sum(axis=0))
     use = size > 1e-9
+    if not use.any():
+        return Constancy(1.0, "", (), 0.0, (policy.changes, policy.least_change))
     blocks, size = blocks[:, use], size[use]
     change = -blocks.sum(axis=0) / np.maximum((w @ along**2)[use], 1e-12)
     names = [n for n, u in zip(names, use, strict=True) if u]

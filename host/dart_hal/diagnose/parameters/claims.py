@@ -54,7 +54,7 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
         return ()
     unseen = Unseen(asked.test, of)
     costs = {part: cost(unseen, every, part, asked.seed) for part in believed}
-    held = [part for part in believed if _costly(costs[part], policy)
+    held = [part for part, p in believed.items() if _costly(costs[part], p, policy)
             and _beyond_what_is_stated(of, part)]
     shares = _shares(unseen, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
@@ -62,10 +62,12 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     return tuple(sorted(out, key=lambda c: -c.share))
 
 
-def _costly(cost: tuple[float, float, float], policy: ClaimPolicy) -> bool:
-    """Whether errors on unseen recordings are surely larger without the group."""
+def _costly(cost: tuple[float, float, float], probability: float, policy: ClaimPolicy) -> bool:
+    """Whether errors on unseen recordings are larger without the group; surely so, where the
+    group itself is not sure."""
     ratio, low, _ = cost
-    return (low if math.isfinite(low) else ratio) > policy.worth
+    by_ratio = probability >= policy.sure or not math.isfinite(low)
+    return (ratio if by_ratio else low) > policy.worth
 
 
 def _together(found: Posterior, by: float) -> list[Set]:
