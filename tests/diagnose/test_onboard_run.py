@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import any_car
 import numpy as np
 import pytest
 
-from dart_hal.car import Car
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.onboard_drive import counted, sessions
@@ -30,20 +30,8 @@ EXACT = apply(replace(NOMINAL_VEHICLE, delay=replace(NOMINAL_VEHICLE.delay,
 
 
 def drive(path, effect):
-    rng = np.random.default_rng(5)
     url = "sim://?nano=mock" + (f"&effect={effect}" if effect else "")
-    with Car.open(url, record=path) as car:
-        for _ in car.states(duration=3.0):
-            pass
-        car.arm()
-        turn = push = throttle = steering = 0.0
-        for frame, _ in enumerate(car.states(duration=SECONDS)):
-            t = 0.01 * frame
-            if t >= push:
-                throttle, push = rng.uniform(0.2, 0.3) * (rng.random() > 0.12), t + 1.5
-            if t >= turn:
-                steering, turn = rng.uniform(-0.9, 0.9), t + rng.uniform(0.4, 2.5)
-            car.drive(steering=steering, throttle=throttle)
+    any_car.drive(url, path, SECONDS, np.random.default_rng(5), held=2.5)
     return read_run(path)
 
 
@@ -94,4 +82,3 @@ def test_a_run_is_diagnosed(run, tmp_path, effect):
     only = ("motor_gain", "rolling_resistance", "gyro_scale", "encoder_scale")
     found = diagnose(file, EXACT, sides.train, sides.test, refit=False, only=only)
     assert [c.effect for c in found.causes] == [effect.split(":")[0]] * bool(effect)
-

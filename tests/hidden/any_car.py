@@ -2,7 +2,7 @@
 
     python tests/hidden/any_car.py --cars 30 --first-seed 100 --jobs 2
 
-A first drive gives each car its model, as ``dart-hal diagnose --write-model`` does; two more, by
+A first drive gives each car its model, as ``dart-hal diagnose --out`` does; two more, by
 other draws, are diagnosed with it. Right is silence, or parameters alone. One line a car.
 """
 
@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 
 from dart_hal.car import Car
+from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.config import save_model
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
@@ -35,8 +36,6 @@ from dart_hal.vehicle.load import find_model
 
 SILENT = ("nothing_wrong", "parameters_only")
 DRIVES = {"first": 80.0, "train": 60.0, "test": 40.0}  # s
-FRAME = 0.0115  # s; mean wait for a frame of the PWM, and the pulse: the data sheets say so
-SERVO = 0.1  # s from the middle to full lock, by the servo's
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def asked(seed: int, options: str = "") -> Answer:
         runs = {name: home / f"{name}.mcap" for name in DRIVES}
         for draw, (name, seconds) in enumerate(DRIVES.items()):
             drive(f"sim://?seed={seed}{options if name != 'first' else ''}", runs[name], seconds,
-                  draw)
+                  np.random.default_rng([draw, 7]))
         model = own_model(runs["first"], home / "own.toml")
         began = time.process_time()
         file, p = find_model(model)
@@ -76,9 +75,8 @@ def asked(seed: int, options: str = "") -> Answer:
                       time.process_time() - began)
 
 
-def drive(url: str, run: Path, seconds: float, draw: int) -> None:
-    """Steps of steering and throttle at random times, after three seconds of standing."""
-    rng = np.random.default_rng([draw, 7])
+def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: float = 2.0) -> None:
+    """Steps of steering (each at most ``held`` [s]) and throttle, after three s of standing."""
     with Car.open(url, record=run) as car:
         for _ in car.states(duration=3.0):
             pass
@@ -89,15 +87,15 @@ def drive(url: str, run: Path, seconds: float, draw: int) -> None:
             if t >= pull:
                 throttle, pull = rng.uniform(0.2, 0.3) * (rng.random() > 0.12), t + 1.5
             if t >= turn:
-                steering, turn = rng.uniform(-0.9, 0.9), t + rng.uniform(0.4, 2.0)
+                steering, turn = rng.uniform(-0.9, 0.9), t + rng.uniform(0.4, held)
             car.drive(steering=steering, throttle=throttle)
 
 
 def own_model(run: Path, target: Path) -> Path:
     """The paper's model with what data sheets say, extended by a diagnosis of one drive."""
     file, p = find_model("paper")
-    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME, throttle_s=FRAME)),
-              "steering_rate_limit", k=SERVO)
+    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)),
+              "steering_rate_limit", k=SERVO_S)
     sheet = model_of(p, file)
     sides = checked([read_run(run)], [], p)
     found = diagnose(sheet, p, sides.train, sides.test)

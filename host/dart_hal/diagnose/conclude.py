@@ -71,7 +71,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         left = _left(q, points[-1], found.noise)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
                       partial(_gain, q),
-                      len(set(q.test.names)) >= q.settings.policy.blocks.units)
+                      len({d.recording.sha256 for d in q.test.evidence.drives})
+                      >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
@@ -81,9 +82,9 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
     causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
     moved = _moved(q, points[-1])
+    claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
-    claimed = _claims(q, last) if q.refit else ()
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn, sure),

@@ -34,6 +34,7 @@ BINS, FEWEST, THIN = 10, 40, 0.02
 """Parts of a variable, rows below which there is nothing to draw, least share of them in a part."""
 EDGE = 0.01  # quantile at which the first and the last part end
 STRETCH = 2.0  # s
+WHISKER = 2.0  # standard errors that one reaches to each side
 STRETCHES = 3  # below that many a mean has no standard error
 SHOWN = (1.0, 0.25)
 """s after the start of a window, or a little more, at which predictions are looked at."""

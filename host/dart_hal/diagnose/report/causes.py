@@ -14,15 +14,13 @@ from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import listed, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue
 
-from .along import SIDES, Along, Column, Means, Rows, along, columns, most, stages_of
+from .along import SIDES, WHISKER, Along, Column, Means, Rows, along, columns, most, stages_of
 from .claimed import KEY as CLAIM_KEY
 from .claimed import pictures
 from .words import channel, claim, interval, quantity, sentence, structure, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
-WHISKER = 2.0
-"""Standard errors that a whisker reaches to each side."""
 MARK_OFFSET = 0.08
 """Half the distance of two marks of one side of the turn, whose sides are 1 apart."""
 KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])

@@ -21,6 +21,7 @@ import numpy as np
 from dart_hal.diagnose.evidence.drive import Drive
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.readings import measured
+from dart_hal.diagnose.parameters.groups import steady_speed
 from dart_hal.diagnose.result import Claim, Diagnosis
 from dart_hal.predict.actuators import actuated
 from dart_hal.recording.dart import savgol_derivative
@@ -28,17 +29,14 @@ from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html
 from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_slip, make_tyres
 
-from .along import FEWEST, STRETCH, Means, means_along
+from .along import FEWEST, STRETCH, WHISKER, Means, means_along
 
-POINTS = 61
-WHISKER = 2.0  # standard errors
+POINTS = 61  # of a drawn curve
 MOVING = 0.5  # m/s; slower, a slip angle is noise
 GENTLE = 1.0  # m/s2 to the side, up to which the wheels say where the car goes
 STEADY = 0.1  # m/s2; a car that gains or loses less ...
@@ -46,7 +44,6 @@ SAME, HELD = 0.01, 60  # ... with a throttle that was the same for so many sampl
 SMOOTH = 21  # samples of its acceleration
 SETTLED = 2.0  # rad/s2; a car that turns faster and faster slips otherwise than its tyres tell
 STRAIGHT = 0.1  # rad at the wheels
-SPEEDS = np.linspace(0.0, 8.0, 801)  # m/s
 NO_SLIP_ANGLES = "no motion capture, so no slip angles: the car's own points are missing"
 
 Points = tuple[FloatArray, FloatArray]
@@ -147,11 +144,7 @@ def _rolling(drive: Drive, p: Vehicle) -> Points:
 
 
 def _speed(p: Vehicle, x: FloatArray) -> FloatArray:
-    q = settled(p)
-    left = (make_motor(q.motor, ARRAY)(x[:, None], SPEEDS)
-            + make_friction(q.friction, ARRAY)(SPEEDS))[:, 1:]
-    over = left <= 0.0
-    return np.asarray(np.where(over.any(axis=1), SPEEDS[1:][over.argmax(axis=1)], SPEEDS[-1]))
+    return np.array([steady_speed(float(throttle))(p) for throttle in x])
 
 
 KEY = svg.legend([("before", "model as it was"), ("after", "new model"), ("car", "the car")])

@@ -78,7 +78,7 @@ def _result(d: Diagnosis) -> Html:
     return answer_card(d, builder.text(gained), builder.notices(d.notes), builder.text(back))
 
 
-def _drive(d: Diagnosis) -> str:
+def _would_decide(d: Diagnosis) -> str:
     """What would decide what these recordings cannot."""
     found: list[Claim | Cause] = [*d.claims, *d.causes]
     unsure = [c for c in found if c.cannot_be_told_from]
@@ -93,5 +93,5 @@ def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
     unknown = (join(["Unknown: ", structure(u), ". ",
                      el("a", "picture", href=f"{report}#unexplained")]) for u in d.unexplained)
     return builder.card(el("p", verdict(d), class_="big"), builder.items([*wrong, *causes], "ol"),
-                        builder.items(unknown), builder.text(_drive(d)), *after,
+                        builder.items(unknown), builder.text(_would_decide(d)), *after,
                         good=d.verdict in ("nothing_wrong", "explained", "parameters_only"))
