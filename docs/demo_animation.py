@@ -101,18 +101,23 @@ def diagnosis(axes: Any, answer: dict[str, Any], share: float) -> None:
         return
     axes.text(0.0, 0.96, "then something in the car changes", fontsize=11, color=INK, va="top")
     told = answer["diagnosis"]
-    cause = told["causes"][0]
-    hidden, found = (sizes(told["hidden"][0]), sizes(cause))
-    gain = cause["gain"]["test"]
-    axes.text(0.0, 0.86, cause["effect"], fontsize=14, color=AFTER, weight="bold", va="top")
-    axes.text(0.0, 0.75, f"found   {found}\nhidden  {hidden}", fontsize=10, color=INK, va="top",
-              family="monospace")
-    for at, name, length, colour in ((0.42, "error before", 1.0, BEFORE),
-                                     (0.18, "with the cause", 1.0 - gain * share, AFTER)):
-        axes.barh(at, length, 0.09, color=colour)
-        axes.text(0.0, at + 0.065, name, fontsize=9, color=INK)
+    hidden = {one["effect"]: sizes(one) for one in told["hidden"]}
+    for cause, top in zip(told["causes"][:2], (0.86, 0.42), strict=False):
+        removed(axes, cause, hidden.get(cause["effect"], "nothing"), top, share)
+
+
+def removed(axes: Any, cause: dict[str, Any], hidden: str, top: float, share: float) -> None:
+    """A cause, its size beside the true one, and the error with it and without."""
+    gain, sensor = cause["gain"]["test"], cause["gain"]["channel"]
+    axes.text(0.0, top, cause["effect"], fontsize=13, color=AFTER, weight="bold", va="top")
+    axes.text(0.0, top - 0.08, f"found   {sizes(cause)}\nhidden  {hidden}", fontsize=9, color=INK,
+              va="top", family="monospace")
+    axes.barh(top - 0.25, 1.0, 0.05, color=BEFORE)
+    axes.barh(top - 0.32, 1.0 - gain * share, 0.05, color=AFTER)
+    axes.text(0.98, top - 0.25, f"{sensor} error before", fontsize=8, color="white", va="center",
+              ha="right")
     if share == 1.0:
-        axes.text(1.0 - gain + 0.03, 0.18, f"{100 * gain:.0f} % less", fontsize=10, color=INK,
+        axes.text(1.0 - gain + 0.02, top - 0.32, f"{100 * gain:.0f} % less", fontsize=8, color=INK,
                   va="center")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.cli import demo_real
-from dart_hal.cli.demo_diagnosis import HIDDEN, Chapter, hide, without_effect
+from dart_hal.cli.demo_diagnosis import MISSING, WRONG, Chapter, hide, without_effect
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url
 
@@ -18,13 +18,16 @@ def test_the_seed_decides_what_is_hidden():
     drawn = {seed: hide(url(f"sim://?seed={seed}"), seed) for seed in range(1, 40)}
     assert drawn[7] == hide(url("sim://?seed=7"), 7)
     assert drawn[7][1] != drawn[8][1]
-    assert {one.name for _, (one,) in drawn.values()} == set(HIDDEN)
-    for text, (one,) in drawn.values():
-        low, high, signed = HIDDEN[one.name]
-        assert low <= abs(one.values[0]) <= high
-        assert one.values[0] > 0.0 or signed
-        assert f"effect={one.name}:" in text
-    signs = {v.values[0] > 0.0 for _, (v,) in drawn.values() if HIDDEN[v.name][2]}
+    assert {one.name for _, (one, _) in drawn.values()} == set(MISSING)
+    assert {one.name for _, (_, one) in drawn.values()} == set(WRONG)
+    tables = MISSING | WRONG
+    for text, two in drawn.values():
+        assert f"effect={two[0].name}:" in text
+        assert f",{two[1].name}:" in text
+        for one in two:
+            low, high, signed = tables[one.name]
+            assert low <= (abs(one.values[0]) if signed else one.values[0]) <= high
+    signs = {v.values[0] > 0.0 for _, (_, v) in drawn.values() if WRONG[v.name][2]}
     assert signs == {True, False}
 
 

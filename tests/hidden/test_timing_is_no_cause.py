@@ -16,13 +16,15 @@ def whenever():
     return next(c for c in cases(["null"]) if c.seed == 62)
 
 
-def named(case):
-    return [c["effect"] for c in run(case)["causes"]]
+def seen(case):
+    """Names that the search arrived at, those that no other recording bears out included."""
+    told = run(case)
+    return [c["effect"] for c in (*told["causes"], *told["possible"])]
 
 
 @pytest.mark.more
 def test_commands_between_messages_are_no_lag(whenever):
-    assert named(whenever) == []
+    assert seen(whenever) == []
 
 
 @pytest.mark.more
@@ -30,4 +32,4 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
     for module in (space, search):
         monkeypatch.setattr(module, "widest", lambda ahead: 0.0)
     monkeypatch.setattr(search, "AGES", tuple((a, 0.0) for a, _ in search.AGES))
-    assert "steering_lag" in named(whenever)
+    assert "steering_lag" in seen(whenever)

@@ -43,9 +43,10 @@ SKIPPED = "skipped: its recordings come with the sources, and this installation 
               show_default=True, help="folder for page, recording and calibration")
 @json_option
 def command(url: str, out: Path, as_json: bool) -> None:
-    """Calibrate an emulated car, drive a figure of eight, hide a fault, diagnose it.
+    """Calibrate an emulated car, drive a figure of eight, change two things in it, find them.
 
-    The hidden fault is the effect= of the URL; without one the seed chooses it. The last
+    What is changed is the effect= of the URL; without one the seed chooses an effect that the
+    car's model has not, and a parameter that is another one now. The last
     chapter diagnoses the real car from the recordings that come with the sources.
     """
     parsed = Url.parse(url)

@@ -1,4 +1,4 @@
-"""The demo's last chapter: something is changed in the car, and the diagnosis has to name it.
+"""The demo's last chapter: two things are changed in the car, and the diagnosis has to name them.
 
 What it may use is what the owner of a car has: a drive from before, one from
 after, the paper's model and the servo's data sheet. What was changed stands in
@@ -34,12 +34,15 @@ from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 
-HIDDEN: Mapping[str, tuple[float, float, bool]] = {
+MISSING: Mapping[str, tuple[float, float, bool]] = {
     "steering_backlash": (0.05, 0.08, False), "throttle_lag": (0.08, 0.16, False),
-    "steering_trim": (0.02, 0.03, True), "steering_lag": (0.08, 0.12, False),
-    "motor_gain": (0.08, 0.12, True)}
-"""Effect: least and largest size in its own unit, and whether it has either sign. All show in
-what encoder and gyro read: a simulated car has no motion capture."""
+    "steering_lag": (0.08, 0.12, False)}
+"""Effect that the model has not: least and largest size in its own unit, and whether it has
+either sign. All show in what encoder and gyro read: a simulated car has no motion capture."""
+WRONG: Mapping[str, tuple[float, float, bool]] = {
+    "steering_trim": (0.02, 0.03, True), "motor_gain": (0.08, 0.12, True),
+    "front_grip": (-0.25, -0.15, False)}
+"""Parameter that the model has and that is another one now: as in ``MISSING``."""
 STANDING = 3.0  # s
 BEFORE, AFTER, UNSEEN = 80.0, 60.0, 60.0
 """s of driving: the car as it was; changed, to find the cause in; changed, to measure the gain."""
@@ -90,11 +93,16 @@ def hide(url: Url, seed: int) -> tuple[str, tuple[ActiveEffect, ...]]:
     given = url.options.get("effect", "")
     if not given:
         rng = np.random.default_rng([seed, 2])
-        name = list(HIDDEN)[int(rng.integers(len(HIDDEN)))]
-        low, high, signed = HIDDEN[name]
-        size = float(rng.uniform(low, high)) * (-1.0 if signed and rng.random() < 0.5 else 1.0)
-        given = f"{name}:{size:.3g}"
+        given = ",".join(_drawn(rng, table) for table in (MISSING, WRONG))
     return _text(url, {**url.options, "effect": given}), parse(given)
+
+
+def _drawn(rng: np.random.Generator, table: Mapping[str, tuple[float, float, bool]]) -> str:
+    """"steering_lag:0.1": one of the table at a size within its bounds."""
+    name = list(table)[int(rng.integers(len(table)))]
+    low, high, signed = table[name]
+    size = float(rng.uniform(low, high)) * (-1.0 if signed and rng.random() < 0.5 else 1.0)
+    return f"{name}:{size:.3g}"
 
 
 def _text(url: Url, options: Mapping[str, str]) -> str:

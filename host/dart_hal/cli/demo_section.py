@@ -23,7 +23,7 @@ LEFT = 2
 """Structures without a cause that are written out; the report has all."""
 BUILT = {"imu_yaw": "imu.mount_yaw", "imu_pitch": "imu.mount_pitch", "imu_roll": "imu.mount_roll"}
 """Effects that a car of a seed has from the start, and what the truth calls their sizes [rad]."""
-HIDDEN = "Something was changed in this car. What?"
+HIDDEN = "Two things were changed in this car. Which?"
 REAL = "The real car: what the paper's model gets wrong"
 
 
@@ -33,7 +33,7 @@ def hidden_section(told: Chapter, sensors: Mapping[str, Any]) -> Html:
     true |= {a.name: f"{values_of(a)}, put in" for a in told.hidden}
     how = (f"The car was driven for {BEFORE:.0f} s as it was. The paper's model, with the speed "
            "of the servo from its data sheet, was fitted to that drive: that is all that is known "
-           "of the healthy car. Then something was changed in it. The diagnosis had that model "
+           "of the healthy car. Then it was changed. The diagnosis had that model "
            f"and a recorded drive of {AFTER:.0f} s; how much a cause gains is measured on another "
            f"one of {UNSEEN:.0f} s. Encoder, gyro and accelerometer are all that it sees.")
     named = "Named." if told.found else "Not named: this drive did not show it well enough."
