@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
+from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
@@ -85,13 +85,14 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
                    q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
         causes=causes, considered=_considered(found, withdrawn, sure),
         possible=_possible(found, sure, q), claims=claimed,
         unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
-        seed=q.settings.seed, withdrawn=withdrawn, notes=_cautions(q, causes, gain),
+        seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
@@ -250,7 +251,7 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
             continue
         doubt = ""
         if point.x[i] - space.low[i] < 1e-6 or space.high[i] - point.x[i] < 1e-6:
-            doubt = "at the edge of what is allowed"
+            doubt = EDGE
         elif abs(point.x[i]) > q.settings.policy.prior.doubtful:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
         out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
@@ -280,24 +281,6 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
                     for r in found.rejected if r.effect not in withdrawn))
 
 
-def _worse(q: Question, gain: Mapping[str, Gained]) -> list[str]:
-    """Channels of the test recordings that are surely predicted worse; by much, where they are
-    too short for an interval."""
-    much = q.settings.policy.conclusion.worse
-    return [name for name, g in gain.items()
-            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -much)]
-
-
-def _cautions(q: Question, causes: Sequence[Cause], gain: Mapping[str, Gained]) -> tuple[str, ...]:
-    """What must be said of a model that was estimated anew and is no better for it."""
-    worse = _worse(q, gain)
-    if not worse or causes or not q.refit:
-        return ()
-    return (f"estimated anew, the model predicts the test recordings worse than it did "
-            f"({', '.join(worse)}): what these training recordings drive does not tell its "
-            "parameters; drive more of what the test recordings do, or ask with --no-refit",)
-
-
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
     if causes:  # one that surely makes predictions worse does not explain
@@ -312,6 +295,7 @@ def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Se
         p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
                           q.settings.seed, q.settings.policy.naming.draws)
         better = not gain or any(g.low > 0.0 for g in gain.values())
-        if p < q.settings.false_alarm and better and not _worse(q, gain):
+        if (p < q.settings.false_alarm and better
+                and not worse_at(gain, q.settings.policy.conclusion)):
             return "parameters_only"
     return "nothing_wrong"

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from dart_hal.errors import RecordingError, UsageError
 from dart_hal.recording.dart import Recording
+from dart_hal.report.numbers import some
 from dart_hal.vehicle.effects import catalogue, effect
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -82,7 +83,7 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
 def fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:
     """What must be said of a model that has seen the test recordings before."""
     known = [r.name for r in test if r.sha256 in fitted_to]
-    return [f"the model was fitted to {len(known)} of the test recordings ({_some(known)}): its "
+    return [f"the model was fitted to {len(known)} of the test recordings ({some(known)}): its "
             "errors there are not those of a prediction"] if known else []
 
 
@@ -96,7 +97,7 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
     raise UsageError(
         "the test recordings are the training recordings" if same else
         f"{len(both)} recording(s) to train on are test recordings as well",
-        found=_some(both), expected="recordings that the fit has not seen",
+        found=some(both), expected="recordings that the fit has not seen",
         likely="one folder named twice, or a copy of a file under another name",
         remedy="leave them out on one side, or leave out --test: then the end of each training "
                "recording is held out")
@@ -107,7 +108,7 @@ def _once(side: Sequence[Recording], notes: list[str]) -> list[Recording]:
     kept = {r.sha256: r for r in reversed(side)}
     copies = [r.name for r in side if kept[r.sha256] is not r]
     if copies:
-        notes.append(f"{_some(copies)}: a copy of another recording, left out")
+        notes.append(f"{some(copies)}: a copy of another recording, left out")
     return [r for r in side if kept[r.sha256] is r]
 
 
@@ -117,10 +118,10 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
     if seen[0] and (seen[1] or not sides[1]):
         left = [r.name for side in sides for r in side if r.mocap is None]
         if left:
-            notes.append(f"{_some(left)}: no motion capture, left out beside those that have it")
+            notes.append(f"{some(left)}: no motion capture, left out beside those that have it")
         dead = [r.name for side in seen for r in side if r.encoder == "dead"]
         if dead:
-            notes.append(f"{_some(dead)}: the encoder is dead, so the encoder is not judged there")
+            notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there")
         if not any(has_sensors(r) for r in seen[0]):
             notes.append("no on-board sensors in the training recordings: encoder, gyro and "
                          "accelerometer cannot be judged")
@@ -130,10 +131,10 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
     if not onboard[0] or (sides[1] and not onboard[1]):
         raise RecordingError(
             "neither motion capture nor a working encoder: nothing tells how the car moved",
-            found=_some(lost), expected="motion capture, or an encoder that counts",
-            read=_some(lost), remedy="dart-hal doctor finds a dead encoder; then record again")
+            found=some(lost), expected="motion capture, or an encoder that counts",
+            read=some(lost), remedy="dart-hal doctor finds a dead encoder; then record again")
     if lost:
-        notes.append(f"{_some(lost)}: no motion capture and no working encoder, left out")
+        notes.append(f"{some(lost)}: no motion capture and no working encoder, left out")
     where = "" if not seen[0] and not seen[1] else " on both sides"
     notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NEVER_SEEN}")
     return onboard
@@ -149,7 +150,7 @@ def _that_drive(side: list[Recording], notes: list[str]) -> list[Recording]:
             remedy="dart-hal experiment drives and records")
     kept = [r for r in side if r not in still or r.mocap is None]
     if len(kept) < len(side):
-        notes.append(f"{_some([r.name for r in still])}: the car stands still, left out")
+        notes.append(f"{some([r.name for r in still])}: the car stands still, left out")
     return kept
 
 
@@ -159,11 +160,6 @@ def _long_enough(side: Sequence[Recording], least: float, which: str) -> None:
         raise RecordingError(
             f"too little driving to {which}" + (" on" if which == "train" else ""),
             found=f"{seconds:.1f} s above 0.3 m/s in {len(side)} recording(s)",
-            expected=f"at least {least:g} s, better a minute", read=_some([r.name for r in side]),
+            expected=f"at least {least:g} s, better a minute", read=some([r.name for r in side]),
             likely="cut-off recordings, or the car hardly moved",
             remedy="give more recordings; dart-hal data check says how long each one drives")
-
-
-def _some(names: Sequence[str], most: int = 3) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more

@@ -156,6 +156,15 @@ class GradePolicy:
 
 
 @dataclass(frozen=True, slots=True)
+class AlikePolicy:
+    """When recordings are of two cars or floors."""
+
+    errors: float = 6.0  # standard errors between the two groups
+    least: float = 1.0  # medium sizes of an effect between them: less is a day's difference
+    within: float = 4.0  # times as far apart as any recording is from its own group
+
+
+@dataclass(frozen=True, slots=True)
 class ClaimPolicy:
     """Which parameters of the model are said to be wrong."""
 
@@ -237,6 +246,7 @@ class Policy:
     naming: NamingPolicy = field(default_factory=NamingPolicy)
     confounders: ConfounderPolicy = field(default_factory=ConfounderPolicy)
     grade: GradePolicy = field(default_factory=GradePolicy)
+    alike: AlikePolicy = field(default_factory=AlikePolicy)
     claims: ClaimPolicy = field(default_factory=ClaimPolicy)
     unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
     conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)

@@ -42,3 +42,9 @@ def p_value(p: float | None) -> str:
 def listed(names: Sequence[str], word: str) -> str:
     """"a", "a or b", "a, b or c"."""
     return f" {word} ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def some(names: Sequence[str], most: int = 3) -> str:
+    """The first of them, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

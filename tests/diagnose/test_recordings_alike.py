@@ -1,0 +1,130 @@
+"""Recordings of two floors or cars, and test recordings of another floor, are recognised."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import hidden_drive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.cautions import EDGE, cautions
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.space import LATE_REACH, MAX_COMMAND_AGE, Space, Timing
+from dart_hal.diagnose.gains import side_of
+from dart_hal.diagnose.grade.alike import PROBES, Wanted, apart
+from dart_hal.diagnose.policy import USUAL, AlikePolicy
+from dart_hal.diagnose.result import Moved
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.search.fit import at
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.load import find_model
+
+SLIPPERY = apply(PAPER, "grip", k=-0.25)
+WEAK = apply(PAPER, "motor_gain", k=-0.12)
+SLACK = apply(PAPER, "steering_backlash", k=0.06)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """drive(car, seed): half a minute of it, made once."""
+    folder, made = tmp_path_factory.mktemp("alike"), {}
+
+    def of(name, car, seed):
+        if (name, seed) not in made:
+            plan = hidden_drive.Plan(seconds=30.0)
+            made[name, seed] = read(hidden_drive.write(folder / f"{name}_{seed}.csv", car,
+                                                       seed=seed, plan=plan))
+        return made[name, seed]
+
+    return of
+
+
+def side(recordings):
+    return side_of(evidence_of(recordings, PAPER.body.l_r)[0], recordings, PAPER.body.l_r, None)
+
+
+def said(train, test, p=PAPER, policy=USUAL):
+    """What is said beside a fit that ends at the paper's car."""
+    sides = side(train), side(test)
+    seen, space = sides[0].evidence, Space(p, ())
+    noise = measure(seen.residuals(p, Timing()), seen.blocks(2.0))
+    last = at(seen, noise, space, space.point(Timing()))
+    return " ".join(cautions(last, sides, {}, {}, (), policy))
+
+
+def names(recordings):
+    return " ".join(r.name for r in recordings)
+
+
+def test_one_car_on_one_floor_is_not_two(drive):
+    same = [drive("same", PAPER, i) for i in range(4)]
+    assert said(same[:3], same[3:]) == ""
+
+
+def test_what_the_model_lacks_is_no_other_floor(drive):
+    same = [drive("slack", SLACK, i) for i in range(4)]
+    assert said(same[:3], same[3:]) == ""
+
+
+@pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
+def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
+    ours = [drive("same", PAPER, i) for i in range(2)]
+    theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]
+    told = said([ours[0], theirs[0], ours[1], theirs[1]], theirs[2:])
+    assert what in told
+    assert "two floors or cars" in told
+    assert f"--train {names(theirs[:2])}" in told
+    assert f"--train {names(ours)}" in told
+
+
+def test_a_test_set_of_another_floor_is_said_to_be_one(drive):
+    told = said([drive("same", PAPER, i) for i in range(3)], [drive("grip", SLIPPERY, 0)])
+    assert "the test recordings look like another floor or car" in told
+    assert "grip is -0.2" in told
+
+
+def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
+    """Control: what the model lacks makes every drive want a little else."""
+    same = [drive("slack", SLACK, i) for i in range(4)]
+    blind = replace(USUAL, alike=AlikePolicy(errors=0.0, least=0.0, within=0.0))
+    assert "floor" in said(same[:3], same[3:], policy=blind)
+
+
+@given(st.integers(0, 2**32), st.integers(2, 12))
+@settings(max_examples=50, deadline=None)
+def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
+    rng = np.random.default_rng(seed)
+    error = rng.uniform(0.003, 0.03, (n, len(PROBES)))
+    of = Wanted(tuple(map(str, range(n))), error * rng.standard_normal(error.shape), error)
+    assert apart(of, USUAL.alike) is None
+
+
+def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
+    one = [drive("same", PAPER, 0)]
+    sides = side(one), side([drive("same", PAPER, 1)])
+    seen, space = sides[0].evidence, Space(PAPER, ())
+    noise = measure(seen.residuals(PAPER, Timing()), seen.blocks(2.0))
+    x = space.point(Timing())
+    x[1] = MAX_COMMAND_AGE / LATE_REACH  # of commands, the oldest there is
+    moved = {"tyres.front_B": Moved(11.9, 13.8, 0.5, "1/rad", EDGE),
+             "delay.throttle_lag_s": Moved(0.0, 0.0, 0.01, "s", EDGE),
+             "motor.d": Moved(28.0, 27.0, 0.1, "N")}
+    edges = [n for n in cautions(at(seen, noise, space, x), sides, moved, {}, (), USUAL)
+             if EDGE in n]
+    assert len(edges) == 2
+    assert edges[0].startswith("tyres.front_B ended")
+    assert "100 ms before its commands" in edges[1]
+
+
+@pytest.mark.more
+def test_a_whole_diagnosis_says_so(drive):
+    file, p = find_model("paper")
+    train = [drive("same", PAPER, 0), drive("grip", SLIPPERY, 0), drive("same", PAPER, 1)]
+    found = diagnose(file, p, train, [drive("grip", SLIPPERY, 1)])
+    assert any("two floors or cars" in note for note in found.notes)
