@@ -113,7 +113,6 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     x = space.point(Timing())
     x[1] = MAX_COMMAND_AGE / LATE_REACH  # of commands, the oldest there is
     moved = {"tyres.front_B": Moved(11.9, 13.8, 0.5, "1/rad", EDGE),
-             "delay.throttle_lag_s": Moved(0.0, 0.0, 0.01, "s", EDGE),
              "motor.d": Moved(28.0, 27.0, 0.1, "N")}
     edges = [n for n in cautions(at(seen, noise, space, x), sides, moved, {}, (), USUAL)
              if EDGE in n]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,19 +102,26 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
         from dart_hal.diagnose.write import write_model
 
         d = replace(d, written=str(write_model(d, out, file, inputs.train, typed)))
-    suggestions = _suggested(d, file, seed) if suggest else []
+    suggestions, drives = _suggested(d, file, seed) if suggest else ((), ())
     answer = {**d.to_json(), "report": html,
-              **({"suggestions": [s.to_json() for s in suggestions]} if suggest else {})}
+              **({"suggestions": [s.to_json() for s in suggestions],
+                  "parameter_drives": [s.to_json() for s in drives]} if suggest else {})}
     if html is not None:
         from dart_hal.diagnose.report import write_page
 
         write_page(d, html, command=typed, answer=answer,
-                   suggestions=suggestions if suggest else None)
+                   suggestions=suggestions if suggest else None, drives=drives)
     notices(d.notes)
     if as_json:
         print_json(answer)
         return
-    _show(d, suggestions, suggest)
+    from dart_hal.cli.diagnose_table import show
+
+    show(d)
+    if suggest:
+        from dart_hal.cli.diagnose_suggest import show_suggestions
+
+        show_suggestions(suggestions, drives)
     _next(d, html, test)
 
 
@@ -159,25 +167,18 @@ def _unknowable(d: Diagnosis) -> tuple[str, ...]:
             if isinstance(d.evidence, OnboardEvidence) else ())
 
 
-def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> Sequence[Any]:
-    """Loaded only when asked for: it simulates drives."""
-    from dart_hal.diagnose.suggest import suggest
+def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any], Sequence[Any]]:
+    """What to drive for causes, and for parameters; loaded only when asked for: it simulates."""
+    from dart_hal.diagnose.suggest import sharpen, suggest
 
     with progress_bar() as bar:
-        task = bar.add_task("simulating drives", total=1.0)
-        return suggest(d, seed=seed, model=file,
-                       progress=lambda share, text: bar.update(task, completed=share,
-                                                               description=text))
+        task = bar.add_task("simulating drives", total=2.0)
 
+        def tell(share: float, text: str, done: float = 0.0) -> None:
+            bar.update(task, completed=done + share, description=text)
 
-def _show(d: Diagnosis, suggestions: Sequence[Any], suggest: bool) -> None:
-    from dart_hal.cli.diagnose_table import show
-
-    show(d)
-    if suggest:
-        from dart_hal.cli.diagnose_suggest import show_suggestions
-
-        show_suggestions(suggestions)
+        return (suggest(d, seed=seed, model=file, progress=tell),
+                sharpen(d, model=file, progress=partial(tell, done=1.0)))
 
 
 def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:

@@ -9,13 +9,20 @@ from rich import box
 from rich.table import Table
 
 from dart_hal.cli.output import results
+from dart_hal.diagnose.report.next_drive import NOTHING
 from dart_hal.diagnose.suggest.result import Suggestion
+from dart_hal.diagnose.suggest.sharpen import Sharper
 
 
-def show_suggestions(suggestions: Sequence[Suggestion]) -> None:
-    """What to drive next, what it would separate, and what to type."""
-    if not suggestions:
-        _say("nothing to suggest: no cause is left that another one could stand for")
+def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Sharper]) -> None:
+    """What to drive next, what it would separate or measure, and what to type."""
+    if not suggestions and not drives:
+        _say(NOTHING)
+    for one in drives:
+        _say(f"suggested: {one.sentence()}", style="bold")
+        for command in one.commands:
+            _say(f"  {command}")
+        _say(f"  by hand: {one.by_hand}", style="dim")
     for s in suggestions:
         _say(f"suggested: {s.sentence()}", style="bold")
         if not s.drive:

@@ -69,9 +69,7 @@ def _split(found: Apart, train: Collection[str], test: Collection[str]) -> bool:
 def _edges(moved: Mapping[str, Moved], last: Point) -> list[str]:
     """What ended where the fit may go no further."""
     out = []
-    # no time is below 0, and none is 0 in many a car
-    names = [name for name, m in moved.items()
-             if m.doubt == EDGE and not (name.startswith("delay.") and m.after < CLOSE)]
+    names = [name for name, m in moved.items() if m.doubt == EDGE]
     if names:
         out.append(f"{some(names)} ended {EDGE}: these recordings do not tell it, or ask for what "
                    "no such car has; look for a wrong unit, another car's model, or a cause that "

@@ -250,7 +250,9 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
         if name not in q.settings.free:
             continue
         doubt = ""
-        if point.x[i] - space.low[i] < 1e-6 or space.high[i] - point.x[i] < 1e-6:
+        # no time is below 0, and in many a car it is 0
+        if ((point.x[i] - space.low[i] < 1e-6 and value(logged, name) > 0.0)
+                or space.high[i] - point.x[i] < 1e-6):
             doubt = EDGE
         elif abs(point.x[i]) > q.settings.policy.prior.doubtful:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"

@@ -229,6 +229,7 @@ class SuggestPolicy:
     repeats: int = 200  # 0.95 is known to 0.015
     confounders: int = 4  # of one cause that are looked at, the nearest ones
     explains: float = 0.25  # of what the cause explains: one that explains less is no confounder
+    narrower: float = 0.5  # of a claimed quantity's standard error: worth a drive of its own
     run: int = 4  # rows in a row that noise is drawn in: windows of 2 s
     gyro_noise: float = 0.004  # rad/s of a standing car, where the data at hand never stand
 

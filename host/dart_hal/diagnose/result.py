@@ -149,7 +149,7 @@ class Claim:
 
     cost: RMSE of the test recordings with this group at its old value over that with
     all refitted, and its 90 % interval (NaN where they are too short). share: of all
-    that refitted parameters take away, 0 to 1.
+    that refitted parameters take away; all claims together 1, one alone may be below 0 by chance.
     """
 
     group: str

@@ -139,3 +139,9 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
              "cornering stiffness, front over rear": (
                  "-", lambda p: _stiffness(0)(p) / _stiffness(1)(p))})}))
 """What two groups that cannot be told from each other are together: name, title, quantities."""
+
+
+def quantities_of(group: str) -> Mapping[str, tuple[str, Quantity]]:
+    """Of a group, or of two that stand for each other, by its name."""
+    merged = {name: quantities for name, _, quantities in MERGED.values()}
+    return merged[group] if group in merged else GROUPS[group].quantities

@@ -5,16 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dart_hal.diagnose.suggest.result import ENOUGH, Suggestion
+from dart_hal.diagnose.suggest.sharpen import Sharper
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import percent, significant
 from dart_hal.report.page import card, items
 
+NOTHING = ("nothing to suggest: no cause is left that another one could stand for, and no "
+           "parameter is claimed")
 
-def next_drives(suggestions: Sequence[Suggestion]) -> Html:
-    """One paragraph for each cause that has confounders, with the commands and the separations."""
-    if not suggestions:
-        return el("p", "Nothing to suggest: no cause is left that another one could stand for.")
-    return join([_one(s) for s in suggestions])
+
+def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[Sharper] = ()) -> Html:
+    """One paragraph for each cause that has confounders, with the commands and the separations,
+    and one for each claimed parameter."""
+    if not suggestions and not drives:
+        return el("p", f"{NOTHING[0].upper()}{NOTHING[1:]}.")
+    return join([*map(_one, suggestions), *map(_sharper, drives)])
+
+
+def _sharper(s: Sharper) -> Html:
+    parts = [el("h3", s.title),
+             card(el("p", f"{s.sentence()}.", class_="big"), good=s.enough, kind="cause")]
+    if s.drive:
+        parts.append(el("p", f"{s.description}; needs {s.needs}."))
+        parts.append(items((el("code", command) for command in s.commands), "ol"))
+    return join([*parts, el("p", f"By hand: {s.by_hand}")])
 
 
 def _one(s: Suggestion) -> Html:

@@ -12,6 +12,7 @@ import numpy as np
 from dart_hal import __version__
 from dart_hal.diagnose.result import Cause, Claim, Diagnosis
 from dart_hal.diagnose.suggest.result import Suggestion
+from dart_hal.diagnose.suggest.sharpen import Sharper
 from dart_hal.report import page as builder
 from dart_hal.report.html import Html, el, join
 from dart_hal.report.numbers import listed
@@ -31,17 +32,20 @@ from .words import claim, overall, sentence, structure, verdict
 
 def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
                answer: Mapping[str, Any] | None = None,
-               suggestions: Sequence[Suggestion] | None = None) -> Path:
+               suggestions: Sequence[Suggestion] | None = None,
+               drives: Sequence[Sharper] = ()) -> Path:
     """Write the page; folders are made. command: as typed; answer: JSON to embed.
 
     answer None embeds ``d.to_json()``; suggestions: of ``suggest``, None where
-    nobody asked. Errors: OSError.
+    nobody asked; drives: of ``sharpen``. Errors: OSError.
     """
-    return builder.write(path, page(d, command=command, answer=answer, suggestions=suggestions))
+    return builder.write(path, page(d, command=command, answer=answer, suggestions=suggestions,
+                                    drives=drives))
 
 
 def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = None,
-         suggestions: Sequence[Suggestion] | None = None) -> str:
+         suggestions: Sequence[Suggestion] | None = None,
+         drives: Sequence[Sharper] = ()) -> str:
     """The text of the page."""
     rows = Rows(d.evidence, d.extended)
     found = join(cause_section(d, i, rows) for i in range(len(d.causes)))
@@ -66,8 +70,8 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
     if suggestions is not None:
         after = list(sections).index("errors")
         parts = list(sections.items())
-        sections = dict([*parts[:after], ("next", ("What to drive next", next_drives(suggestions))),
-                         *parts[after:]])
+        next_ = ("next", ("What to drive next", next_drives(suggestions, drives)))
+        sections = dict([*parts[:after], next_, *parts[after:]])
     return builder.page(f"diagnosis of {d.model}",
                         f"What the model {d.model} gets wrong, and why", _result(d), sections)
 

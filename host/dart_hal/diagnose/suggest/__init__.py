@@ -2,5 +2,6 @@
 
 from .choose import suggest
 from .result import Pair, Prediction, Suggestion, Tried
+from .sharpen import Sharper, sharpen
 
-__all__ = ["Pair", "Prediction", "Suggestion", "Tried", "suggest"]
+__all__ = ["Pair", "Prediction", "Sharper", "Suggestion", "Tried", "sharpen", "suggest"]

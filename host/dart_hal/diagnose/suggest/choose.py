@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 
 from dart_hal.config import ModelFile
@@ -11,14 +11,11 @@ from dart_hal.vehicle.effects import catalogue
 
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
-from .library import CHOICES, Rehearsed, rehearsed
+from .library import CHOICES, FLOOR, Progress, Rehearsed, rehearsed
 from .predict import predict
 from .question import Question, ask
 from .race import Race
 from .result import Pair, Suggestion, Tried
-
-FLOOR = Floor(10.0, 10.0)
-Progress = Callable[[float, str], None]
 
 
 def suggest(diagnosis: Diagnosis, *, floor: Floor = FLOOR, seed: int = 0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -15,6 +15,8 @@ from dart_hal.types import SAMPLE, FloatArray
 
 from .virtual import Commands
 
+FLOOR = Floor(10.0, 10.0)
+Progress = Callable[[float, str], None]
 REST = 0.5  # s of standing before and after
 TURNED = 0.5 * np.pi  # rad
 

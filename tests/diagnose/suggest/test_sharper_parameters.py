@@ -1,0 +1,68 @@
+"""The drive suggested for a claimed parameter measures it better, by about what it promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from hidden_drive import Plan, write
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.suggest import sharpen
+from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
+from dart_hal.experiment.floor import Floor
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.load import find_model
+
+WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
+                tyres=replace(PAPER.tyres, rear_cornering_stiffness=0.7
+                              * PAPER.tyres.rear_cornering_stiffness))
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """Of a car with another motor and other rear tyres: the diagnosis, and how to go on."""
+    folder = tmp_path_factory.mktemp("sharper")
+    file, p = find_model("paper")
+    at_hand = [read(write(folder / f"car_1_{i}.csv", WRONG, seed=i, plan=Plan(seconds=30.0)))
+               for i in range(2)]
+
+    @cache
+    def with_drives(*names):
+        drives = [d for d in rehearsed(Floor(10.0, 10.0)) if d.choice.name in names]
+        new = [read(write(folder / f"car_1_{d.choice.name}.csv", WRONG, seed=70,
+                          plan=Plan(series=(d.commands[0].throttle, d.commands[0].steering))))
+               for d in drives]
+        return diagnose(file, p, [at_hand[0], *new], at_hand[1:], max_causes=0)
+
+    return with_drives
+
+
+@pytest.mark.more
+def test_a_drive_measures_what_it_was_suggested_for(told):
+    before = {c.group: c for c in told().claims}
+    assert set(before) == {"motor", "rear tyre"}
+    suggested = {s.group: s for s in sharpen(told())}
+    assert suggested["motor"].enough
+    after = {c.group: c for c in told(suggested["motor"].drive).claims}
+    for name, promised in suggested["motor"].after.items():
+        was, found = before["motor"].quantities[name], after["motor"].quantities[name]
+        assert promised < 0.5 * was.std
+        assert found.std < 0.7 * was.std
+        assert found.std < 2.5 * promised
+
+
+@pytest.mark.more
+def test_a_floor_too_small_for_any_drive_is_said(told):
+    for one in sharpen(told(), floor=Floor(1.0, 1.0)):
+        if not one.drive:
+            assert "no drive fits" in one.sentence()
+            assert one.by_hand
+        assert one.to_json()["drive"] in {None, *(c.name for c in CHOICES)}
+
+
+@pytest.mark.more
+def test_without_a_claim_there_is_nothing_to_sharpen(told):
+    assert sharpen(replace(told(), claims=())) == ()
