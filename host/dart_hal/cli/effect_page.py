@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
-import sys
 import textwrap
 
 from dart_hal.vehicle.effect import STAGES, Effect, Parameter
-from dart_hal.vehicle.effects import catalogue, place
+from dart_hal.vehicle.effects import catalogue, equation, place
 
 HEAD = """# Effects
 
@@ -71,12 +69,6 @@ def section(of: Effect) -> str:
 Looks like {alike}.
 {apart}
 """
-
-
-def equation(of: Effect) -> str:
-    """The docstring of its file behind the title."""
-    module = sys.modules[f"dart_hal.vehicle.effects.{of.name}"]
-    return "\n".join((inspect.getdoc(module) or "").splitlines()[2:])
 
 
 def _row(q: Parameter) -> str:

@@ -76,6 +76,11 @@ def figures(drawn: Sequence[Html]) -> Html:
     return el("div", *drawn, class_="figures") if drawn else Html()
 
 
+def fold(title: str, *content: str) -> Html:
+    """What is opened by whom it concerns; open on paper."""
+    return el("details", el("summary", title), *content)
+
+
 def download(answer: Mapping[str, Any], name: str) -> Html:
     """A button that saves all numbers of the page as JSON."""
     numbers = json.dumps(plain(answer), indent=1, allow_nan=False).encode()

@@ -20,7 +20,7 @@ a { color: var(--after) } p, li { max-width: 46rem } .soft { color: var(--soft);
 .good { border-color: var(--good) } .bad { border-color: var(--before) }
 .notice { border-left: 3px solid var(--warn); padding-left: .7rem }
 nav { font-size: .92rem } nav a { margin-right: 1rem; white-space: nowrap }
-.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(19rem, 100%), 1fr));
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(17rem, 100%), 1fr));
   gap: 1rem 1.4rem }
 figure { margin: .4rem 0; break-inside: avoid }
 figcaption { font-size: .9rem; margin-bottom: .2rem }
@@ -37,6 +37,9 @@ svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height:
 .line.before, .line.after { fill: none } .bar { stroke: none } .other.bar { fill: var(--other) }
 .legend { font-size: .88rem; margin: .2rem 0 .6rem } .key .other { fill: var(--other) }
 .legend span { margin-right: 1.2rem; white-space: nowrap }
+details { margin: .6rem 0 } summary { cursor: pointer; color: var(--after) }
+pre { background: var(--box); padding: .5rem .8rem; border-radius: 4px; white-space: pre-wrap;
+  font-size: .88rem }
 .wide { overflow-x: auto; margin: .8rem 0 } table { border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums }
 caption { text-align: left; color: var(--soft); padding-bottom: .3rem }
@@ -53,5 +56,6 @@ dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }
   html { font-size: 10.5px } body { font-size: 1rem; max-width: none; padding: 0 }
   nav, .button { display: none }
   * { print-color-adjust: exact } .wide { overflow: visible } h2, h3 { break-after: avoid }
-  .cause, tr { break-inside: avoid } }
+  .cause, tr { break-inside: avoid } summary { list-style: none }
+  details::details-content { content-visibility: visible; height: auto; display: block } }
 """

@@ -12,7 +12,7 @@ from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import listed, p_value, percent, significant
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import catalogue, equation
 
 from .along import SIDES, WHISKER, Along, Column, Means, Rows, along, columns, most, stages_of
 from .claimed import KEY as CLAIM_KEY
@@ -21,28 +21,33 @@ from .words import channel, claim, interval, quantity, sentence, structure, vari
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
+AT_ONCE = 2
+"""Pictures outside of the fold, beside that of the size: a screen has no room for more."""
 MARK_OFFSET = 0.08
 """Half the distance of two marks of one side of the turn, whose sides are 1 apart."""
 KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])
 
 
 def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
-    """Sentence, figures, physics and pictures of the cause number i."""
+    """One screen of the cause number i: sentence, pictures, what would decide; more in a fold."""
     cause = d.causes[i]
     known = catalogue().get(cause.effect)
     like = listed(cause.cannot_be_told_from, "and") or "nothing in the catalogue"
     drawn = list(cause_pictures(d, i, rows))
+    physics = Html() if known is None else join([
+        el("p", known.physics), el("pre", equation(known))])
     return el(
         "section", el("h3", f"{i + 1}. {cause.effect}"),
         page.card(el("p", sentence(cause), class_="big"), good=cause.gain.low > 0.0, kind="cause"),
-        el("p", known.physics) if known is not None else Html(),
-        _figures(cause), el("p", f"Enters at: {cause.enters}. Cannot be told from, with these "
-                                 f"data: {like}."),
-        _decides(cause), _constant(cause),
-        page.items(cause.evidence),
-        join([page.figures(drawn), KEY]) if drawn else page.soft(
+        el("p", f"Cannot be told from, with these data: {like}."), _decides(cause),
+        page.figures([*drawn[:AT_ONCE], *_constant(cause)]),
+        KEY if drawn else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
-            "became smaller."), id=f"cause-{i + 1}")
+            "became smaller."),
+        page.fold("Physics, equation, numbers and evidence", physics,
+                  el("p", f"Enters at: {cause.enters}."), _figures(cause),
+                  page.items(cause.evidence),
+                  _sizes(cause), page.figures(drawn[AT_ONCE:])), id=f"cause-{i + 1}")
 
 
 def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
@@ -95,24 +100,27 @@ def possible_section(d: Diagnosis) -> Html:
                                f"the car {p.title}", p.why) for p in d.possible], 1)])
 
 
-def _constant(cause: Cause) -> Html:
-    """Size by recording, and along what it changes most."""
-    parts: list[Html] = []
-    if len(cause.sizes) > 1:
-        parts.append(table(("recording", "size there, of the fitted one"), [
-            (name, f"{a:.2f} +- {s:.2f}") for name, (a, s) in cause.sizes.items()], 1))
+def _constant(cause: Cause) -> list[Html]:
+    """Along what its size changes most, drawn; nothing of one that does nothing."""
     found = cause.constancy
     if not found.curve:
-        return join(parts)
+        return []
     name, unit = variable(found.along), UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
     says = ("constant, it varies most with" if found.constant else "its size changes with")
-    parts.append(page.figure(
+    return [page.figure(
         f"{cause.effect}: {says} {name} ({p_value(found.p_value)})",
         charts.lines(f"{cause.effect}: size along {name}",
                      name if unit == "-" else f"{name} [{unit}]", "size, of the fitted one",
-                     [charts.Series(x, y, WHISKER * error, "after")])))
-    return join(parts)
+                     [charts.Series(x, y, WHISKER * error, "after")]))]
+
+
+def _sizes(cause: Cause) -> Html:
+    """Its size in each recording, where there are several."""
+    if len(cause.sizes) < 2:
+        return Html()
+    return table(("recording", "size there, of the fitted one"), [
+        (name, f"{a:.2f} +- {s:.2f}") for name, (a, s) in cause.sizes.items()], 1)
 
 
 def _decides(cause: Cause) -> Html:

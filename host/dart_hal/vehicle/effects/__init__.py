@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
 import pkgutil
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -28,6 +30,12 @@ def catalogue() -> Mapping[str, Effect]:
     found = [importlib.import_module(f"{__name__}.{module.name}").EFFECT
              for module in pkgutil.iter_modules(__path__)]
     return MappingProxyType({e.name: e for e in sorted(found, key=lambda e: e.name)})
+
+
+def equation(of: Effect) -> str:
+    """As the docstring of its file has it, behind the title."""
+    module = sys.modules[f"{__name__}.{of.name}"]
+    return "\n".join((inspect.getdoc(module) or "").splitlines()[2:])
 
 
 def effect(name: str) -> Effect:
