@@ -111,7 +111,9 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
 def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
     """Structure that neither causes explain nor how the sensors are mounted."""
-    point = q.search.beside(point, noise, q.train.evidence.mounting)
+    beside = q.search.beside(point, noise, q.train.evidence.mounting)
+    if beside is not point:
+        point, noise = beside, beside.noise
     evidence, timing = q.train.evidence, point.timing
     r = evidence.residuals(point.vehicle, timing)
     return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm,

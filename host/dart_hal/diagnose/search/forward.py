@@ -134,7 +134,10 @@ class Search:
         return refit(self._evidence, noise, space, near.x, near)
 
     def beside(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
-        """A point with effects that may be there and are no causes."""
+        """A point with effects that may be there and are no causes.
+
+        Fitted twice: what an IMU shows askew is noise to the first, and holds it short.
+        """
         has, vehicle = {a.name for a in point.vehicle.effects}, point.vehicle
         for name in [n for n in names if n not in has]:
             vehicle = apply(vehicle, name)
@@ -142,7 +145,9 @@ class Search:
             return point
         space = self._space(vehicle)
         x = space.carried(space.start(vehicle, point.timing), point.space, point.x)
-        return refit_near(self._evidence, noise, space, x, point)
+        first = refit_near(self._evidence, noise, space, x, point)
+        noise = self._measured(first.vehicle, first.timing)
+        return refit_near(self._evidence, noise, space, first.x, first)
 
     def _jointly(self, near: Point, point: Point, noise: Noise) -> tuple[Point, ...]:
         """The fit from where the search has ended, if it is better than the last of the steps.
