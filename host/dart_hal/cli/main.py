@@ -26,6 +26,7 @@ VERBS = {
     "drive": "drive by keyboard, gamepad or a script",
     "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
     "standby": "service on the car: neutral throttle whenever no program drives",
+    "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
     "top": "live view of a car in the terminal",

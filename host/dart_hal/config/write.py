@@ -71,8 +71,8 @@ def keep(path: Path) -> Path:
     """Copy a file to the next free number in history/ beside it."""
     folder = path.parent / "history"
     folder.mkdir(exist_ok=True)
-    number = 1 + max((_number(p) for p in folder.glob(f"{path.stem}-*{path.suffix}")), default=0)
-    return Path(shutil.copy2(path, folder / f"{path.stem}-{number:04d}{path.suffix}"))
+    free = 1 + max((number(p) for p in folder.glob(f"{path.stem}-*{path.suffix}")), default=0)
+    return Path(shutil.copy2(path, folder / f"{path.stem}-{free:04d}{path.suffix}"))
 
 
 def replace(path: Path, text: str) -> None:
@@ -85,7 +85,8 @@ def replace(path: Path, text: str) -> None:
     os.replace(beside, path)
 
 
-def _number(path: Path) -> int:
+def number(path: Path) -> int:
+    """Of a version in history/; 0 for what is none."""
     tail = path.stem.rpartition("-")[2]
     return int(tail) if tail.isdigit() else 0
 

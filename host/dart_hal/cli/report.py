@@ -1,0 +1,84 @@
+"""``dart-hal report``: one page for a car: its calibrations, its last runs, what changed."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+import click
+
+from dart_hal.car.digest import Digest, digest
+from dart_hal.cli.options import DEFAULT_CAR, NamedFile, cars_option, json_option
+from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.cli.report_page import About, write_page
+from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.config.history import calibration_changes, model_changes
+from dart_hal.errors import ConfigError, DartHalError
+
+RUNS = Path("runs")
+MOST = 10
+"""Runs on the page, the newest."""
+
+
+@click.command("report")
+@click.option("--car", "car_name", default=DEFAULT_CAR, envvar="DART_HAL_CAR", show_default=True,
+              help="name of the car (also: $DART_HAL_CAR)")
+@cars_option
+@click.option("--out", type=NamedFile(".html"), default=Path("report.html"), show_default=True,
+              help="the page")
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path, exists=True), metavar="[RUNS]..")
+@json_option
+def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
+            as_json: bool) -> None:
+    """One page for a car: calibrations with intervals and age, last runs, what changed.
+
+    RUNS are recordings (MCAP) or folders of them; without any, ./runs is read where it is there.
+    The ten newest are shown. Nothing is driven and no port is opened.
+    """
+    found, skipped = _digests(runs or ((RUNS,) if RUNS.is_dir() else ()))
+    files = _files(car_name, [cars] if cars else None, found)
+    calibration, model = files.calibration, files.model
+    about = About(
+        files, found,
+        tuple(calibration_changes(calibration, files.folder)) if calibration else (),
+        tuple(model_changes(model, files.folder / "model.toml")) if model else (),
+        datetime.now(timezone.utc))
+    answer = about.to_json(out)
+    write_page(about, out, answer)
+    notices(skipped)
+    if as_json:
+        print_json(answer)
+        return
+    for line in about.to_do():
+        console.print(line, markup=False, highlight=False)
+    console.print(f"report: {out}", markup=False, highlight=False)
+
+
+def _files(name: str, folders: list[Path] | None, runs: tuple[Digest, ...]) -> CarFiles:
+    """Of the car; a simulated one has its car.toml in its runs alone. Raises ConfigError."""
+    try:
+        return load_car(name, folders)
+    except ConfigError:
+        for run in runs:
+            if run.car == name and "car.toml" in run.files:
+                return parse_car(run.files["car.toml"], run.path, folders)
+        raise
+
+
+def _digests(given: tuple[Path, ...]) -> tuple[tuple[Digest, ...], tuple[str, ...]]:
+    """The newest runs, the newest first, and what could not be read."""
+    paths = {p for path in given for p in (path.rglob("*.mcap") if path.is_dir() else [path])}
+    newest = sorted((p for p in paths if p.is_file()), key=lambda p: p.stat().st_mtime,
+                    reverse=True)[:MOST]
+    out, skipped = [], []
+    with progress_bar() as bar:
+        task = bar.add_task("reading runs", total=len(newest) or 1)
+        for path in newest:
+            try:
+                out.append(digest(path))
+            except DartHalError as error:
+                if path in given:
+                    raise
+                skipped.append(f"{path} was skipped: {error.what}")
+            bar.advance(task)
+    return tuple(out), tuple(skipped)

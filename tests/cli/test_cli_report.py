@@ -1,0 +1,114 @@
+"""``dart-hal report``: one page for a car, from its files and runs alone."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.config import save_calibration
+from dart_hal.config.calibration import Calibration
+from dart_hal.config.history import calibration_changes, versions
+from dart_hal.config.quantity import Quantity
+
+CAR = "sim://?seed=3&nano=mock"
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A folder with two runs, the second one newer and driven."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    for name, throttle, age in (("stands", 0.0, 100), ("drives", 0.25, 50)):
+        path = tmp_path / "runs" / f"{name}.mcap"
+        with Car.open(CAR, record=path) as car:
+            car.arm()
+            for _ in car.states(duration=2.0):
+                car.drive(throttle=throttle)
+        os.utime(path, (1e9 - age, 1e9 - age))
+    return tmp_path
+
+
+def measured(home, value, std=10.0):
+    """calibration.toml with another clock."""
+    save_calibration(Calibration(car="sim-3").with_quantities(
+        {"pwm.oscillator_hz": Quantity(value, std)}), home / "cars" / "sim-3")
+
+
+def test_runs_are_told_newest_first_and_what_was_never_measured_is_named(home, verb):
+    told = verb("report", "--car", "sim-3", "--json").json
+    assert [r["path"] for r in told["runs"]] == ["drives.mcap", "stands.mcap"]
+    new, old = told["runs"]
+    assert new["distance"] > 0.5 > old["distance"] == 0.0
+    assert new["duration"] > 1.9
+    assert new["period"] == pytest.approx([0.01, 0.01, 0.01], abs=0.002)
+    assert new["frames"] > 190
+    assert new["lost"] == 0
+    assert "steering.map" in told["missing"]
+    assert any("calibrate steering" in line for line in told["to_do"])
+    page = (home / "report.html").read_text(encoding="utf-8")
+    assert "drives.mcap" in page
+
+
+def test_a_number_that_moved_by_more_than_chance_stands_out(home, verb):
+    measured(home, 25.0e6)
+    measured(home, 25.1e6)
+    told = verb("report", "--car", "sim-3", "--json").json
+    (change,) = told["changed"]
+    assert change["name"] == "pwm.oscillator_hz"
+    assert (change["before"], change["now"]) == (25.0e6, 25.1e6)
+    assert change["z"] > 1000.0
+    assert any("pwm.oscillator_hz moved" in line for line in told["to_do"])
+
+
+def test_what_moved_within_its_error_does_not(home, verb):
+    measured(home, 25.0e6, std=1e5)
+    measured(home, 25.1e6, std=1e5)
+    told = verb("report", "--car", "sim-3", "--json").json
+    assert told["changed"][0]["z"] < 1.0
+    assert not any("moved" in line for line in told["to_do"])
+
+
+def test_a_run_that_lost_frames_stands_out(tmp_path, verb, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Car.open(CAR, record=tmp_path / "noisy.mcap") as car:
+        car.on_bytes(lambda way, data, t: b"" if way == "rx" and 1.0 < t % 2.0 < 1.1 else data)
+        for _ in car.states(duration=3.0):
+            pass
+    told = verb("report", "--car", "sim-3", "noisy.mcap", "--json").json
+    (run,) = told["runs"]
+    assert run["lost"] > 0
+    assert any(line.startswith("noisy.mcap") for line in told["to_do"])
+
+
+def test_a_file_that_is_no_run_is_refused_by_name_and_left_out_of_a_folder(home, verb):
+    bad = home / "runs" / "bad.mcap"
+    bad.write_bytes(b"no run")
+    assert verb("report", "--car", "sim-3", "--json").json["runs"]
+    assert "bad.mcap" in verb("report", "--car", "sim-3").err
+    assert "bad.mcap" in str(verb("report", "--car", "sim-3", str(bad), "--json").error)
+
+
+def test_a_car_that_is_nowhere_is_refused(home, verb):
+    assert "no-such-car" in verb("report", "--car", "no-such-car", "--json").error["what"]
+
+
+def test_versions_are_counted_from_the_newest(tmp_path):
+    for value in (25.0e6, 25.1e6, 25.2e6):
+        measured(tmp_path, value)
+    folder = tmp_path / "cars" / "sim-3"
+    assert [p.name for p in versions(folder / "calibration.toml")] == [
+        "calibration-0002.toml", "calibration-0001.toml"]
+    now = Calibration(car="sim-3").with_quantities({"pwm.oscillator_hz": Quantity(25.2e6, 10.0)})
+    (change,) = calibration_changes(now, folder)
+    assert change.before == 25.1e6
+
+
+def test_the_example_car_has_a_page(tmp_path, verb, monkeypatch):
+    cars = Path(__file__).parents[2] / "cars"
+    monkeypatch.chdir(tmp_path)
+    told = verb("report", "--cars", cars, "--out", tmp_path / "x.html", "--json").json
+    assert told["car"] == "dart-01"
+    assert (tmp_path / "x.html").is_file()
