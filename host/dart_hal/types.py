@@ -36,6 +36,7 @@ class Limit(str, Enum):
     NOT_SENT = "NOT_SENT"
     CUT_OFF = "CUT_OFF"
     ENCODER_DOUBTED = "ENCODER_DOUBTED"
+    REVERSING = "REVERSING"
 
     def __str__(self) -> str:
         return self.value

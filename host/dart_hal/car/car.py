@@ -208,6 +208,8 @@ class Car:
         The integral is forgotten at a stop and when commands expired. While the
         measured speed is doubted (``health.speed_doubted``) the feed-forward
         alone drives, at most [limits] encoder_lost_throttle: ENCODER_DOUBTED.
+        A speed beyond [limits] max_speed is clipped: RANGE. Backward after forward,
+        the ESC is braked and rests at neutral before it reverses: REVERSING.
         Raises as ``drive``.
         """
         with self._commanding():
@@ -217,9 +219,11 @@ class Car:
             throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
         applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
                              source=source)
-        if not self._loop.open_loop:
-            return applied
-        return replace(applied, limited=(*applied.limited, Limit.ENCODER_DOUBTED.value))
+        loop = self._loop
+        said = [limit.value for limit, holds in (
+            (Limit.RANGE, loop.clipped), (Limit.ENCODER_DOUBTED, loop.open_loop),
+            (Limit.REVERSING, loop.reversing)) if holds and limit.value not in applied.limited]
+        return replace(applied, limited=(*applied.limited, *said)) if said else applied
 
     def pulses(self, *, steering_us: float, throttle_us: float, valid_for: float = 0.2) -> Applied:
         """Raw pulses [us] for calibration, inside ``with car.raw():``, for at most 0.2 s.
