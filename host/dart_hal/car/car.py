@@ -24,7 +24,7 @@ from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
-from dart_hal.errors import EndOfRecording, LinkLost, NoHello
+from dart_hal.errors import EndOfRecording, LinkLost, NoHello, UsageError
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
@@ -76,6 +76,10 @@ class Car:
         Raises the errors of the catalogue: UnknownScheme, PortMissing,
         PortBusy, PortDenied, NoHello, PcaMissing, ConfigError, ...
         """
+        if url is not None and not url.strip():
+            raise UsageError("the URL of the car is empty", found=repr(url),
+                             expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
+                             remedy="leave it out for the default car")
         text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
         return cls.over(open_backend(text), car=car, cars=cars, record=record)
 
@@ -159,8 +163,12 @@ class Car:
         Blocks on the next frame; a loop that is too slow gets the newest one
         (``health.skipped`` counts the others). Ends after ``duration`` s of the
         car's time, or at the end of a recording. Raises LinkLost after
-        ``timeout`` s without a frame.
+        ``timeout`` s without a frame, UsageError for times that are none.
         """
+        for name, seconds in (("duration", duration), ("timeout", timeout)):
+            if not seconds >= 0.0:  # NaN too: nothing would ever be beyond it
+                raise UsageError(f"{name} of states() is no time", found=f"{name}={seconds!r}",
+                                 expected="seconds, 0 or more")
         start: float | None = None
         while True:
             try:
@@ -174,8 +182,7 @@ class Car:
 
     def _next(self, timeout: float) -> State:
         if self._pump is None or self._closed:
-            raise LinkLost("the car is closed", likely="states() used outside the with block, "
-                           "or in a forked child", remedy="open it again with Car.open()")
+            raise _shut("states()")
         state, skipped = self._pump.next(timeout)
         self._timer.tick(self._engine.now, skipped)
         if self._timer.skipped:
@@ -241,6 +248,8 @@ class Car:
         """A command path: the time; whatever it raises, the throttle is neutral first."""
         engine = self._engine
         with engine.lock:
+            if self._closed:
+                raise _shut("a command")
             try:
                 yield engine.now
             except BaseException:
@@ -256,7 +265,15 @@ class Car:
     # -- arming ----------------------------------------------------------------------
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Put a record of this name into the recording, if one is made; the newest counts."""
+        """Put a record of this name into the recording, if one is made; the newest counts.
+
+        Raises UsageError, recording or not, for values that are not text.
+        """
+        wrong = [key for key, value in values.items()
+                 if not isinstance(key, str) or not isinstance(value, str)]
+        if wrong:
+            raise UsageError(f"note {name!r} holds what is not text", found=repr(values[wrong[0]]),
+                             expected="text for text", remedy=f"str(...) around {wrong[0]!r}")
         if self._recorder is not None:
             self._recorder.note(name, values)
 
@@ -396,3 +413,8 @@ class Car:
     def on_state(self, listener: Callable[[State], None]) -> None:
         """``listener(state)`` sees every State, also those a slow loop skips; keep it short."""
         self._engine.listeners.append(listener)
+
+
+def _shut(what: str) -> LinkLost:
+    return LinkLost("the car is closed", likely=f"{what} outside the with block, or in a forked "
+                    "child", remedy="open it again with Car.open()")

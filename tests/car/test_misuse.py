@@ -1,0 +1,42 @@
+"""What a program may get wrong with an open car: said at once, whether it records or not."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.errors import LinkLost, UsageError
+
+MOCK = "sim://?seed=1&nano=mock"
+
+
+@pytest.mark.parametrize("given", [{"duration": math.nan}, {"duration": -1.0},
+                                   {"timeout": math.nan}])
+def test_a_time_that_is_none_is_refused(given):
+    with Car.open(MOCK) as car, pytest.raises(UsageError):
+        next(car.states(**given))
+
+
+@pytest.mark.parametrize("command", [
+    lambda car: car.drive(throttle=0.1), lambda car: car.drive_speed(steering=0.0, speed=0.5)])
+def test_a_command_after_closing_is_refused(command):
+    car = Car.open(MOCK)
+    car.close()
+    with pytest.raises(LinkLost, match="closed"):
+        command(car)
+
+
+@pytest.mark.parametrize("records", [True, False])
+def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
+    with Car.open(MOCK, record=tmp_path / "run.mcap" if records else None) as car:
+        car.note("fine", {"a": "1"})
+        with pytest.raises(UsageError, match="not text"):
+            car.note("x", {"a": {}})
+
+
+@pytest.mark.parametrize("url", ["", "  "])
+def test_an_empty_url_is_not_the_default_car(url):
+    with pytest.raises(UsageError, match="empty"):
+        Car.open(url)
