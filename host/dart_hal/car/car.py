@@ -19,16 +19,17 @@ from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
+from dart_hal.car.misuse import check_note, check_times, check_url, shut
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
-from dart_hal.errors import EndOfRecording, LinkLost, NoHello, UsageError
+from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import SAMPLE, Applied, Limit, State
+from dart_hal.types import SAMPLE, Applied, State
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
@@ -71,15 +72,11 @@ class Car:
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
         car, None: $DART_HAL_CAR, then dart-01; a simulated or recorded car
-        brings its own. ``cars``: folder of
-        the cars' files. ``record``: MCAP file for everything that passes.
-        Raises the errors of the catalogue: UnknownScheme, PortMissing,
-        PortBusy, PortDenied, NoHello, PcaMissing, ConfigError, ...
+        brings its own. ``cars``: folder of the cars' files. ``record``: MCAP
+        file for everything that passes.
+        Raises the errors of the catalogue: UnknownScheme, PortMissing, NoHello, ...
         """
-        if url is not None and not url.strip():
-            raise UsageError("the URL of the car is empty", found=repr(url),
-                             expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
-                             remedy="leave it out for the default car")
+        check_url(url)
         text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
         return cls.over(open_backend(text), car=car, cars=cars, record=record)
 
@@ -165,10 +162,7 @@ class Car:
         car's time, or at the end of a recording. Raises LinkLost after
         ``timeout`` s without a frame, UsageError for times that are none.
         """
-        for name, seconds in (("duration", duration), ("timeout", timeout)):
-            if not seconds >= 0.0:  # NaN too: nothing would ever be beyond it
-                raise UsageError(f"{name} of states() is no time", found=f"{name}={seconds!r}",
-                                 expected="seconds, 0 or more")
+        check_times(duration=duration, timeout=timeout)
         start: float | None = None
         while True:
             try:
@@ -182,7 +176,7 @@ class Car:
 
     def _next(self, timeout: float) -> State:
         if self._pump is None or self._closed:
-            raise _shut("states()")
+            raise shut("states()")
         state, skipped = self._pump.next(timeout)
         self._timer.tick(self._engine.now, skipped)
         if self._timer.skipped:
@@ -211,13 +205,11 @@ class Car:
                     source: str = "user") -> Applied:
         """Command steering [rad] and a speed [m/s] held by the built-in loop.
 
-        Feed-forward from model.toml (else the paper's model) and a PI part.
-        The integral is forgotten at a stop and when commands expired. While the
-        measured speed is doubted (``health.speed_doubted``) the feed-forward
-        alone drives, at most [limits] encoder_lost_throttle: ENCODER_DOUBTED.
-        A speed beyond [limits] max_speed is clipped: RANGE. Backward after forward,
-        the ESC is braked and rests at neutral before it reverses: REVERSING.
-        Raises as ``drive``.
+        Feed-forward from model.toml (else the paper's model) and a PI part, whose
+        integral is forgotten at a stop and when commands expired. While the speed is
+        doubted (``health.speed_doubted``) the feed-forward alone drives, at most
+        [limits] encoder_lost_throttle: ENCODER_DOUBTED. Beyond [limits] max_speed:
+        RANGE. Backward after forward, the ESC is braked first: REVERSING. Raises as ``drive``.
         """
         with self._commanding():
             of = f"source {source}"
@@ -226,11 +218,8 @@ class Car:
             throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
         applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
                              source=source)
-        loop = self._loop
-        said = [limit.value for limit, holds in (
-            (Limit.RANGE, loop.clipped), (Limit.ENCODER_DOUBTED, loop.open_loop),
-            (Limit.REVERSING, loop.reversing)) if holds and limit.value not in applied.limited]
-        return replace(applied, limited=(*applied.limited, *said)) if said else applied
+        return replace(applied, limited=tuple(dict.fromkeys(
+            (*applied.limited, *self._loop.limited))))
 
     def pulses(self, *, steering_us: float, throttle_us: float, valid_for: float = 0.2) -> Applied:
         """Raw pulses [us] for calibration, inside ``with car.raw():``, for at most 0.2 s.
@@ -249,7 +238,7 @@ class Car:
         engine = self._engine
         with engine.lock:
             if self._closed:
-                raise _shut("a command")
+                raise shut("a command")
             try:
                 yield engine.now
             except BaseException:
@@ -269,11 +258,7 @@ class Car:
 
         Raises UsageError, recording or not, for values that are not text.
         """
-        wrong = [key for key, value in values.items()
-                 if not isinstance(key, str) or not isinstance(value, str)]
-        if wrong:
-            raise UsageError(f"note {name!r} holds what is not text", found=repr(values[wrong[0]]),
-                             expected="text for text", remedy=f"str(...) around {wrong[0]!r}")
+        check_note(name, values)
         if self._recorder is not None:
             self._recorder.note(name, values)
 
@@ -413,8 +398,3 @@ class Car:
     def on_state(self, listener: Callable[[State], None]) -> None:
         """``listener(state)`` sees every State, also those a slow loop skips; keep it short."""
         self._engine.listeners.append(listener)
-
-
-def _shut(what: str) -> LinkLost:
-    return LinkLost("the car is closed", likely=f"{what} outside the with block, or in a forked "
-                    "child", remedy="open it again with Car.open()")

@@ -11,7 +11,7 @@ import math
 
 from dart_hal.config import CarFiles
 from dart_hal.control.reversal import Reversal
-from dart_hal.types import State
+from dart_hal.types import Limit, State
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
@@ -96,8 +96,7 @@ class SpeedLoop:
     """The law of one open car, for ``drive_speed``; called once per State that is answered.
 
     ``open_loop``: the last throttle was made without the measured speed; ``clipped``: the speed
-    asked for is beyond [limits] max_speed; ``reversing``: the ESC is braked or rests at neutral,
-    so that it takes the next pull for reverse.
+    asked for is beyond [limits] max_speed.
     """
 
     def __init__(self, files: CarFiles) -> None:
@@ -109,8 +108,11 @@ class SpeedLoop:
         self.open_loop = self.clipped = False
 
     @property
-    def reversing(self) -> bool:
-        return self._reversal.holding
+    def limited(self) -> tuple[str, ...]:
+        """Names of ``Limit``: why the throttle is not what the speed alone asks for."""
+        why = ((Limit.RANGE, self.clipped), (Limit.ENCODER_DOUBTED, self.open_loop),
+               (Limit.REVERSING, self._reversal.holding))
+        return tuple(limit.value for limit, holds in why if holds)
 
     def reset(self) -> None:
         """Forget the integral: at a stop, and when nobody drove for a while."""

@@ -1,0 +1,39 @@
+"""What a program may get wrong with a car, said before anything is done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from dart_hal.errors import LinkLost, UsageError
+
+
+def check_url(url: str | None) -> None:
+    """None is the default car. Raises UsageError for an empty one."""
+    if url is not None and not url.strip():
+        raise UsageError("the URL of the car is empty", found=repr(url),
+                         expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
+                         remedy="leave it out for the default car")
+
+
+def check_times(**seconds: float) -> None:
+    """Arguments of states() [s]. Raises UsageError for NaN, beyond which nothing would ever be,
+    and below 0."""
+    for name, value in seconds.items():
+        if not value >= 0.0:
+            raise UsageError(f"{name} of states() is no time", found=f"{name}={value!r}",
+                             expected="seconds, 0 or more")
+
+
+def check_note(name: str, values: Mapping[str, str]) -> None:
+    """A record for the recording. Raises UsageError for values that are not text."""
+    wrong = [key for key, value in values.items()
+             if not isinstance(key, str) or not isinstance(value, str)]
+    if wrong:
+        raise UsageError(f"note {name!r} holds what is not text", found=repr(values[wrong[0]]),
+                         expected="text for text", remedy=f"str(...) around {wrong[0]!r}")
+
+
+def shut(what: str) -> LinkLost:
+    """The error for ``what`` was asked of a closed car."""
+    return LinkLost("the car is closed", likely=f"{what} outside the with block, or in a forked "
+                    "child", remedy="open it again with Car.open()")
