@@ -56,7 +56,7 @@ class Driver:
         self._guard: GuardPost | None = None
         self._test: CutoffTest | None = None
         self._passed = False
-        if not backend.virtual and backend.bus is not None:
+        if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
 
