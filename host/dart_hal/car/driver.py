@@ -205,7 +205,8 @@ class Driver:
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open or a drive is there."""
         facts = self.facts(now)
-        return (facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
+        return (self.mode is not ArmState.TRIPPED
+                and facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
                 and not facts.wheel_moves and (facts.cutoff == "none" or bool(facts.beat_limit))
                 and (facts.guard_age is None or facts.guard_age <= STALE))
 
