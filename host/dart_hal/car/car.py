@@ -22,7 +22,7 @@ from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.timing import LoopTimer, Timing
-from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.config import CarFiles, left_aside, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello, UsageError
 from dart_hal.links.base import Backend, open_backend
@@ -89,7 +89,12 @@ class Car(Arming):
         named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
         try:
             if backend.car_toml is not None:
-                files = parse_car(backend.car_toml, backend.url.text, folders)
+                files = parse_car(backend.car_toml, backend.url.text, folders,
+                                  named_only=backend.simulated)
+                if backend.simulated and left_aside(files):
+                    backend.notices += (f"what was measured in {files.folder} is not used: "
+                                        f"{backend.url.text} is the same on every computer, "
+                                        "unless --cars or $DART_CARS names a folder",)
                 if named not in (DEFAULT_CAR, files.config.name):
                     backend.notices += (f"{backend.url.text} is the car {files.config.name}; "
                                         f"the files of {named} are not used",)
