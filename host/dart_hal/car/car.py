@@ -201,7 +201,8 @@ class Car(Arming):
 
     def drive(self, *, steering: float = 0.0, throttle: float = 0.0, valid_for: float = 0.2,
               source: str = "user") -> Applied:
-        """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s.
+        """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s,
+        at most 0.5: VALIDITY.
 
         Returns what the pins carry, or will with the next PWM frame, and why
         it differs. Raises BadCommand for what is no finite number and for what
@@ -233,7 +234,7 @@ class Car(Arming):
             wanted, window = number("speed", speed, of), validity(valid_for, of)
             armed = self._engine.driver.mode is ArmState.ARMED
             throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
-        applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
+        applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
                              source=source)
         loop = self._loop
         said = [limit.value for limit, holds in (
