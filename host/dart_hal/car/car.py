@@ -308,6 +308,11 @@ class Car(Arming):
         return self._engine.driver.mode.value
 
     @property
+    def simulated(self) -> bool:
+        """Whether it is a car of this program's world, or a recording."""
+        return self._engine.backend.simulated or self._engine.backend.virtual
+
+    @property
     def drives(self) -> bool:
         """False where commands go nowhere: a recording, or a port without its I2C bus."""
         return self._engine.backend.bus is not None
