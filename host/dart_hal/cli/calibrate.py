@@ -13,7 +13,7 @@ from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
-from dart_hal.cli.options import PathsOption, car_options, json_option
+from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.config import named_folders
@@ -39,7 +39,7 @@ def command() -> None:
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of map, data and residuals")
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
-@click.option("--speeds", nargs=2, type=click.FloatRange(0.15, 0.8), default=SPEEDS,
+@click.option("--speeds", nargs=2, type=Number(0.15, 0.8), default=SPEEDS,
               show_default=True, metavar="SLOW FAST",
               help="m/s there and back; slower needs less floor, and both must differ")
 @json_option
