@@ -33,8 +33,7 @@ class Fleet:
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
-        names: list[str | None] = _each("car", car, urls)
-        files: list[str | Path | None] = _each("record", record, urls)
+        names, files = _each("car", car, urls), _each("record", record, urls)
         with ExitStack() as stack:
             opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
                                                    raise_on_trip=raise_on_trip))
@@ -96,7 +95,7 @@ class Fleet:
         self.close()
 
 
-def _each(name: str, given: Sequence[T | None] | None, urls: Sequence[str]) -> list[T | None]:
+def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence[T | None]:
     """One entry for each URL. Raises UsageError."""
     if given is None:
         return [None] * len(urls)
