@@ -166,6 +166,22 @@ class NotArmed(DartHalError, RuntimeError):
         super().__init__(what, found=found or ", ".join(reasons), remedy=remedy)
 
 
+class Disarmed(DartHalError, RuntimeError):
+    """A command to a car that a trip has disarmed since ``arm()``; ``causes`` names what did.
+
+    Raised by every command until ``arm()`` or ``stop()`` is called.
+    ``Car.open(raise_on_trip=False)`` leaves it to ``Applied.limited``.
+    """
+
+    code = "D-ARM-02"
+    remedy_default = "car.arm() again, once its cause is gone"
+
+    def __init__(self, what: str, *, causes: tuple[str, ...] = (), remedy: str = "",
+                 found: str = "") -> None:
+        self.causes = causes
+        super().__init__(what, found=found or ", ".join(causes), remedy=remedy)
+
+
 class ConfigError(DartHalError, ValueError):
     """A file of the car is not valid; the message names file and key."""
 

@@ -23,6 +23,7 @@ SAMPLE = 0.01
 class Limit(str, Enum):
     """Why the pins do not carry what was asked for.
 
+    VALIDITY: the command holds for less than its ``valid_for``, 0.5 s or raw 0.2 s.
     A command that lost against a source of higher priority is said as the
     string ``"OVERRIDDEN(name)"``.
     """
@@ -37,6 +38,7 @@ class Limit(str, Enum):
     CUT_OFF = "CUT_OFF"
     ENCODER_DOUBTED = "ENCODER_DOUBTED"
     REVERSING = "REVERSING"
+    VALIDITY = "VALIDITY"
 
     def __str__(self) -> str:
         return self.value

@@ -100,9 +100,15 @@ def test_running_out_at_neutral_is_a_stop_and_no_trip() -> None:
 
 def test_nobody_may_ask_for_more_than_half_a_second() -> None:
     world, actuator = opened()
-    actuator.command(0.0, 0.5, 60.0, "user", world.t)
+    assert "VALIDITY" in actuator.command(0.0, 0.5, 60.0, "user", world.t).limited
     world.run(actuator, 30)
     assert actuator.applied.throttle_us == NEUTRAL
+
+
+@pytest.mark.parametrize("valid_for", [0.1, 0.5])
+def test_what_holds_as_long_as_it_was_asked_for_says_nothing(valid_for) -> None:
+    world, actuator = opened()
+    assert "VALIDITY" not in actuator.command(0.0, 0.5, valid_for, "user", world.t).limited
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -234,7 +240,8 @@ def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
 
 def test_raw_pulses_hold_for_a_fifth_of_a_second_and_running_out_trips() -> None:
     world, actuator = opened(output=RAW)
-    actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0)
+    said = actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0).limited
+    assert "VALIDITY" in said
     world.run(actuator, 11)
     assert actuator.applied.throttle_us == pytest.approx(1700, abs=4.9)
     assert actuator.trips() == ()

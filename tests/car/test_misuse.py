@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, UsageError
+from dart_hal.errors import BadCommand, LinkLost, UsageError
 
 MOCK = "sim://?seed=1&nano=mock"
 
@@ -40,3 +40,23 @@ def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
 def test_an_empty_url_is_not_the_default_car(url):
     with pytest.raises(UsageError, match="empty"):
         Car.open(url)
+
+
+@pytest.mark.parametrize(("command", "shortened"), [
+    (lambda car: car.drive(throttle=0.1, valid_for=9.0), True),
+    (lambda car: car.drive_speed(steering=0.0, speed=0.3, valid_for=9.0), True),
+    (lambda car: car.drive(throttle=0.1, valid_for=0.5), False)])
+def test_a_command_that_holds_for_less_than_asked_says_so(command, shortened):
+    with Car.open(MOCK) as car:
+        car.arm()
+        next(car.states())
+        assert ("VALIDITY" in command(car).limited) is shortened
+
+
+def test_a_speed_beyond_the_limit_says_so():
+    with Car.open(MOCK) as car:
+        car.arm()
+        next(car.states())
+        assert "RANGE" in car.drive_speed(steering=0.0, speed=99.0).limited
+        with pytest.raises(BadCommand):
+            car.drive_speed(steering=0.0, speed=math.inf)

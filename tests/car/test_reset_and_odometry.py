@@ -21,7 +21,7 @@ def drive_through_a_reset(nano: str, boot: str, cars):
     """States of a car at 1 m/s whose Nano resets after a second, and the true path meanwhile."""
     backend = open_backend(f"sim://?nano={nano}&boot={boot}")
     world = world_of(backend)
-    with Car.over(backend, cars=cars) as car:
+    with Car.over(backend, cars=cars, raise_on_trip=False) as car:
         car.arm()
         states = []
         for state in car.states(duration=1.5):

@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 
 from dart_hal.cli import checks as checks_module
-from dart_hal.cli.checks import TITLES, no_bus
+from dart_hal.cli import doctor
+from dart_hal.cli.checks import TITLES, Check, no_bus
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
@@ -22,7 +23,8 @@ def verdicts(done) -> dict[str, str]:
         assert check["verdict"] in ("ok", "warn", "fail", "skip")
         if check["verdict"] == "fail":
             assert check["try"], check
-    assert done.code == (1 if result["verdict"] == "fail" else 0)
+    arms = any(c["id"] == "arming" and c["verdict"] == "ok" for c in result["checks"])
+    assert done.code == (0 if result["verdict"] != "fail" and arms else 1)
     return {c["id"]: c["verdict"] for c in result["checks"]}
 
 
@@ -53,6 +55,22 @@ def test_the_firmware_is_well(verb):
     found = verdicts(verb("doctor", "--url", "sim://?nano=avr&cutoff=oe", "--json", "--seconds", 2))
     assert found.pop("calibration") == "warn"   # the gyro calibrates itself within 1 s
     assert set(found.values()) == {"ok"}
+
+
+def test_a_car_that_would_not_drive_is_no_success(verb, spoilt):
+    """Without its bus there is no fault, and nothing to drive."""
+    spoilt(lambda backend: dataclasses.replace(backend, bus=None))
+    shown = verb("doctor", "--url", MOCK, "--seconds", 1)
+    assert "fail " not in shown.out
+    assert "not ready to drive" in shown.out
+    assert shown.code == 1
+
+
+def test_what_was_found_is_shown_as_it_is(verb, monkeypatch):
+    """No emoji for :x:, no colour for [red]."""
+    found = Check("port", "port", "fail", "/tmp/:x:/[red]")
+    monkeypatch.setattr(doctor, "examine", lambda *_: [found])
+    assert "/tmp/:x:/[red]" in verb("doctor", "--url", MOCK).out
 
 
 def test_in_words(verb):

@@ -31,6 +31,8 @@ CALIBRATION = 'schema = "dart-hal/calibration/1"\ncar = "{car}"\n[steering.map]\
     (("sim", "--reveal", "--url", "sim://?seen=1"), "D-USE-01"),
     (("demo", "--url", "avr://default"), "D-USE-01"),
     (("replay",), "D-USE-01"), (("replay", "none.mcap"), "D-REC-01"),
+    (("top", "--url", "hwgrep://("), "D-USE-01"),
+    (("calibrate", "steering", "--url", MOCK, "--yes", "--speeds", "nan", "0.3"), "D-USE-01"),
     (("top", "--url", "nope://x"), "D-LINK-01"), (("doctor", "--url", "nope://x"), "D-LINK-01"),
     (("doctor", "--url", "sim://?nano=9"), "D-USE-01"),
     (("record", "--url", "serial:///dev/ttyNONE"), "D-LINK-02"),

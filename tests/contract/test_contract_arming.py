@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, NotArmed
+from dart_hal.errors import Disarmed, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Chunk
 from dart_hal.sim.truth import world_of
@@ -49,6 +49,11 @@ def opened(tmp_path, change=None, url=URL, **replaced):
     backend = dataclasses.replace(backend, **replaced)
     backend.world = world
     return backend, Car.over(backend, cars=replaced.get("cars") or tmp_path)
+
+
+def drive_on(car):
+    for _ in car.states(duration=1.0, timeout=3.0):
+        car.drive(throttle=0.2)
 
 
 def spin(backend):
@@ -228,8 +233,8 @@ def test_a_reboot_disarms_and_a_new_arm_is_explicit(tmp_path):
     with car:
         car.arm()
         backend.world.nano.reset("external")
-        for _ in car.states(duration=1.0, timeout=3.0):
-            car.drive(throttle=0.2)
+        with pytest.raises(Disarmed):
+            drive_on(car)
         assert car.mode == "DISARMED"
         for state in car.states(duration=2.0):
             pass

@@ -16,7 +16,7 @@ import time
 import pytest
 
 from dart_hal.actuation import guarded
-from dart_hal.errors import LinkLost, PortBusy, PortMissing
+from dart_hal.errors import Disarmed, LinkLost, PortBusy, PortMissing
 
 pytestmark = pytest.mark.realtime
 
@@ -130,7 +130,8 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         assert wait_for(lambda: served.counts()[1] in NEUTRAL)
         with pytest.raises(LinkLost):
             next(car.states(timeout=1.0))
-        assert car.drive(throttle=0.3).throttle == 0.0
+        with pytest.raises(Disarmed):
+            car.drive(throttle=0.3)
         assert car.mode != "ARMED"
 
 

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from dart_hal.car import pump
-from dart_hal.errors import LinkLost
+from dart_hal.errors import Disarmed, LinkLost
 
 pytestmark = pytest.mark.realtime
 
@@ -35,7 +35,8 @@ def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(serv
         assert served_by_name.counts()[1] in NEUTRAL, "neutral before it is told"
         served_by_name.process.send_signal(signal.SIGUSR2)
         for state in car.states(duration=1.0, timeout=PATIENCE):
-            car.drive(throttle=0.3)
+            with pytest.raises(Disarmed):
+                car.drive(throttle=0.3)
             assert state.applied.throttle == 0.0
         assert car.mode == "DISARMED"
         arm(car)

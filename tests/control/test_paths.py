@@ -29,6 +29,22 @@ def test_a_straight_has_no_radius_and_an_end():
     assert straight.point(-1.0) == pytest.approx((1.0, 2.0))
 
 
+@pytest.mark.parametrize("part", [0.001, 0.011, 0.029])
+def test_a_path_of_short_pieces_is_where_it_should_be(part):
+    """Points stand where their arc length says, however the path is cut into pieces."""
+    path = Path([(part, 0.0)] * 100 + [(2.9, 0.0)], closed=False)
+    for s in (0.0, part, 1.0, 50 * part + 1.0, 2.9):
+        assert path.point(s)[0] == pytest.approx(s, abs=path.spacing)
+        there = min(s + 0.5, path.length)
+        assert path.closest(there, 0.1, s) == pytest.approx(there, abs=1.01 * path.spacing)
+
+
+def test_behind_its_end_an_open_path_is_left_of_where_it_ended():
+    path = Path([(2.0, 0.0), (0.5 * pi, 1.0)], closed=False)
+    x, y = path.point(99.0)
+    assert path.offset(x - 0.2, y, 99.0) == pytest.approx(0.2, abs=0.01)
+
+
 def test_the_eight_is_symmetric():
     eight = figure_of_eight(0.9)
     half = len(eight.x) // 2

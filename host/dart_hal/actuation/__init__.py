@@ -14,6 +14,7 @@ from dart_hal.actuation.quantiser import Quantiser
 from dart_hal.actuation.states import ArmState, Event
 from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.actuation.supervisor import Supervisor
+from dart_hal.actuation.trips import disarmed
 
 __all__ = [
     "LIVE",
@@ -30,6 +31,7 @@ __all__ = [
     "Quantiser",
     "SteeringMap",
     "Supervisor",
+    "disarmed",
     "not_armed",
     "refusals",
     "steering_map",

@@ -156,8 +156,9 @@ class Actuator:
                 if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
                     raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
                                      expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
+            seconds = validity(valid_for, "raw", LONGEST_RAW)
             self._planner.raw = Pulses(steering, throttle, throttle - self.neutral_us,
-                                       now + validity(valid_for, "raw", LONGEST_RAW))
+                                       now + seconds, shortened=seconds < valid_for)
             plan = self._planner.plan(now, "raw")
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 

@@ -21,12 +21,16 @@ degrees and per cent. Below, what is out of range is clipped and said."""
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What one source wants: steering [rad], throttle [-1..1], until [s] of the car's clock."""
+    """What one source wants: steering [rad], throttle [-1..1], until [s] of the car's clock.
+
+    ``shortened``: its sender wanted it to hold for longer.
+    """
 
     steering: float
     throttle: float
     until: float
     source: str
+    shortened: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,7 @@ class Pulses:
     throttle_us: float
     throttle: float
     until: float
+    shortened: bool = False
 
 
 def number(name: str, value: object, of: str) -> float:
@@ -68,7 +73,9 @@ def checked(steering: object, throttle: object, valid_for: object, source: str,
         if abs(value) > WILD:
             raise BadCommand(f"{name} of {of} cannot be meant", found=f"{value:g} {unit}",
                              expected=f"at most {WILD:g} {unit}; degrees or per cent?")
-    return Command(angle, part, number("now", now, of) + validity(valid_for, of), source)
+    seconds = validity(valid_for, of)
+    return Command(angle, part, number("now", now, of) + seconds, source,
+                   seconds < number("valid_for", valid_for, of))
 
 
 def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> float:

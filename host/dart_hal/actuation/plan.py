@@ -131,6 +131,8 @@ class Planner:
 
     def _limited(self, winner: Command | None, dt: float, why: list[str]) -> Plan:
         limits, live = self._car.limits, self.output.throttle == "command"
+        if winner and winner.shortened:
+            why.append(Limit.VALIDITY.value)
         wanted = winner.throttle if winner and live else 0.0
         throttle = clip(wanted, *self._throttle_range())
         angle = self._wanted_angle(winner)
@@ -174,6 +176,8 @@ class Planner:
         """Pulses as they were asked for within the limits; neutral once they ran out."""
         if self.raw is None or self.raw.until < now:
             return self.neutral(self.angle, tuple(why))
+        if self.raw.shortened:
+            why.append(Limit.VALIDITY.value)
         servo, esc = self._raw_range()
         steering_us, bounded = clip(self.raw.steering_us, *servo), clip(self.raw.throttle_us, *esc)
         if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):

@@ -40,6 +40,8 @@ def _told(lasting: Collection[str], refused: Collection[str]) -> tuple[str, ...]
 class Supervisor:
     """One car's state. ``causes``: what tripped it last; ``reasons``: why it did not arm.
 
+    ``ended_by``: what disarmed an armed car, until it is armed or stopped again.
+
     ``log``: (time, event, state entered, why) of every change, for the recording.
     """
 
@@ -47,6 +49,7 @@ class Supervisor:
         self.state, self.since = ArmState.CLOSED, -math.inf
         self.causes: tuple[str, ...] = ()
         self.reasons: tuple[str, ...] = ()
+        self.ended_by: tuple[str, ...] = ()
         self.log: deque[tuple[float, Event, ArmState, tuple[str, ...]]] = deque(maxlen=1000)
         self.lifted = False
         """RAW with the wheels off the ground; asked for at its opening."""
@@ -91,6 +94,8 @@ class Supervisor:
         self._now = max(self._now, now)
         if event in (Event.TRIP, Event.BUS_LOST) and self.state is ArmState.ARMED:
             event = self._count_trip(event, now)
+        if event in (Event.ARM, Event.STOP):
+            self.ended_by = ()
         if event is Event.UNLOCK:
             self._locked = False
             self._trips.clear()
@@ -180,6 +185,8 @@ class Supervisor:
     def _enter(self, to: ArmState, event: Event, now: float, why: tuple[str, ...]) -> None:
         if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST):
             self.causes = why
+        if self.state is ArmState.ARMED and event not in (Event.STOP, Event.CLOSE):
+            self.ended_by = why
         if self.state is ArmState.ARMING:
             self.reasons = why if to is ArmState.DISARMED else ()
         if ENTRY[to].output.throttle != "neutral":

@@ -18,11 +18,11 @@ import numpy as np
 
 from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.config import (
-    Calibration,
     CarFiles,
     PaperForm,
     Quantity,
     SteeringTable,
+    calibration_in,
     save_calibration,
 )
 from dart_hal.config.calibration import SteeringCalibration
@@ -273,7 +273,7 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
         raise CalibrationFailed("a map without pulses cannot be written",
                                 likely="it was fitted to recordings, which hold commands only",
                                 remedy="run the procedure on the car")
-    old = files.calibration or Calibration(car=files.config.name)
+    old = calibration_in(files.folder, files.config.name)
     # [steering] direction -1 makes pulses fall; the file holds them rising
     order = np.argsort(result.pulse_us)
     table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in result.pulse_us[order]),

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import atexit
-import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 from types import TracebackType
 
-from dart_hal.actuation import ArmState, Caution, Event
+from dart_hal.actuation import ArmState, disarmed
 from dart_hal.actuation.limits import number, validity
+from dart_hal.car.arming import Arming
 from dart_hal.car.engine import Engine
 from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.guarding import own_actuator
@@ -23,7 +23,7 @@ from dart_hal.car.misuse import check_note, check_times, check_url, shut
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.timing import LoopTimer, Timing
-from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.config import CarFiles, left_aside, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
@@ -33,22 +33,16 @@ from dart_hal.types import SAMPLE, Applied, State
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
-FIRST_PULSES = 0.1
-"""s until the ESC has seen the first neutral of a car that has just been opened."""
-RAW_PATIENCE = 1.0
-"""s that raw() waits for what comes by waiting: a clean half second of frames."""
-ARM_PATIENCE = 4.5
-"""s: the ESC's 2 s of neutral, 0.5 s of good checks, 1.5 s for what comes by waiting."""
-
-log = logging.getLogger("dart_hal")
 
 
-class Car:
+class Car(Arming):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
-    the user must see once.
+    the user must see once; ``raise_on_trip`` as ``open`` says.
     """
+
+    raise_on_trip = True
 
     def __init__(self, backend: Backend, files: CarFiles, record: str | Path | None = None) -> None:
         self.files = files
@@ -67,28 +61,36 @@ class Car:
 
     @classmethod
     def open(cls, url: str | None = None, *, car: str | None = None,
-             cars: str | Path | None = None, record: str | Path | None = None) -> Car:
+             cars: str | Path | None = None, record: str | Path | None = None,
+             raise_on_trip: bool = True) -> Car:
         """Open a car and leave it at neutral and disarmed.
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
         car, None: $DART_HAL_CAR, then dart-01; a simulated or recorded car
         brings its own. ``cars``: folder of the cars' files. ``record``: MCAP
-        file for everything that passes.
-        Raises the errors of the catalogue: UnknownScheme, PortMissing, NoHello, ...
+        file for everything that passes. ``raise_on_trip``: a command to a car
+        that a trip has disarmed raises Disarmed; False: only ``Applied.limited``
+        says so. Raises the errors of the catalogue: UnknownScheme, NoHello, ...
         """
         check_url(url)
         text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
-        return cls.over(open_backend(text), car=car, cars=cars, record=record)
+        return cls.over(open_backend(text), car=car, cars=cars, record=record,
+                        raise_on_trip=raise_on_trip)
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
-             record: str | Path | None = None) -> Car:
+             record: str | Path | None = None, raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         folders = [cars] if cars else None
         named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
         try:
             if backend.car_toml is not None:
-                files = parse_car(backend.car_toml, backend.url.text, folders)
+                files = parse_car(backend.car_toml, backend.url.text, folders,
+                                  named_only=backend.simulated)
+                if backend.simulated and left_aside(files):
+                    backend.notices += (f"what was measured in {files.folder} is not used: "
+                                        f"{backend.url.text} is the same on every computer, "
+                                        "unless --cars or $DART_CARS names a folder",)
                 if named not in (DEFAULT_CAR, files.config.name):
                     backend.notices += (f"{backend.url.text} is the car {files.config.name}; "
                                         f"the files of {named} are not used",)
@@ -103,6 +105,7 @@ class Car:
         except BaseException:
             backend.close()
             raise
+        opened.raise_on_trip = raise_on_trip
         opened._begin()
         return opened
 
@@ -177,24 +180,30 @@ class Car:
     def _next(self, timeout: float) -> State:
         if self._pump is None or self._closed:
             raise shut("states()")
+        mode, virtual = self._engine.driver.mode, self._engine.backend.virtual
+        self._timer.asked(armed=mode in (ArmState.ARMED, ArmState.RAW), waits=virtual)
         state, skipped = self._pump.next(timeout)
         self._timer.tick(self._engine.now, skipped)
         if self._timer.skipped:
             state = replace(state, health=replace(state.health, skipped=self._timer.skipped))
         self._state = state
+        self._timer.give()
         return state
 
     # -- commands ------------------------------------------------------------------
 
     def drive(self, *, steering: float = 0.0, throttle: float = 0.0, valid_for: float = 0.2,
               source: str = "user") -> Applied:
-        """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s.
+        """Command steering [rad, left positive] and throttle [-1..1] for ``valid_for`` s,
+        at most 0.5: VALIDITY.
 
         Returns what the pins carry, or will with the next PWM frame, and why
         it differs. Raises BadCommand for what is no finite number and for what
-        cannot be meant; whatever this call raises, the car is tripped then.
+        cannot be meant, and the car is tripped then; Disarmed where a trip has
+        disarmed it since ``arm()``.
         """
         engine = self._engine
+        self._refuse_if_disarmed()
         with self._commanding() as now:
             planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
             if self._recorder is not None:
@@ -216,7 +225,7 @@ class Car:
             wanted, window = number("speed", speed, of), validity(valid_for, of)
             armed = self._engine.driver.mode is ArmState.ARMED
             throttle = self._loop.throttle(wanted, self._state, armed=armed, window=window)
-        applied = self.drive(steering=steering, throttle=throttle, valid_for=window,
+        applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
                              source=source)
         return replace(applied, limited=tuple(dict.fromkeys(
             (*applied.limited, *self._loop.limited))))
@@ -245,13 +254,18 @@ class Car:
                 engine.driver.actuator.refuse()
                 raise
 
+    def _refuse_if_disarmed(self) -> None:
+        """Raises what ended the arming without the program's knowledge: LinkLost, Disarmed."""
+        with self._engine.lock:
+            causes = self._engine.driver.supervisor.ended_by
+            if causes and self.raise_on_trip and not self._closed:
+                raise (self._pump and self._pump.error()) or disarmed(causes)
+
     def stop(self) -> Applied:
         """Throttle neutral now, steering held; the car is disarmed."""
         self._loop.reset()
         with self._engine.lock:
             return self._engine.driver.stop(self._engine.now)
-
-    # -- arming ----------------------------------------------------------------------
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Put a record of this name into the recording, if one is made; the newest counts.
@@ -261,91 +275,6 @@ class Car:
         check_note(name, values)
         if self._recorder is not None:
             self._recorder.note(name, values)
-
-    def arm(self, *, waive: Sequence[str] = ()) -> tuple[Caution, ...]:
-        """Hold neutral for the ESC's start-up time, check everything, arm.
-
-        Raises NotArmed with every reason that holds; never prompts. Waivable:
-        PWM_CLOCK_UNCALIBRATED, CALIBRATION_MISSING; waivers are recorded.
-        Returns what does not refuse but should be known; the log tells it too
-        (``logging``, "dart_hal"), each once per open car.
-        """
-        engine = self._engine
-        if engine.backend.bus is None:
-            return ()
-        for _ in self._until_good():
-            pass
-        with engine.lock:
-            engine.driver.arm(engine.now, tuple(waive))
-            if waive and self._recorder is not None:
-                self._recorder.note("waived", {"reasons": ", ".join(waive)})
-        try:
-            self._await_armed()
-        except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
-            self.stop()
-            raise
-        return self._caution()
-
-    def _caution(self) -> tuple[Caution, ...]:
-        found = self.cautions
-        for caution in found:
-            if caution.name not in self._told:
-                self._told.add(caution.name)
-                log.warning("%s", caution)
-        return found
-
-    def _await_armed(self) -> None:
-        driver = self._engine.driver
-        for _ in self.states(duration=ARM_PATIENCE):
-            if driver.mode is ArmState.ARMED:
-                return
-            if driver.mode is not ArmState.ARMING:
-                break
-        with self._engine.lock:
-            raise driver.refused()
-
-    def _until_good(self) -> Iterator[State]:
-        """States until clock and IMU have settled after the opening; 2 s at most."""
-        for state in self.states(duration=2.0):
-            with self._engine.lock:
-                if self._engine.driver.settled(self._engine.now):
-                    return
-            yield state
-
-    @contextmanager
-    def raw(self, *, lifted: bool = False) -> Iterator[None]:
-        """Calibration: ``pulses()`` instead of ``drive()``, after the ESC's neutral time.
-
-        As safe as ARMED: pulses hold for 0.2 s, the car's limits, the cap of a
-        lost encoder and every trip apply. ``lifted=True`` says that the wheels
-        are off the ground: it allows the full range of 1000 to 2000 us, is
-        written to the recording, and ends when the IMU shows motion. Ends
-        after 10 s without a call. Raises NotArmed when the link or the bus is
-        not good; clock and calibration need not exist yet.
-        """
-        engine, driver = self._engine, self._engine.driver
-        for _ in self.states(duration=self.files.config.throttle.arm_neutral + FIRST_PULSES):
-            pass
-        for _ in self.states(duration=RAW_PATIENCE):
-            with engine.lock:
-                if not driver.raw_refusals(engine.now, lifted=lifted):
-                    break
-        with engine.lock:
-            driver.open_raw(engine.now, lifted=lifted)
-        if lifted:
-            self.note("raw_lifted", {"wheels": "off the ground, as the caller says"})
-        try:
-            yield
-        finally:
-            with engine.lock:
-                driver.stop(engine.now, Event.RAW_CLOSE)
-
-    def unlock(self, reason: str) -> None:
-        """Leave LOCKED (three trips in a minute); the reason is recorded."""
-        with self._engine.lock:
-            self._engine.driver.event(Event.UNLOCK, self._engine.now)
-            if self._recorder is not None:
-                self._recorder.note("unlock", {"reason": reason})
 
     # -- what is known -----------------------------------------------------------------
 
@@ -363,25 +292,14 @@ class Car:
         return self._engine.driver.mode.value
 
     @property
+    def simulated(self) -> bool:
+        """Whether it is a car of this program's world, or a recording."""
+        return self._engine.backend.simulated or self._engine.backend.virtual
+
+    @property
     def drives(self) -> bool:
         """False where commands go nowhere: a recording, or a port without its I2C bus."""
         return self._engine.backend.bus is not None
-
-    def refusals(self) -> tuple[str, ...]:
-        """Names of what would keep ``arm()`` from arming now, waiting apart."""
-        with self._engine.lock:
-            return self._engine.driver.arm_refusals(self._engine.now)
-
-    @property
-    def cautions(self) -> tuple[Caution, ...]:
-        """What does not keep the car from arming but should be known."""
-        with self._engine.lock:
-            return self._engine.driver.cautions(self._engine.now)
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """Names of what tripped the car last."""
-        return self._engine.driver.supervisor.causes
 
     @property
     def timing(self) -> Timing:
@@ -389,7 +307,7 @@ class Car:
         p50, p99, longest = self._timer.quantiles()
         counters = self._engine.receiver.counters
         return Timing(p50, p99, longest, counters.gaps, counters.damaged, self._timer.skipped,
-                      self._engine.link_age)
+                      self._engine.link_age, *self._timer.work(), self._timer.late)
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""

@@ -56,7 +56,7 @@ class Driver:
         self._guard: GuardPost | None = None
         self._test: CutoffTest | None = None
         self._passed = False
-        if not backend.virtual and backend.bus is not None:
+        if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
 
@@ -205,7 +205,8 @@ class Driver:
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open or a drive is there."""
         facts = self.facts(now)
-        return (facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
+        return (self.mode is not ArmState.TRIPPED
+                and facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
                 and not facts.wheel_moves and (facts.cutoff == "none" or bool(facts.beat_limit))
                 and (facts.guard_age is None or facts.guard_age <= STALE))
 

@@ -147,7 +147,7 @@ class Observer:
             watchdog_fired="WATCHDOG_LAST_BOOT" in flags,
             imu_calibrated=state is None or state.health.calib[1] == 3,
             firmware_dirty=hello is not None and hello.dirty,
-            simulated=self._backend.virtual)
+            simulated=self._backend.virtual or self._backend.simulated)
 
     def _neutral_for(self, now: float, written: float, cutoff: str) -> float:
         """s for which the ESC has seen neutral."""

@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from math import inf
+from pathlib import Path
 from types import TracebackType
+from typing import TypeVar
 
 from dart_hal.car.car import Car
+from dart_hal.errors import UsageError
 from dart_hal.types import SAMPLE, State
+
+T = TypeVar("T")
 
 
 class Fleet:
@@ -18,12 +23,24 @@ class Fleet:
         self.cars = tuple(cars)
 
     @classmethod
-    def open(cls, urls: Sequence[str]) -> Fleet:
-        """Open every URL, or none: what was opened is closed if one fails."""
+    def open(cls, urls: Sequence[str], *, car: Sequence[str | None] | None = None,
+             cars: str | Path | None = None,
+             record: Sequence[str | Path | None] | None = None,
+             raise_on_trip: bool = True) -> Fleet:
+        """Open every URL, or none: what was opened is closed if one fails.
+
+        ``car``, ``record``: one entry for each URL, as ``Car.open`` takes it.
+        Raises UsageError where their number is another, and where two real cars
+        would drive with the files of one; and what ``Car.open`` raises.
+        """
+        names, files = _each("car", car, urls), _each("record", record, urls)
         with ExitStack() as stack:
-            cars = [stack.enter_context(Car.open(url)) for url in urls]
+            opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
+                                                   raise_on_trip=raise_on_trip))
+                      for url, name, run in zip(urls, names, files, strict=True)]
+            _distinct(opened)
             stack.pop_all()
-        return cls(cars)
+        return cls(opened)
 
     def arm(self, *, waive: Sequence[str] = ()) -> None:
         """Arm one after the other; if one refuses, all are stopped. Raises NotArmed."""
@@ -76,3 +93,24 @@ class Fleet:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
+
+
+def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence[T | None]:
+    """One entry for each URL. Raises UsageError."""
+    if given is None:
+        return [None] * len(urls)
+    if isinstance(given, str) or len(given) != len(urls):
+        raise UsageError(f"{name}= of a fleet has one entry for each URL", found=repr(given),
+                         expected=f"{len(urls)} entries")
+    return list(given)
+
+
+def _distinct(cars: Sequence[Car]) -> None:
+    """Raise UsageError where two real cars have one car's calibration."""
+    names = [car.files.config.name for car in cars if not car.simulated]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError(f"two cars of the fleet have the files of {', '.join(twice)}",
+                         found=", ".join(car.url for car in cars),
+                         expected="the files of each car, measured on it",
+                         remedy='Fleet.open(urls, car=["dart-01", "dart-02"])')

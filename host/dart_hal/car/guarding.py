@@ -1,6 +1,6 @@
 """The guard process of a real car: started while the Nano boots, asked at each write.
 
-A simulated car in virtual time needs none: its world stands still with the
+A simulated car in this process needs none: its world stands still with the
 program. On a real bus the guard writes neutral when this program dies or hangs.
 """
 

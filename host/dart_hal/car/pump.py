@@ -27,6 +27,9 @@ class Pump(Protocol):
         Raises LinkLost after ``timeout`` s without a frame.
         """
 
+    def error(self) -> Exception | None:
+        """What ``next`` would raise and has not yet; a lost link is told once."""
+
     def stop(self) -> None: ...
 
 
@@ -50,6 +53,9 @@ class InlinePump:
                 return states[-1], len(states) - 1
             if engine.now >= deadline:
                 raise _silence(engine, timeout)
+
+    def error(self) -> Exception | None:
+        return None
 
     def stop(self) -> None:
         """Nothing runs by itself."""
@@ -107,12 +113,13 @@ class ThreadPump:
     def _hold(self, error: Exception, search: Search | None) -> Found | None:
         """Neutral, then tell, then neutral again until the board is found, or ``stop``."""
         engine = self._engine
-        with contextlib.suppress(Exception), engine.lock:
-            engine.driver.lost(engine.now)
-        with self._news:
-            self._error = error
-            self._delivered = self._count  # what came before is old when it is told
-            self._news.notify_all()
+        with engine.lock:  # until it is told: who finds the car disarmed finds out why
+            with contextlib.suppress(Exception):
+                engine.driver.lost(engine.now)
+            with self._news:
+                self._error = error
+                self._delivered = self._count  # what came before is old when it is told
+                self._news.notify_all()
         found = None
         while found is None and not self._ended.wait(AWAY):
             with contextlib.suppress(Exception), engine.lock:
@@ -126,10 +133,7 @@ class ThreadPump:
         with self._news:
             self._news.wait_for(
                 lambda: self._error is not None or self._count > self._delivered, timeout)
-            error = self._error
-            if isinstance(error, LinkLost):
-                self._error = None
-            if error is not None:
+            if (error := self.error()) is not None:
                 raise error
             if self._latest is None or self._count == self._delivered:
                 raise _silence(self._engine, timeout)
@@ -137,6 +141,13 @@ class ThreadPump:
             skipped = self._count - self._delivered - 1 if self._delivered else 0
             self._delivered = self._count
             return self._latest, skipped
+
+    def error(self) -> Exception | None:
+        with self._news:
+            error = self._error
+            if isinstance(error, LinkLost):
+                self._error = None
+            return error
 
     def stop(self) -> None:
         self._ended.set()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dart_hal.car.engine import Engine
-from dart_hal.config import CarFiles
+from dart_hal.config import CarFiles, left_aside
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.run import RunWriter
 
@@ -29,7 +29,7 @@ def keep_old(path: str | Path) -> Path | None:
 def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWriter:
     """Begin an MCAP file of this run; ``engine`` writes into it from now on."""
     texts = {name: (files.folder / name).read_text(encoding="utf-8")
-             for name in FILES if (files.folder / name).is_file()}
+             for name in FILES if (files.folder / name).is_file()} if not left_aside(files) else {}
     backend = engine.backend
     if backend.car_toml is not None:
         texts["car.toml"] = backend.car_toml

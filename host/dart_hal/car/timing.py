@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import logging
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+
+from dart_hal.types import SAMPLE
 
 KEPT = 1000
 """Loop periods that are judged: 10 s at 100 Hz."""
+LATE = 2 * SAMPLE
+"""s of work for one State from which on a loop is late: one of the PWM frames, 20 ms each, has
+gone out with the command before."""
+WAITED = "this car waits for its program, a real one drives on: try sim://?pace=1"
+DROVE_ON = "those between are skipped; the car drives on with a command only while it is valid"
+
+log = logging.getLogger("dart_hal")
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Loop periods p50, p99, max [s]; frames lost and damaged on the line, States
-    skipped by a slow loop; age of the last frame [s]; pulses written per frame."""
+    """Loop periods p50, p99, max [s of the car's time]; frames lost and damaged on the
+    line, States skipped by a slow loop; age of the last frame [s]. By the wall clock, on
+    an emulated car too: ``work_p99``, ``work_max`` [s] that the loop took for one State,
+    and how often it was ``late`` while the car was armed: 20 ms or more."""
 
     p50: float
     p99: float
@@ -21,15 +35,23 @@ class Timing:
     damaged: int
     skipped: int
     link_age: float
+    work_p99: float = float("nan")
+    work_max: float = float("nan")
+    late: int = 0
 
 
 class LoopTimer:
-    """Collects the times at which the user's loop asked for a State."""
+    """Collects the times at which the user's loop asked for a State, and how long it took.
 
-    def __init__(self) -> None:
+    ``wall``: the computer's clock [s].
+    """
+
+    def __init__(self, wall: Callable[[], float] = time.perf_counter) -> None:
         self._periods: deque[float] = deque(maxlen=KEPT)
+        self._work: deque[float] = deque(maxlen=KEPT)
+        self._wall, self._given = wall, float("nan")
         self._last: float | None = None
-        self.skipped = 0
+        self.skipped = self.late = 0
 
     def tick(self, now: float, skipped: int) -> None:
         if self._last is not None:
@@ -37,10 +59,37 @@ class LoopTimer:
         self._last = now
         self.skipped += skipped
 
+    def give(self) -> None:
+        """A State is handed to the loop."""
+        self._given = self._wall()
+
+    def asked(self, *, armed: bool, waits: bool) -> None:
+        """The loop asks for the next State; a late round is counted, the first one said.
+
+        ``waits``: the car stood still meanwhile, in virtual time.
+        """
+        work, self._given = self._wall() - self._given, float("nan")
+        if work == work:  # the first State, and one after an error, answer none
+            self._work.append(work)
+        if armed and work >= LATE:
+            self.late += 1
+            if self.late == 1:
+                log.warning("the loop took %.0f ms for one State, and they come each %.0f ms: %s; "
+                            "car.timing counts the late rounds", 1e3 * work, 1e3 * SAMPLE,
+                            WAITED if waits else DROVE_ON)
+
     def quantiles(self) -> tuple[float, float, float]:
         """p50, p99, max [s]; NaN before two States."""
-        ordered = sorted(self._periods)
-        if not ordered:
-            return float("nan"), float("nan"), float("nan")
-        last = len(ordered) - 1
-        return ordered[last // 2], ordered[int(last * 0.99)], ordered[last]
+        return _quantiles(self._periods)
+
+    def work(self) -> tuple[float, float]:
+        """p99, max [s]; NaN before two States."""
+        return _quantiles(self._work)[1:]
+
+
+def _quantiles(values: deque[float]) -> tuple[float, float, float]:
+    ordered = sorted(values)
+    if not ordered:
+        return float("nan"), float("nan"), float("nan")
+    last = len(ordered) - 1
+    return ordered[last // 2], ordered[int(last * 0.99)], ordered[last]

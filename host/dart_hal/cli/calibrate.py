@@ -13,9 +13,10 @@ from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
-from dart_hal.cli.options import PathsOption, car_options, json_option
-from dart_hal.cli.output import console, print_json, progress_bar, results
+from dart_hal.cli.options import Number, PathsOption, car_options, json_option
+from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
+from dart_hal.config import named_folders
 from dart_hal.errors import CalibrationFailed, UsageError
 
 MOST_ROWS = 13
@@ -38,7 +39,7 @@ def command() -> None:
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of map, data and residuals")
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
-@click.option("--speeds", nargs=2, type=click.FloatRange(0.15, 0.8), default=SPEEDS,
+@click.option("--speeds", nargs=2, type=Number(0.15, 0.8), default=SPEEDS,
               show_default=True, metavar="SLOW FAST",
               help="m/s there and back; slower needs less floor, and both must differ")
 @json_option
@@ -85,8 +86,13 @@ def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes
             bar.start()
             return True
 
-        return calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
-                                  source=car.url, speeds=speeds)
+        result = calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
+                                    source=car.url, speeds=speeds)
+    unnamed = not named_folders([cars] if cars else None)
+    if result.written and unnamed and car.url.startswith("sim:"):
+        folder = Path(result.written).parents[1]
+        notices((f"{car.url} uses this where its folder is named: --cars {folder}",))
+    return result
 
 
 def _agreed(question: str, yes: bool) -> bool:

@@ -35,7 +35,7 @@ def show(d: Diagnosis) -> None:
     for claimed in d.claims:
         _say(f"parameters: {claim(claimed)}")
     if d.causes:
-        Console(file=output, width=max(results.width, NARROWEST)).print(_causes(d))
+        Console(file=output, emoji=False, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
             _say(f"{i + 1}. {sentence(cause)}")
     for p in d.possible:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from rich.markup import escape
 
 from dart_hal.cli.checks import Check, examine
 from dart_hal.cli.options import Number, car_options, json_option
@@ -20,7 +21,7 @@ COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
             as_json: bool) -> int:
-    """Check port, firmware, stream, I2C, PCA9685, IMU and encoder; exit 1 on a fault.
+    """Check port, firmware, stream, I2C, PCA9685, IMU and encoder; exit 1 if it would not drive.
 
     The wheels are not driven; the pins go to neutral.
     """
@@ -34,15 +35,20 @@ def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
         for check in checks:
             show(check)
         results.print(closing(checks, verdict))
-    return 1 if verdict == "fail" else 0
+    return 0 if ready(checks, verdict) else 1
+
+
+def ready(checks: list[Check], verdict: str) -> bool:
+    """Whether the car would drive."""
+    arms = any(c.id == "arming" and c.verdict == "ok" for c in checks)
+    return verdict == "ok" or (verdict == "warn" and arms)
 
 
 def closing(checks: list[Check], verdict: str) -> str:
     """The last line: whether the car would drive."""
-    arms = any(c.id == "arming" and c.verdict == "ok" for c in checks)
     if verdict == "ok":
         return "all well"
-    if verdict == "warn" and arms:
+    if ready(checks, verdict):
         return "it will drive; see the warnings"
     return "not ready to drive; see above what to type"
 
@@ -50,7 +56,7 @@ def closing(checks: list[Check], verdict: str) -> str:
 def show(check: Check) -> None:
     """One line, and for a fault what was expected and what to type."""
     results.print(f"[{COLOURS[check.verdict]}]{check.verdict:>4}[/]  {check.title:<22} "
-                  f"{check.found}", highlight=False)
+                  f"{escape(check.found)}", highlight=False)
     if check.verdict in ("warn", "fail"):
         for name, value in (("expected", check.expected), ("cause", check.cause),
                             ("try", check.remedy)):

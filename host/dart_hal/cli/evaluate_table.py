@@ -33,7 +33,7 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
     if caution(e):
         results.print(f"caution: {caution(e)}", style="yellow", markup=False, highlight=False)
     # a narrow terminal may break lines, but no number may lose its second half
-    Console(file=output, width=max(results.width, NARROWEST)).print(_table(e))
+    Console(file=output, emoji=False, width=max(results.width, NARROWEST)).print(_table(e))
     lead, *lines = gain(e)
     for line in (lead, *(f"  {line}" for line in lines)):
         results.print(line, markup=False, highlight=False)

@@ -110,7 +110,8 @@ def _files(backend: Backend, car_name: str, cars: Path | None) -> CarFiles:
     """The files that the Car will have. Raises ConfigError."""
     folders = [cars] if cars else None
     if backend.car_toml is not None:
-        return parse_car(backend.car_toml, backend.url.text, folders)
+        return parse_car(backend.car_toml, backend.url.text, folders,
+                         named_only=backend.simulated)
     return load_car(backend.car or car_name, folders)
 
 

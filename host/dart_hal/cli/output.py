@@ -38,9 +38,9 @@ class _Output:
 
 
 output = cast("IO[str]", _Output())
-console = Console(stderr=True, soft_wrap=True)
+console = Console(stderr=True, soft_wrap=True, emoji=False)
 """Notices and progress: never mixed into what is asked for."""
-results = Console(file=output, soft_wrap=True)
+results = Console(file=output, soft_wrap=True, emoji=False)
 """What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
 
 

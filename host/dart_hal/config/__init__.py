@@ -15,10 +15,13 @@ from dart_hal.config.calibration import (
 from dart_hal.config.car import CarConfig, parse_config
 from dart_hal.config.folders import (
     CarFiles,
+    calibration_in,
     car_folders,
     cars_home,
+    left_aside,
     load_car,
     load_model,
+    named_folders,
     parse_car,
     save_calibration,
     save_model,
@@ -29,7 +32,8 @@ from dart_hal.config.write import dump, save
 
 __all__ = [
     "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "EffectEntry", "ModelFile", "PaperForm",
-    "Quantities", "Quantity", "SteeringTable", "car_folders", "cars_home", "check_calibration",
-    "dump", "load_car", "load_model", "parse_calibration", "parse_car", "parse_config",
-    "parse_model", "plain", "save", "save_calibration", "save_model",
+    "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders", "cars_home",
+    "check_calibration", "dump", "left_aside", "load_car", "load_model", "named_folders",
+    "parse_calibration", "parse_car", "parse_config", "parse_model", "plain", "save",
+    "save_calibration", "save_model",
 ]

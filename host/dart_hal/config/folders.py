@@ -22,6 +22,9 @@ EXAMPLE = "dart-01"
 PACKAGED = Path(__file__).resolve().parents[1] / "cars" / EXAMPLE / "car.toml"
 """The example car inside an installed package (absent in a checkout)."""
 
+UNNAMED = 2
+"""Folders at the end of the search that nobody named: ./cars and that of the home folder."""
+
 Folders = Sequence[str | os.PathLike[str]]
 
 
@@ -79,10 +82,14 @@ def car_folders(cars_dirs: Folders | None = None) -> list[Path]:
     return [*given, *named, Path("cars"), _own_folder()]
 
 
+def named_folders(cars_dirs: Folders | None = None) -> list[Path]:
+    """Those that the caller or $DART_CARS names."""
+    return car_folders(cars_dirs)[:-UNNAMED]
+
+
 def cars_home(cars_dirs: Folders | None = None) -> Path:
     """Where the files of a new car go: the first folder that was named, or exists."""
-    folders = car_folders(cars_dirs)
-    named = folders[:-2]
+    folders, named = car_folders(cars_dirs), named_folders(cars_dirs)
     return named[0] if named else next((f for f in folders if f.is_dir()), folders[-1])
 
 
@@ -105,21 +112,46 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
                       "differs, or name another folder with --cars")
 
 
-def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFiles:
+def parse_car(text: str, origin: str, cars_dirs: Folders | None = None, *,
+              named_only: bool = False) -> CarFiles:
     """A car whose car.toml comes as ``text`` (a simulated one); ``origin`` names it.
 
-    Its calibration and model are read from its folder, if there is one.
+    Its calibration and model are read from its folder, if there is one;
+    ``named_only``: if that folder was named, by the caller or $DART_CARS. Then
+    what lies where the program runs or in the home folder changes nothing.
     Raises as ``load_car``.
     """
     config = parse_config(text, origin)
     places = [folder / config.name for folder in car_folders(cars_dirs)]
-    folder = next((f for f in places if f.is_dir()), cars_home(cars_dirs) / config.name)
-    return _with_measurements(config, folder, origin, config.name)
+    searched = places[:-UNNAMED] if named_only else places
+    found = next((f for f in searched if f.is_dir()), None)
+    if found is None and named_only:
+        left = next((f for f in places if f.is_dir()), cars_home(cars_dirs) / config.name)
+        return CarFiles(config, None, None, left, origin)
+    return _with_measurements(config, found or cars_home(cars_dirs) / config.name, origin,
+                              config.name)
+
+
+def left_aside(files: CarFiles) -> bool:
+    """Whether ``named_only`` kept what was measured in ``files.folder`` from being used."""
+    there = [(files.folder / name).is_file() for name in ("calibration.toml", "model.toml")]
+    return any(there) and files.calibration is None and files.model is None
 
 
 def load_model(path: str | os.PathLike[str]) -> ModelFile:
     """Read a model.toml. Raises ConfigError."""
     return parse_model(_read(Path(path)), str(path))
+
+
+def calibration_in(folder: Path, car: str) -> Calibration:
+    """What ``folder`` holds of a car's measurements, to be written anew with one more.
+
+    Raises ConfigError, OtherCar, NotMonotone for a file that is no good.
+    """
+    path = folder / "calibration.toml"
+    if not path.is_file():
+        return Calibration(car=car)
+    return parse_calibration(_read(path), str(path), car)
 
 
 def save_calibration(calibration: Calibration, folder: Path) -> Path:
@@ -138,8 +170,7 @@ def _with_measurements(config: CarConfig, folder: Path, origin: str, name: str) 
         raise ConfigError(f"{origin}: key name is not the folder's name", found=config.name,
                           expected=name, remedy=f'write name = "{name}"', read=origin)
     cal_path, model_path = folder / "calibration.toml", folder / "model.toml"
-    calibration = (parse_calibration(_read(cal_path), str(cal_path), name)
-                   if cal_path.is_file() else None)
+    calibration = calibration_in(folder, name) if cal_path.is_file() else None
     if calibration is not None:
         _check_direction(config, calibration, str(cal_path), origin)
     model = load_model(model_path) if model_path.is_file() else None

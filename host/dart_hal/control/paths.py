@@ -55,8 +55,8 @@ class Path:
 
     def closest(self, x: float, y: float, near: float) -> float:
         """Arc length of the closest point, searched around ``near`` [m]."""
-        low = int((near - BEHIND) / self.length * len(self.x))
-        index = np.arange(low, low + int((AHEAD + BEHIND) / STEP))
+        low = int((near - BEHIND) / self.spacing)
+        index = np.arange(low, low + int((AHEAD + BEHIND) / self.spacing))
         index = index % len(self.x) if self.closed else np.clip(index, 0, len(self.x) - 1)
         nearest = int(np.argmin((self.x[index] - x) ** 2 + (self.y[index] - y) ** 2))
         found = float(self.s[index[nearest]])
@@ -65,15 +65,19 @@ class Path:
 
     def point(self, s: float) -> tuple[float, float]:
         """Position [m] at arc length ``s``; an open path ends at its last point."""
-        i = int(s / self.length * len(self.x))
-        i = i % len(self.x) if self.closed else min(max(i, 0), len(self.x) - 1)
+        i = self._index(s)
         return float(self.x[i]), float(self.y[i])
 
     def offset(self, x: float, y: float, s: float) -> float:
-        """Distance to the left of the path at ``s`` [m]."""
-        i = int(s / self.length * len(self.x)) % len(self.x)
+        """Distance to the left of the path at ``s`` [m]; behind its end, of its last point."""
+        i = self._index(s)
         dx, dy = x - self.x[i], y - self.y[i]
         return float(-sin(self.heading[i]) * dx + cos(self.heading[i]) * dy)
+
+    def _index(self, s: float) -> int:
+        """The point at ``s`` or the last one before it."""
+        i = int(s / self.spacing)
+        return i % len(self.x) if self.closed else min(max(i, 0), len(self.x) - 1)
 
 
 def _along(x: Any, y: Any, yaw: Any, s: Any, k: Any) -> tuple[Any, Any, Any]:

@@ -55,6 +55,7 @@ class Backend:
     """An opened backend.
 
     ``virtual``: time advances only inside ``link.read`` and ``clock.sleep``.
+    ``simulated``: what is driven is a world of this program, in whatever time.
     ``car``: name of the car this backend is (``sim-7``), None = the caller's.
     ``car_toml``: text of a car file that comes with the backend.
     ``bus`` None: commands are accepted and reported as not sent (replay).
@@ -69,6 +70,7 @@ class Backend:
     clock: Clock
     bus: Bus | None
     virtual: bool
+    simulated: bool = False
     car: str | None = None
     car_toml: str | None = None
     notices: tuple[str, ...] = ()

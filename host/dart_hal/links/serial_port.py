@@ -14,6 +14,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import select
 import termios
 import time
@@ -164,8 +165,14 @@ def _open_error(device: str, error: serial.SerialException) -> Exception:
 
 
 def find_port(pattern: str) -> str:
-    """Device whose USB id or description matches; raises PortMissing."""
-    found = list(list_ports.grep(pattern))
+    """Device whose USB id or description matches; raises PortMissing, UsageError."""
+    try:
+        found = list(list_ports.grep(pattern))
+    except re.error as error:
+        raise UsageError(f"hwgrep://{pattern} is no pattern of a port's name", found=str(error),
+                         expected="a USB id such as 1A86:7523, or a regular expression",
+                         remedy="put a backslash before ( [ * + ? that are meant as such"
+                         ) from error
     if found:
         return str(found[0].device)
     here = ", ".join(f"{p.device} ({p.hwid})" for p in list_ports.comports())

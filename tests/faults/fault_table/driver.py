@@ -77,7 +77,7 @@ def main(url: str, name: str, cars: str, how: str) -> None:
                 wanted.set()
         os._exit(0)     # the suite is gone: an orphan would find the next car by its number
 
-    with Car.open(url, car=name, cars=cars or None) as car:
+    with Car.open(url, car=name, cars=cars or None, raise_on_trip=False) as car:
         threading.Thread(target=listen, daemon=True).start()
         driven, done, told = 0, False, False
         with suppress(LinkLost):

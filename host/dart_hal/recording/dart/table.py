@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.regular import check_regular
 from dart_hal.types import FloatArray
 
 from .schema import detect, split_header
@@ -22,9 +23,10 @@ MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not
 def read_text(path: Path) -> str:
     """Contents of ``path``.
 
-    Errors: RecordingError for a missing file, a folder, 0 bytes or binary.
+    Errors: RecordingError for a missing file, a folder, a pipe, 0 bytes or binary.
     """
     file = str(path)
+    check_regular(path)
     try:
         raw = path.read_bytes()
         if raw[:2] == GZIP:

@@ -1,0 +1,15 @@
+"""What may be read to its end: a file, not a pipe that waits for its writer or a device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dart_hal.errors import RecordingError
+
+
+def check_regular(path: Path) -> None:
+    """Raise RecordingError for what is there and is neither file nor folder."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise RecordingError(f"{path}: is no file", found="a pipe, a socket or a device",
+                             expected="a recording: a file that has an end", read=str(path),
+                             remedy="write it to a file first, then name that")

@@ -1,0 +1,157 @@
+"""A loop that is too slow for a car: counted by the wall clock, said once, in virtual time too."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.car.timing import LATE, LoopTimer
+from dart_hal.errors import Disarmed, UsageError
+from dart_hal.links.base import open_backend
+from dart_hal.links.paced import PacedLink
+from dart_hal.ports import Chunk, Link
+from dart_hal.sim.serve import PacedWorld
+from dart_hal.sim.truth import truth
+
+MOCK = "sim://?seed=1&nano=mock"
+
+
+class Wall:
+    """A wall clock that goes when it is told."""
+
+    def __init__(self) -> None:
+        self.t = 0.0
+
+    def __call__(self) -> float:
+        return self.t
+
+
+def rounds(timer: LoopTimer, wall: Wall, work: float, armed: bool = True) -> None:
+    timer.give()
+    wall.t += work
+    timer.asked(armed=armed, waits=False)
+
+
+def test_the_first_late_round_is_told_and_every_one_is_counted(caplog):
+    wall = Wall()
+    timer = LoopTimer(wall)
+    timer.asked(armed=True, waits=False)
+    rounds(timer, wall, 0.9 * LATE)
+    assert not caplog.messages
+    rounds(timer, wall, 2 * LATE)
+    (told,) = caplog.messages
+    assert "took 40 ms" in told
+    rounds(timer, wall, 3 * LATE)
+    assert (caplog.messages, timer.late) == ([told], 2)
+    assert timer.work() == pytest.approx((2 * LATE, 3 * LATE))
+
+
+def test_nobody_is_late_for_a_car_that_is_not_armed(caplog):
+    wall = Wall()
+    timer = LoopTimer(wall)
+    rounds(timer, wall, 1.0, armed=False)
+    assert (caplog.messages, timer.late) == ([], 0)
+
+
+def test_before_two_states_no_work_is_known():
+    assert all(math.isnan(value) for value in LoopTimer(Wall()).work())
+
+
+def slow_loop(car: Car, caplog: pytest.LogCaptureFixture) -> list[str]:
+    car.arm()
+    caplog.clear()
+    with caplog.at_level(logging.WARNING, "dart_hal"):
+        for _ in car.states(duration=0.05):
+            car.drive(throttle=0.1)
+            time.sleep(1.1 * LATE)
+    return [text for text in caplog.messages if "the loop took" in text]
+
+
+def test_a_slow_loop_is_told_once_though_virtual_time_waits_for_it(caplog):
+    with Car.open(MOCK) as car:
+        (text,) = slow_loop(car, caplog)
+        assert "pace=1" in text
+        assert car.timing.late >= 2
+        assert car.timing.p99 == pytest.approx(0.01, rel=0.01)
+        assert car.timing.work_max >= 1.1 * LATE
+
+
+def drive_slowly(car: Car, work: float) -> None:
+    for _ in car.states(duration=5.0):
+        car.drive(throttle=0.2)
+        time.sleep(work)
+
+
+class Counting(Link):
+    """A world that moves by ``sleep`` alone."""
+
+    def __init__(self) -> None:
+        self.t = 0.0
+
+    def read(self, timeout: float) -> Chunk | None:
+        return None
+
+    def write(self, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+    def pass_time(self, seconds: float) -> None:
+        self.t += seconds
+
+
+def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
+    wall, world = Wall(), Counting()
+    monkeypatch.setattr("dart_hal.links.paced.time.monotonic", wall)
+    paced = PacedLink(world, lambda: world.t, world.pass_time)
+    wall.t = 0.1
+    assert paced.now() == pytest.approx(0.1)
+    paced.write(b"x")
+    assert world.t == pytest.approx(0.1)
+
+
+def test_a_world_that_cannot_keep_up_is_not_chased_and_says_so_once(monkeypatch, caplog):
+    wall, world = Wall(), Counting()
+    monkeypatch.setattr("dart_hal.links.paced.time.monotonic", wall)
+    paced = PacedLink(world, lambda: world.t, world.pass_time)
+    for wall.t in (10.0, 20.0):
+        paced.now()
+    assert world.t == 0.0
+    wall.t += 0.1
+    assert paced.now() == pytest.approx(0.1)
+    assert len(caplog.messages) == 1
+
+
+@pytest.mark.more
+def test_a_paced_car_drives_on_while_its_program_computes():
+    with Car.open(MOCK + "&pace=1") as car:
+        car.arm()
+        with pytest.raises(Disarmed):
+            drive_slowly(car, 0.3)
+        assert car.causes == ("COMMAND_EXPIRED",)
+        assert car.timing.skipped > 10
+
+
+@pytest.mark.more
+def test_a_paced_car_obeys_a_loop_that_is_quick():
+    backend = open_backend(MOCK + "&pace=1")
+    with Car.over(backend) as car:
+        car.arm()
+        for _ in car.states(duration=1.0):
+            car.drive(throttle=0.3, valid_for=0.5)
+        assert truth(backend).v_x > 0.2
+
+
+def test_a_paced_car_is_not_served_once_more():
+    backend = open_backend(MOCK + "&pace=1")
+    with pytest.raises(UsageError, match="cannot be served"):
+        PacedWorld(backend)
+    backend.close()
+
+
+def test_a_pace_that_is_none_is_refused():
+    with pytest.raises(UsageError, match="pace"):
+        open_backend(MOCK + "&pace=2")
