@@ -7,6 +7,7 @@ import random
 import struct
 import subprocess
 import sys
+import threading
 from itertools import pairwise
 
 import pytest
@@ -141,6 +142,28 @@ def test_a_program_that_is_killed_keeps_what_it_recorded(tmp_path):
     run = RunReader(path)
     assert not run.complete
     assert list(run.chunks())[-1].t >= 1.99 - 0.05
+
+
+def test_threads_that_write_at_once_do_not_damage_the_run(tmp_path):
+    """The link's thread records States while the program's records commands."""
+    written, switch = 2000, sys.getswitchinterval()
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        def write(add):
+            for k in range(written):
+                add(bytes(8), 1.0 + 0.001 * k)
+
+        threads = [threading.Thread(target=write, args=(add,)) for add in (writer.rx, writer.tx)]
+        sys.setswitchinterval(1e-6)
+        try:
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        finally:
+            sys.setswitchinterval(switch)
+    run = RunReader(tmp_path / "run.mcap")
+    assert run.notices == ()
+    assert [len(list(what())) for what in (run.chunks, run.sent)] == [written, written]
 
 
 @pytest.mark.parametrize("content", [

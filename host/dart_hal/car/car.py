@@ -141,6 +141,7 @@ class Car:
     def _disown(self) -> None:
         """In a forked child: the car stays its parent's, whatever is called here."""
         self._closed = True
+        self._recorder = None  # its lock may be held by a thread that the child has not
         self._engine.lock = ParentsLock()
         atexit.unregister(self.close)
 

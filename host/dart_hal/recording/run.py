@@ -12,6 +12,7 @@ All times are host times of the backend's clock in s, >= 0.
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from struct import Struct
@@ -78,7 +79,7 @@ def mcap_writer(file: BinaryIO) -> Writer:
 
 
 class RunWriter:
-    """Writes a run; a context manager. Methods may be called in any order.
+    """Writes a run; a context manager. Methods may be called in any order, by any thread.
 
     url, car: what was opened; files: texts of the car's files by name;
     versions: of the library and what else matters; start [s]: the clock when
@@ -89,6 +90,7 @@ class RunWriter:
                  files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
+        self._lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
         self._file = private(self.path.open("wb", buffering=1 << 16))
         self._writer = mcap_writer(self._file)
         self._now, _ = stamp.split(start)
@@ -146,24 +148,28 @@ class RunWriter:
         self._attach(name, JSON, json.dumps(dict(values)))
 
     def _attach(self, name: str, kind: str, text: str) -> None:
-        self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
+        with self._lock:
+            self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
 
     def _text(self, topic: str, t: float, values: Mapping[str, Any]) -> None:
         self._add(topic, cdr.string(json.dumps(values)), t)
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
-        self._now, rest = stamp.split(t)
-        self._writer.add_message(self._channels[topic], self._now, data, self._now, rest)
-        if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._flushed = t
+        ns, rest = stamp.split(t)
+        with self._lock:
+            self._now = ns
+            self._writer.add_message(self._channels[topic], ns, data, ns, rest)
+            if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                self._flushed = t
 
     def close(self) -> None:
         """Write the index; idempotent."""
-        if not self._closed:
-            self._closed = True
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._file.close()
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.close()
 
     def __enter__(self) -> RunWriter:
         return self
