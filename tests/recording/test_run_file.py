@@ -374,17 +374,36 @@ def test_no_imu_no_message(tmp_path, state):
     assert len(list(decoded(tmp_path / "r.mcap", "/odom"))) == 1
 
 
-def test_raw_bytes_and_text_follow_their_definitions(run_file, frame_of):
+def test_raw_bytes_commands_and_pulses_follow_their_definitions(run_file, frame_of):
     got = list(decoded(run_file, "rx"))[1]
     assert bytes(got["data"]) == frame_of(0, 0)
-    assert '"throttle": 0.5' in next(decoded(run_file, "command"))["data"]
+    assert list(decoded(run_file, "command"))[1] == {
+        "steering": 0.05, "throttle": 0.5, "source": "user"}
+    assert list(decoded(run_file, "applied"))[1] == {
+        "steering": 0.05, "throttle": 0.25, "steering_us": 1505.0, "throttle_us": 1612.5,
+        "limited": ["RANGE"]}
 
 
-@given(st.binary(max_size=80), st.text(max_size=40))
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
+NUMBER = st.floats(allow_nan=False)
+
+
+@given(st.binary(max_size=80), NUMBER, TEXT, st.lists(TEXT, max_size=4))
 @pytest.mark.more
-def test_cdr_inverses(data, text):
+def test_cdr_inverses(data, value, text, texts):
     assert cdr.byte_array_of(cdr.byte_array(data)) == data
-    assert cdr.string_of(cdr.string(text)) == text
+    assert cdr.command_of(cdr.command(value, -value, text)) == (value, -value, text)
+    pulses = Applied(value, 0.5, 1500.0, 1600.0, tuple(texts))
+    assert cdr.applied_of(cdr.applied(pulses)) == pulses
+
+
+@pytest.mark.parametrize("cut", [-1, 1, 9])
+def test_a_command_or_pulses_of_another_length_are_refused(cut):
+    whole = {cdr.command_of: cdr.command(0.1, 0.2, "user"),
+             cdr.applied_of: cdr.applied(Applied(0.1, 0.2, 1500.0, 1600.0, ("SLEW", "RANGE")))}
+    for read, data in whole.items():
+        with pytest.raises((ValueError, struct.error)):
+            read(data[:-cut] if cut > 0 else data + b"\0")
 
 
 def test_the_suffix_picks_the_writer(tmp_path):

@@ -63,6 +63,8 @@ class Message(NamedTuple):
 class McapFile:
     """Content of a file: ``blocks`` of whole records, facts by name, channel topics by id.
 
+    ``types``: the message type of each topic, "" where its schema is lost.
+
     ``complete``: the footer and the closing magic are there; ``length``,
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
     what was skipped before that; ``count`` of messages.
@@ -75,6 +77,7 @@ class McapFile:
     damages: list[Damage] = field(default_factory=list)
     blocks: list[bytes] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
 
@@ -103,13 +106,18 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
         _by_seals(data, sealed, found)
     else:
         _by_checksums(data, found)
+    schemas: dict[int, str] = {}
     for block in found.blocks:
         for opcode, start, end in records(block):
             if opcode == Opcode.MESSAGE:
                 found.count += 1
+            elif opcode == Opcode.SCHEMA:
+                schema = content(Schema, block[start:end])
+                schemas[schema.id] = schema.name
             elif opcode == Opcode.CHANNEL:
                 channel = content(Channel, block[start:end])
                 found.topics[channel.id] = channel.topic
+                found.types[channel.topic] = schemas.get(channel.schema_id, "")
             elif opcode == Opcode.METADATA:
                 noted = content(Metadata, block[start:end])
                 found.metadata[noted.name] = noted.metadata

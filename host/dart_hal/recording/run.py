@@ -31,7 +31,7 @@ from dart_hal.recording.schemas import definition
 from dart_hal.types import Applied, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
-LIBRARY = "dart-hal recording 3"
+LIBRARY = "dart-hal recording 4"
 """Fixed: a version of a library here would change the bytes of a run."""
 
 FLUSH = 0.05
@@ -39,7 +39,8 @@ FLUSH = 0.05
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
 _CHANNELS = (
-    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW), ("command", _TEXT), ("applied", _TEXT),
+    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW),
+    ("command", "dart_msgs/msg/Command"), ("applied", "dart_msgs/msg/Applied"),
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
@@ -122,14 +123,11 @@ class RunWriter:
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
         """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
-        self._text("command", t, {"steering": steering, "throttle": throttle, "source": source})
+        self._add("command", cdr.command(steering, throttle, source), t)
 
     def applied(self, t: float, applied: Applied) -> None:
         """What the pins carry from now on; call it when it changes."""
-        self._text("applied", t, {
-            "steering": applied.steering, "throttle": applied.throttle,
-            "steering_us": applied.steering_us, "throttle_us": applied.throttle_us,
-            "limited": [str(n) for n in applied.limited]})
+        self._add("applied", cdr.applied(applied), t)
 
     def state(self, state: State) -> None:
         """The ROS 2 channels of one State: odometry, IMU, drive."""
@@ -150,9 +148,6 @@ class RunWriter:
     def _attach(self, name: str, kind: str, text: str) -> None:
         with self._lock:
             self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
-
-    def _text(self, topic: str, t: float, values: Mapping[str, Any]) -> None:
-        self._add(topic, cdr.string(json.dumps(values)), t)
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
         ns, rest = stamp.split(t)
@@ -248,7 +243,8 @@ class RunReader:
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """What a replay needs, in recorded order: bytes received, pulses applied."""
-        return self._decoded({"rx": _chunk, "applied": _applied})
+        return self._decoded({"rx": _chunk, "applied": _applied_text if self._is_text("applied")
+                              else _applied})
 
     def applied(self) -> Iterator[AppliedAt]:
         """What the pins carried, at each change."""
@@ -256,7 +252,12 @@ class RunReader:
 
     def commands(self) -> Iterator[Command]:
         """What was asked for, in recorded order."""
-        return self._decoded({"command": _command})
+        return self._decoded({"command": _command_text if self._is_text("command")
+                              else _command})
+
+    def _is_text(self, topic: str) -> bool:
+        """Commands and pulses were JSON until format 3."""
+        return self._mcap.types.get(topic) == _TEXT
 
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
@@ -292,6 +293,10 @@ def _chunk(t: float, data: bytes) -> Chunk:
 
 
 def _command(t: float, data: bytes) -> Command:
+    return Command(t, *cdr.command_of(data))
+
+
+def _command_text(t: float, data: bytes) -> Command:
     v = json.loads(cdr.string_of(data))
     return Command(t, v["steering"], v["throttle"], v["source"])
 
@@ -304,6 +309,10 @@ def _transaction(t: float, data: bytes) -> I2c:
 
 
 def _applied(t: float, data: bytes) -> AppliedAt:
+    return AppliedAt(t, cdr.applied_of(data))
+
+
+def _applied_text(t: float, data: bytes) -> AppliedAt:
     v = json.loads(cdr.string_of(data))
     return AppliedAt(t, Applied(v["steering"], v["throttle"], v["steering_us"], v["throttle_us"],
                                 tuple(v["limited"])))
