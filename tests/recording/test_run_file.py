@@ -20,6 +20,7 @@ from dart_hal.recording import cdr, open_writer, stamp
 from dart_hal.recording.mcap_records import parse_mcap
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.types import Applied
+from ros2msg import decoded
 
 
 @given(st.floats(1e-3, 1e7) | st.just(0.0))
@@ -275,63 +276,6 @@ def test_the_reference_reader_accepts_the_file(run_file):
             if channel.topic == "rx":
                 (length,) = struct.unpack_from("<I", message.data, 12)
                 assert length == len(message.data) - 16
-
-
-SIZES = {"float64": 8, "float32": 4, "int32": 4, "uint32": 4, "uint8": 1}
-
-
-def walk(definition, data):
-    """Independent CDR reader driven by the embedded ros2msg text."""
-    parts = definition.split("=" * 80 + "\n")
-    types = {"": parts[0]}
-    for part in parts[1:]:
-        head, _, body = part.partition("\n")
-        types[head.removeprefix("MSG: ")] = body
-    values, at = {}, 4
-
-    def aligned(size):
-        nonlocal at
-        at += -(at - 4) % size
-
-    def take(kind):
-        nonlocal at
-        if kind == "string":
-            aligned(4)
-            (n,) = struct.unpack_from("<I", data, at)
-            text = data[at + 4:at + 3 + n].decode()
-            at += 4 + n
-            return text
-        aligned(SIZES[kind])
-        code = {"float64": "d", "float32": "f", "int32": "i", "uint32": "I", "uint8": "B"}[kind]
-        (value,) = struct.unpack_from("<" + code, data, at)
-        at += SIZES[kind]
-        return value
-
-    def message(name, prefix):
-        for line in types[name].splitlines():
-            kind, field = line.split()[:2]
-            base, bracket, count = kind.partition("[")
-            count = count.rstrip("]")
-            repeat = None
-            if bracket:
-                repeat = int(count) if count else take("uint32")
-            if base in types:
-                for _ in range(1 if repeat is None else repeat):
-                    message(base, prefix + field + ".")
-            elif repeat is None:
-                values[prefix + field] = take(base)
-            else:
-                values[prefix + field] = [take(base) for _ in range(repeat)]
-
-    message("", "")
-    assert at == len(data)
-    return values
-
-
-def decoded(path, topic):
-    with path.open("rb") as file:
-        for schema, _, message in make_reader(file).iter_messages(topics=[topic]):
-            yield walk(schema.data.decode(), message.data)
 
 
 def test_odometry_means_what_its_definition_says(run_file, state):

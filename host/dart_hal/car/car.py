@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
@@ -20,7 +20,7 @@ from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
-from dart_hal.car.recorder import keep_old, start_recording
+from dart_hal.car.recorder import Recorded, keep_old, start_recording
 from dart_hal.car.timing import LoopTimer, Timing
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
@@ -42,7 +42,7 @@ ARM_PATIENCE = 4.5
 log = logging.getLogger("dart_hal")
 
 
-class Car:
+class Car(Recorded):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
@@ -53,6 +53,7 @@ class Car:
         self.files = files
         self.notices = backend.notices
         self.url = backend.url.text
+        super().__init__()
         self._engine = Engine(backend, files)
         self._loop = SpeedLoop(files)
         self._timer = LoopTimer()
@@ -251,11 +252,6 @@ class Car:
             return self._engine.driver.stop(self._engine.now)
 
     # -- arming ----------------------------------------------------------------------
-
-    def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Put a record of this name into the recording, if one is made; the newest counts."""
-        if self._recorder is not None:
-            self._recorder.note(name, values)
 
     def arm(self, *, waive: Sequence[str] = ()) -> tuple[Caution, ...]:
         """Hold neutral for the ESC's start-up time, check everything, arm.

@@ -1,10 +1,11 @@
 """A run: everything that passed between host and car, in one MCAP file.
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
-``command`` what was asked for, ``applied`` what the pins carried; attachments
-hold who the car was (HELLO), its files, the URL and the versions. Messages are
-in chunks, and chunks and attachments have checksums. No wall clock and no
-random number enters: the same run gives the same bytes.
+``command`` what was asked for, ``applied`` what the pins carried, ``/log/...``
+what the program logged; attachments hold who the car was (HELLO), its files,
+the URL and the versions. Messages are in chunks, and chunks and attachments
+have checksums. No wall clock and no random number enters: the same run gives
+the same bytes.
 
 All times are host times of the backend's clock in s, >= 0.
 """
@@ -26,6 +27,7 @@ from dart_hal.errors import RecordingError
 from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
+from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
 from dart_hal.types import Applied, State
@@ -44,6 +46,7 @@ _CHANNELS = (
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
+_NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 _I2C = Struct("<BHH")
 
 
@@ -63,6 +66,14 @@ class I2c(NamedTuple):
     address: int
     wrote: bytes
     read: bytes
+
+
+class Logged(NamedTuple):
+    """What the program logged at t [s] under a name: a number, or an array of its shape."""
+
+    t: float
+    name: str
+    value: Value
 
 
 class AppliedAt(NamedTuple):
@@ -95,10 +106,10 @@ class RunWriter:
         self._file = private(self.path.open("wb", buffering=1 << 16))
         self._writer = mcap_writer(self._file)
         self._now, _ = stamp.split(start)
-        schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))
-                   for _, kind in _CHANNELS]
-        self._channels = {topic: int(self._writer.register_channel(topic, "cdr", schema))
-                          for (topic, _), schema in zip(_CHANNELS, schemas, strict=True)}
+        self._schemas: dict[str, int] = {}
+        for _, kind in _CHANNELS:
+            self._schema(kind)
+        self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
         self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
             "proto": str(PROTO), **dict(versions or {})})
@@ -137,6 +148,21 @@ class RunWriter:
             self._add("/imu", imu, state.t)
         self._add("/drive", cdr.drive(state), state.t)
 
+    def log(self, t: float, channels: Mapping[str, Value]) -> None:
+        """Numbers and arrays of the program's own by name (``log.LogNames.take``).
+
+        A channel comes into being with its first value. A closed run takes nothing.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            for name, value in channels.items():
+                kind, data = ((_NUMBER, cdr.number(value)) if isinstance(value, float)
+                              else (_NUMBERS, cdr.numbers(value)))
+                if PREFIX + name not in self._channels:
+                    self._channels[PREFIX + name] = self._channel(PREFIX + name, kind)
+                self._add(PREFIX + name, data, t)
+
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
         self.note("hello", {"values": json.dumps(values, sort_keys=True)})
@@ -144,6 +170,14 @@ class RunWriter:
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Facts about the run; the newest of a name counts."""
         self._attach(name, JSON, json.dumps(dict(values)))
+
+    def _schema(self, kind: str) -> int:
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
+        return self._schemas[kind]
+
+    def _channel(self, topic: str, kind: str) -> int:
+        return int(self._writer.register_channel(topic, "cdr", self._schema(kind)))
 
     def _attach(self, name: str, kind: str, text: str) -> None:
         with self._lock:
@@ -259,6 +293,15 @@ class RunReader:
         """Commands and pulses were JSON until format 3."""
         return self._mcap.types.get(topic) == _TEXT
 
+    def logged(self) -> Iterator[Logged]:
+        """What the program logged, in recorded order."""
+        def maker(topic: str, kind: str) -> Callable[[float, bytes], Logged]:
+            name, read = topic.removeprefix(PREFIX), _READERS[kind]
+            return lambda t, data: Logged(t, name, read(data))
+
+        return self._decoded({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
+                              if topic.startswith(PREFIX) and kind in _READERS})
+
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
         return self._decoded({"i2c": _transaction})
@@ -271,6 +314,10 @@ class RunReader:
             except (StructError, ValueError, LookupError, TypeError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
                                      found=repr(why), read=str(self.path)) from why
+
+
+_READERS: dict[str, Callable[[bytes], Value]] = {_NUMBER: cdr.number_of,
+                                                 _NUMBERS: cdr.numbers_of}
 
 
 def _notices(found: McapFile) -> tuple[str, ...]:
