@@ -21,7 +21,7 @@ from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import Recorded, keep_old, start_recording
-from dart_hal.car.timing import LoopTimer, Timing
+from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, LinkLost, NoHello
@@ -155,31 +155,38 @@ class Car(Recorded):
 
     # -- the loop ----------------------------------------------------------------
 
-    def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[State]:
-        """One State per telemetry frame, 100 Hz: the loop's clock.
+    def states(self, *, duration: float = inf, timeout: float = 0.5,
+               every: int = 1) -> Iterator[State]:
+        """One State per telemetry frame, 100 Hz: the loop's clock; or ``every`` n-th: 10 for 10 Hz.
 
         Blocks on the next frame; a loop that is too slow gets the newest one
         (``health.skipped`` counts the others). Ends after ``duration`` s of the
-        car's time, or at the end of a recording. Raises LinkLost after
-        ``timeout`` s without a frame.
+        car's time, or at the end of a recording. The frames between are read and
+        answered: a command holds for its ``valid_for`` and then expires. Raises
+        LinkLost after ``timeout`` s without a frame, UsageError for an ``every``
+        that is not of 1 to 25.
         """
+        check_every(every)
         start: float | None = None
         while True:
             try:
-                state = self._next(timeout)
+                state = self._next(timeout, every if start is not None else 1)
             except EndOfRecording:
                 return
             start = state.t if start is None else start
             yield state
-            if state.t - start >= duration - 1.5 * SAMPLE:
+            if state.t - start >= duration - (every + 0.5) * SAMPLE:
                 return
 
-    def _next(self, timeout: float) -> State:
+    def _next(self, timeout: float, every: int) -> State:
         if self._pump is None or self._closed:
             raise LinkLost("the car is closed", likely="states() used outside the with block, "
                            "or in a forked child", remedy="open it again with Car.open()")
-        state, skipped = self._pump.next(timeout)
-        self._timer.tick(self._engine.now, skipped)
+        frames = 0
+        while frames < every:
+            state, skipped = self._pump.next(timeout)
+            frames += 1 + skipped
+        self._timer.tick(self._engine.now, frames - every)
         if self._timer.skipped:
             state = replace(state, health=replace(state.health, skipped=self._timer.skipped))
         self._state = state

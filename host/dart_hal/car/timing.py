@@ -5,6 +5,13 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from dart_hal.actuation.limits import LONGEST_VALIDITY
+from dart_hal.errors import UsageError
+from dart_hal.types import SAMPLE
+
+SLOWEST = round(LONGEST_VALIDITY / SAMPLE / 2)
+"""Frames from one State of a loop to its next, 25: a command that may hold for 0.5 s outlives
+one round of the loop that comes too late."""
 KEPT = 1000
 """Loop periods that are judged: 10 s at 100 Hz."""
 
@@ -21,6 +28,15 @@ class Timing:
     damaged: int
     skipped: int
     link_age: float
+
+
+def check_every(every: int) -> None:
+    """Refuse a loop that no command would outlive. Raises UsageError."""
+    if isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= SLOWEST:
+        raise UsageError(f"states(every={every!r}) is no part of the stream", found=repr(every),
+                         expected=f"1 to {SLOWEST}: a command holds for at most "
+                         f"{LONGEST_VALIDITY} s, and must outlive a late round",
+                         remedy="states(every=10) for 10 Hz")
 
 
 class LoopTimer:
