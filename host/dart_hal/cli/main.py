@@ -29,6 +29,7 @@ VERBS = {
     "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
+    "export": "write a run as a table: CSV or Parquet",
     "top": "live view of a car in the terminal",
     "sim": "serve the simulated car as a serial port, or reveal its true parameters",
     "data": "check, repair or download recordings",
