@@ -17,6 +17,7 @@ from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
+    "find": "list serial ports and I2C buses, and say behind which is a car",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
