@@ -21,6 +21,7 @@ from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import Recorded, keep_old, start_recording
+from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
@@ -42,7 +43,7 @@ ARM_PATIENCE = 4.5
 log = logging.getLogger("dart_hal")
 
 
-class Car(Recorded):
+class Car(Recorded, Shown):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
@@ -161,10 +162,9 @@ class Car(Recorded):
 
         Blocks on the next frame; a loop that is too slow gets the newest one
         (``health.skipped`` counts the others). Ends after ``duration`` s of the
-        car's time, or at the end of a recording. The frames between are read and
-        answered: a command holds for its ``valid_for`` and then expires. Raises
-        LinkLost after ``timeout`` s without a frame, UsageError for an ``every``
-        that is not of 1 to 25.
+        car's time, or at the end of a recording. Between, a command holds for its
+        ``valid_for``. Raises LinkLost after ``timeout`` s without a frame,
+        UsageError for an ``every`` that is not of 1 to 25.
         """
         check_every(every)
         start: float | None = None
@@ -354,11 +354,6 @@ class Car(Recorded):
         if hello is None:
             raise NoHello("the Nano has not said who it is", found=self.url)
         return hello
-
-    @property
-    def mode(self) -> str:
-        """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
-        return self._engine.driver.mode.value
 
     @property
     def drives(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -91,6 +92,19 @@ class McapFile:
                     if channel in wanted:
                         yield Message(wanted[channel], ns, rest,
                                       block[start + MESSAGE.size:end])
+
+    def extent(self) -> tuple[Counter[str], int, int]:
+        """Messages by topic, and the least and the largest stamp [ns]; 0 and 0 without any."""
+        counts: Counter[int] = Counter()
+        first, last = 1 << 64, 0
+        for block in self.blocks:
+            for opcode, start, _ in records(block):
+                if opcode == Opcode.MESSAGE:
+                    channel, _, ns, _ = MESSAGE.unpack_from(block, start)
+                    counts[channel] += 1
+                    first, last = min(first, ns), max(last, ns)
+        return (Counter({topic: counts[n] for n, topic in self.topics.items()}),
+                min(first, last), last)
 
 
 def read_mcap(path: Path) -> McapFile:

@@ -24,6 +24,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from dart_hal.errors import RecordingError
+from dart_hal.notebook import card
 from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
@@ -239,6 +240,21 @@ class RunReader:
                                  read=str(self.path),
                                  found="channels " + ", ".join(sorted(found.topics.values())),
                                  expected="a channel rx with the bytes of the Nano")
+
+    def __repr__(self) -> str:
+        return f"<RunReader {self.path}: {', '.join(f'{k} {v}' for k, v in self._rows())}>"
+
+    def _repr_html_(self) -> str:
+        return card(f"Run {self.path}", self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        """What a person looks for first."""
+        counts, first, last = self._mcap.extent()
+        yield "car", f"{self.meta.get('car', 'unknown')} at {self.meta.get('url', 'unknown')}"
+        yield "lasts", f"{(last - first) * 1e-9:.1f} s"
+        yield "whole", "yes" if self.complete and not self.damaged else "no: see notices"
+        yield "files", " ".join(self.files) or "none"
+        yield "messages", " ".join(f"{topic}:{n}" for topic, n in sorted(counts.items()) if n)
 
     @property
     def start(self) -> float:
