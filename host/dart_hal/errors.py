@@ -227,6 +227,14 @@ class EndOfRecording(LinkLost):
     remedy_default = "record a longer run, or read fewer States"
 
 
+class LogError(DartHalError, ValueError):
+    """A name or a value that ``Car.log`` does not take; nothing of it was recorded."""
+
+    code = "D-REC-04"
+    likely_default = "text, None, or rows of unequal length among the numbers"
+    remedy_default = 'car.log("mpc/cost", 1.5), car.log("mpc/plan", array) or a dict of those'
+
+
 class FetchFailed(DartHalError, ConnectionError):
     """The published recordings could not be brought here."""
 

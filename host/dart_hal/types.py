@@ -6,11 +6,15 @@ when its unit is not SI (``_us``, ``_deg``, ``_ticks``).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dart_hal.notebook import card
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -170,6 +174,25 @@ class State:
     pose: Pose
     applied: Applied
     health: Health
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """What a person looks for first: (name, value with its unit)."""
+        pose, applied, health = self.pose, self.applied, self.health
+        yield "t", f"{self.t:.3f} s"
+        yield "speed", f"{self.speed:.3f} +- {self.speed_std:.3f} m/s"
+        yield "yaw rate", "none" if self.yaw_rate is None else f"{self.yaw_rate:.3f} rad/s"
+        yield "pose", f"x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {degrees(pose.yaw):.1f} deg"
+        yield "steering", f"{degrees(applied.steering):.1f} deg, {applied.steering_us:.0f} us"
+        yield "throttle", f"{applied.throttle:.3f}, {applied.throttle_us:.0f} us"
+        yield "limited", ", ".join(map(str, applied.limited)) or "no"
+        yield "doubts", ", ".join(sorted(health.doubts)) or "none"
+        yield "frames", f"number {self.seq}, {health.lost} lost, {health.skipped} skipped"
+
+    def __repr__(self) -> str:
+        return f"<State {', '.join(f'{name} {value}' for name, value in self.rows())}>"
+
+    def _repr_html_(self) -> str:
+        return card("State", self.rows())
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,14 +9,16 @@ import time
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.timing import LATE, LoopTimer
+from dart_hal.car.timing import LoopTimer
 from dart_hal.errors import Disarmed, UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.links.paced import PacedLink
 from dart_hal.ports import Chunk, Link
 from dart_hal.sim.serve import PacedWorld
 from dart_hal.sim.truth import truth
+from dart_hal.types import SAMPLE
 
+SLOW = 2 * SAMPLE
 MOCK = "sim://?seed=1&nano=mock"
 
 
@@ -33,21 +35,32 @@ class Wall:
 def rounds(timer: LoopTimer, wall: Wall, work: float, armed: bool = True) -> None:
     timer.give()
     wall.t += work
-    timer.asked(armed=armed, waits=False)
+    timer.asked(1, armed=armed, waits=False)
 
 
 def test_the_first_late_round_is_told_and_every_one_is_counted(caplog):
     wall = Wall()
     timer = LoopTimer(wall)
-    timer.asked(armed=True, waits=False)
-    rounds(timer, wall, 0.9 * LATE)
+    timer.asked(1, armed=True, waits=False)
+    rounds(timer, wall, 0.9 * SLOW)
     assert not caplog.messages
-    rounds(timer, wall, 2 * LATE)
+    rounds(timer, wall, 2 * SLOW)
     (told,) = caplog.messages
     assert "took 40 ms" in told
-    rounds(timer, wall, 3 * LATE)
+    rounds(timer, wall, 3 * SLOW)
     assert (caplog.messages, timer.late) == ([told], 2)
-    assert timer.work() == pytest.approx((2 * LATE, 3 * LATE))
+    assert timer.work() == pytest.approx((2 * SLOW, 3 * SLOW))
+
+
+def test_a_loop_at_a_lower_rate_has_its_own_period_to_work(caplog):
+    wall = Wall()
+    timer = LoopTimer(wall)
+    for work, late in ((0.10, 0), (0.12, 1)):
+        timer.give()
+        wall.t += work
+        timer.asked(10, armed=True, waits=False)
+        assert timer.late == late
+    assert "they come each 100 ms" in caplog.text
 
 
 def test_nobody_is_late_for_a_car_that_is_not_armed(caplog):
@@ -67,7 +80,7 @@ def slow_loop(car: Car, caplog: pytest.LogCaptureFixture) -> list[str]:
     with caplog.at_level(logging.WARNING, "dart_hal"):
         for _ in car.states(duration=0.05):
             car.drive(throttle=0.1)
-            time.sleep(1.1 * LATE)
+            time.sleep(1.1 * SLOW)
     return [text for text in caplog.messages if "the loop took" in text]
 
 
@@ -77,7 +90,7 @@ def test_a_slow_loop_is_told_once_though_virtual_time_waits_for_it(caplog):
         assert "pace=1" in text
         assert car.timing.late >= 2
         assert car.timing.p99 == pytest.approx(0.01, rel=0.01)
-        assert car.timing.work_max >= 1.1 * LATE
+        assert car.timing.work_max >= 1.1 * SLOW
 
 
 def drive_slowly(car: Car, work: float) -> None:

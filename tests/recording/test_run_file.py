@@ -7,6 +7,7 @@ import random
 import struct
 import subprocess
 import sys
+import threading
 from itertools import pairwise
 
 import pytest
@@ -19,6 +20,7 @@ from dart_hal.recording import cdr, open_writer, stamp
 from dart_hal.recording.mcap_records import parse_mcap
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.types import Applied
+from ros2msg import decoded
 
 
 @given(st.floats(1e-3, 1e7) | st.just(0.0))
@@ -143,6 +145,28 @@ def test_a_program_that_is_killed_keeps_what_it_recorded(tmp_path):
     assert list(run.chunks())[-1].t >= 1.99 - 0.05
 
 
+def test_threads_that_write_at_once_do_not_damage_the_run(tmp_path):
+    """The link's thread records States while the program's records commands."""
+    written, switch = 2000, sys.getswitchinterval()
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        def write(add):
+            for k in range(written):
+                add(bytes(8), 1.0 + 0.001 * k)
+
+        threads = [threading.Thread(target=write, args=(add,)) for add in (writer.rx, writer.tx)]
+        sys.setswitchinterval(1e-6)
+        try:
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        finally:
+            sys.setswitchinterval(switch)
+    run = RunReader(tmp_path / "run.mcap")
+    assert run.notices == ()
+    assert [len(list(what())) for what in (run.chunks, run.sent)] == [written, written]
+
+
 @pytest.mark.parametrize("content", [
     b"", b"elapsed time sensors, current\n1,2\n", b"\x89PNG\r\n\x1a\n" + bytes(50),
     b"\x89MCAP", bytes(1000)], ids=["empty", "text", "png", "stub", "zeros"])
@@ -254,63 +278,6 @@ def test_the_reference_reader_accepts_the_file(run_file):
                 assert length == len(message.data) - 16
 
 
-SIZES = {"float64": 8, "float32": 4, "int32": 4, "uint32": 4, "uint8": 1}
-
-
-def walk(definition, data):
-    """Independent CDR reader driven by the embedded ros2msg text."""
-    parts = definition.split("=" * 80 + "\n")
-    types = {"": parts[0]}
-    for part in parts[1:]:
-        head, _, body = part.partition("\n")
-        types[head.removeprefix("MSG: ")] = body
-    values, at = {}, 4
-
-    def aligned(size):
-        nonlocal at
-        at += -(at - 4) % size
-
-    def take(kind):
-        nonlocal at
-        if kind == "string":
-            aligned(4)
-            (n,) = struct.unpack_from("<I", data, at)
-            text = data[at + 4:at + 3 + n].decode()
-            at += 4 + n
-            return text
-        aligned(SIZES[kind])
-        code = {"float64": "d", "float32": "f", "int32": "i", "uint32": "I", "uint8": "B"}[kind]
-        (value,) = struct.unpack_from("<" + code, data, at)
-        at += SIZES[kind]
-        return value
-
-    def message(name, prefix):
-        for line in types[name].splitlines():
-            kind, field = line.split()[:2]
-            base, bracket, count = kind.partition("[")
-            count = count.rstrip("]")
-            repeat = None
-            if bracket:
-                repeat = int(count) if count else take("uint32")
-            if base in types:
-                for _ in range(1 if repeat is None else repeat):
-                    message(base, prefix + field + ".")
-            elif repeat is None:
-                values[prefix + field] = take(base)
-            else:
-                values[prefix + field] = [take(base) for _ in range(repeat)]
-
-    message("", "")
-    assert at == len(data)
-    return values
-
-
-def decoded(path, topic):
-    with path.open("rb") as file:
-        for schema, _, message in make_reader(file).iter_messages(topics=[topic]):
-            yield walk(schema.data.decode(), message.data)
-
-
 def test_odometry_means_what_its_definition_says(run_file, state):
     got, s = list(decoded(run_file, "/odom"))[3], state(3)
     assert got["header.stamp.sec"] + got["header.stamp.nanosec"] * 1e-9 == pytest.approx(s.t)
@@ -351,17 +318,36 @@ def test_no_imu_no_message(tmp_path, state):
     assert len(list(decoded(tmp_path / "r.mcap", "/odom"))) == 1
 
 
-def test_raw_bytes_and_text_follow_their_definitions(run_file, frame_of):
+def test_raw_bytes_commands_and_pulses_follow_their_definitions(run_file, frame_of):
     got = list(decoded(run_file, "rx"))[1]
     assert bytes(got["data"]) == frame_of(0, 0)
-    assert '"throttle": 0.5' in next(decoded(run_file, "command"))["data"]
+    assert list(decoded(run_file, "command"))[1] == {
+        "steering": 0.05, "throttle": 0.5, "source": "user"}
+    assert list(decoded(run_file, "applied"))[1] == {
+        "steering": 0.05, "throttle": 0.25, "steering_us": 1505.0, "throttle_us": 1612.5,
+        "limited": ["RANGE"]}
 
 
-@given(st.binary(max_size=80), st.text(max_size=40))
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
+NUMBER = st.floats(allow_nan=False)
+
+
+@given(st.binary(max_size=80), NUMBER, TEXT, st.lists(TEXT, max_size=4))
 @pytest.mark.more
-def test_cdr_inverses(data, text):
+def test_cdr_inverses(data, value, text, texts):
     assert cdr.byte_array_of(cdr.byte_array(data)) == data
-    assert cdr.string_of(cdr.string(text)) == text
+    assert cdr.command_of(cdr.command(value, -value, text)) == (value, -value, text)
+    pulses = Applied(value, 0.5, 1500.0, 1600.0, tuple(texts))
+    assert cdr.applied_of(cdr.applied(pulses)) == pulses
+
+
+@pytest.mark.parametrize("cut", [-1, 1, 9])
+def test_a_command_or_pulses_of_another_length_are_refused(cut):
+    whole = {cdr.command_of: cdr.command(0.1, 0.2, "user"),
+             cdr.applied_of: cdr.applied(Applied(0.1, 0.2, 1500.0, 1600.0, ("SLEW", "RANGE")))}
+    for read, data in whole.items():
+        with pytest.raises((ValueError, struct.error)):
+            read(data[:-cut] if cut > 0 else data + b"\0")
 
 
 def test_the_suffix_picks_the_writer(tmp_path):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
-from typing import Any
 
 from dart_hal.actuation import ArmState, Caution, Event
-from dart_hal.car.engine import Engine
+from dart_hal.car.recorder import Recorded
 from dart_hal.config import CarFiles
 from dart_hal.types import Applied, State
 
@@ -23,23 +22,18 @@ ARM_PATIENCE = 4.5
 log = logging.getLogger("dart_hal")
 
 
-class Arming:
+class Arming(Recorded):
     """Arms and unlocks the car that inherits it."""
 
     files: CarFiles
-    _engine: Engine
-    _recorder: Any
     _told: set[str]
 
-    def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[State]:
+    def states(self, *, duration: float = inf, timeout: float = 0.5,
+               every: int = 1) -> Iterator[State]:
         """The Car's."""
         raise NotImplementedError
 
     def stop(self) -> Applied:
-        """The Car's."""
-        raise NotImplementedError
-
-    def note(self, name: str, values: Mapping[str, str]) -> None:
         """The Car's."""
         raise NotImplementedError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
@@ -19,10 +19,11 @@ from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
-from dart_hal.car.misuse import check_note, check_times, check_url, shut
+from dart_hal.car.misuse import check_times, check_url, shut
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
-from dart_hal.car.timing import LoopTimer, Timing
+from dart_hal.car.show import Shown
+from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles, left_aside, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
@@ -35,7 +36,7 @@ DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
 
 
-class Car(Arming):
+class Car(Arming, Shown):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
@@ -48,6 +49,7 @@ class Car(Arming):
         self.files = files
         self.notices = backend.notices
         self.url = backend.url.text
+        super().__init__()
         self._engine = Engine(backend, files)
         self._loop = SpeedLoop(files)
         self._timer = LoopTimer()
@@ -145,6 +147,7 @@ class Car(Arming):
     def _disown(self) -> None:
         """In a forked child: the car stays its parent's, whatever is called here."""
         self._closed = True
+        self._recorder = None  # its lock may be held by a thread that the child has not
         self._engine.lock = ParentsLock()
         atexit.unregister(self.close)
 
@@ -157,33 +160,39 @@ class Car(Arming):
 
     # -- the loop ----------------------------------------------------------------
 
-    def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[State]:
-        """One State per telemetry frame, 100 Hz: the loop's clock.
+    def states(self, *, duration: float = inf, timeout: float = 0.5,
+               every: int = 1) -> Iterator[State]:
+        """One State per telemetry frame, 100 Hz: the loop's clock; or ``every`` n-th: 10 for 10 Hz.
 
         Blocks on the next frame; a loop that is too slow gets the newest one
         (``health.skipped`` counts the others). Ends after ``duration`` s of the
-        car's time, or at the end of a recording. Raises LinkLost after
-        ``timeout`` s without a frame, UsageError for times that are none.
+        car's time, or at the end of a recording. Between, a command holds for its
+        ``valid_for``. Raises LinkLost after ``timeout`` s without a frame,
+        UsageError for times that are none and an ``every`` that is not of 1 to 25.
         """
         check_times(duration=duration, timeout=timeout)
+        check_every(every)
         start: float | None = None
         while True:
             try:
-                state = self._next(timeout)
+                state = self._next(timeout, every if start is not None else 1)
             except EndOfRecording:
                 return
             start = state.t if start is None else start
             yield state
-            if state.t - start >= duration - 1.5 * SAMPLE:
+            if state.t - start >= duration - (every + 0.5) * SAMPLE:
                 return
 
-    def _next(self, timeout: float) -> State:
+    def _next(self, timeout: float, every: int) -> State:
         if self._pump is None or self._closed:
             raise shut("states()")
         mode, virtual = self._engine.driver.mode, self._engine.backend.virtual
-        self._timer.asked(armed=mode in (ArmState.ARMED, ArmState.RAW), waits=virtual)
-        state, skipped = self._pump.next(timeout)
-        self._timer.tick(self._engine.now, skipped)
+        self._timer.asked(every, armed=mode in (ArmState.ARMED, ArmState.RAW), waits=virtual)
+        frames = 0
+        while frames < every:
+            state, skipped = self._pump.next(timeout)
+            frames += 1 + skipped
+        self._timer.tick(self._engine.now, frames - every)
         if self._timer.skipped:
             state = replace(state, health=replace(state.health, skipped=self._timer.skipped))
         self._state = state
@@ -267,15 +276,6 @@ class Car(Arming):
         with self._engine.lock:
             return self._engine.driver.stop(self._engine.now)
 
-    def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Put a record of this name into the recording, if one is made; the newest counts.
-
-        Raises UsageError, recording or not, for values that are not text.
-        """
-        check_note(name, values)
-        if self._recorder is not None:
-            self._recorder.note(name, values)
-
     # -- what is known -----------------------------------------------------------------
 
     @property
@@ -285,11 +285,6 @@ class Car(Arming):
         if hello is None:
             raise NoHello("the Nano has not said who it is", found=self.url)
         return hello
-
-    @property
-    def mode(self) -> str:
-        """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
-        return self._engine.driver.mode.value
 
     @property
     def simulated(self) -> bool:

@@ -2,14 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from dart_hal.car.engine import Engine
+from dart_hal.car.misuse import check_note
 from dart_hal.config import CarFiles, left_aside
 from dart_hal.recording.bus import RecordedBus
+from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
 
 FILES = ("car.toml", "calibration.toml", "model.toml")
+
+
+class Recorded:
+    """What a program may add to the recording of its car; nothing is done where none is made."""
+
+    _engine: Engine
+    _recorder: RunWriter | None
+
+    def __init__(self) -> None:
+        self._log_names = LogNames()
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Put a record of this name into the recording; the newest counts.
+
+        Raises UsageError, recording or not, for values that are not text.
+        """
+        check_note(name, values)
+        if self._recorder is not None:
+            self._recorder.note(name, values)
+
+    def log(self, name: str, value: object) -> None:
+        """Record a number, an array of any shape, or a dict of them, under ``name``, now.
+
+        ``name`` is of letters, digits and _, its parts joined by /: ``mpc/cost``; an entry of a
+        dict becomes the channel ``name/key``. NaN and inf are values, True is 1. Stamped in
+        the car's clock. Raises LogError for another name or value, recording or not; a
+        recording that cannot be written raises from ``states()``, not here.
+        """
+        channels = self._log_names.take(name, value)
+        if self._recorder is not None:
+            with suppress(OSError):
+                self._recorder.log(self._engine.now, channels)
 
 
 def keep_old(path: str | Path) -> Path | None:

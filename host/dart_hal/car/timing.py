@@ -8,13 +8,18 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from dart_hal.actuation.limits import LONGEST_VALIDITY
+from dart_hal.errors import UsageError
 from dart_hal.types import SAMPLE
 
+SLOWEST = round(LONGEST_VALIDITY / SAMPLE / 2)
+"""Frames from one State of a loop to its next, 25: a command that may hold for 0.5 s outlives
+one round of the loop that comes too late."""
 KEPT = 1000
 """Loop periods that are judged: 10 s at 100 Hz."""
-LATE = 2 * SAMPLE
-"""s of work for one State from which on a loop is late: one of the PWM frames, 20 ms each, has
-gone out with the command before."""
+LATE = SAMPLE
+"""s by which work for one State may outlast the time to the next one. Beyond, at 100 Hz, one of
+the PWM frames, 20 ms each, has gone out with the command before."""
 WAITED = "this car waits for its program, a real one drives on: try sim://?pace=1"
 DROVE_ON = "those between are skipped; the car drives on with a command only while it is valid"
 
@@ -26,7 +31,7 @@ class Timing:
     """Loop periods p50, p99, max [s of the car's time]; frames lost and damaged on the
     line, States skipped by a slow loop; age of the last frame [s]. By the wall clock, on
     an emulated car too: ``work_p99``, ``work_max`` [s] that the loop took for one State,
-    and how often it was ``late`` while the car was armed: 20 ms or more."""
+    and how often it was ``late`` while the car was armed: 10 ms or more beyond the next."""
 
     p50: float
     p99: float
@@ -38,6 +43,15 @@ class Timing:
     work_p99: float = float("nan")
     work_max: float = float("nan")
     late: int = 0
+
+
+def check_every(every: int) -> None:
+    """Refuse a loop that no command would outlive. Raises UsageError."""
+    if isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= SLOWEST:
+        raise UsageError(f"states(every={every!r}) is no part of the stream", found=repr(every),
+                         expected=f"1 to {SLOWEST}: a command holds for at most "
+                         f"{LONGEST_VALIDITY} s, and must outlive a late round",
+                         remedy="states(every=10) for 10 Hz")
 
 
 class LoopTimer:
@@ -63,19 +77,21 @@ class LoopTimer:
         """A State is handed to the loop."""
         self._given = self._wall()
 
-    def asked(self, *, armed: bool, waits: bool) -> None:
+    def asked(self, every: int, *, armed: bool, waits: bool) -> None:
         """The loop asks for the next State; a late round is counted, the first one said.
 
-        ``waits``: the car stood still meanwhile, in virtual time.
+        ``every``: frames from one State to the next; ``waits``: the car stood still meanwhile,
+        in virtual time.
         """
         work, self._given = self._wall() - self._given, float("nan")
         if work == work:  # the first State, and one after an error, answer none
             self._work.append(work)
-        if armed and work >= LATE:
+        period = every * SAMPLE
+        if armed and work >= period + LATE:
             self.late += 1
             if self.late == 1:
                 log.warning("the loop took %.0f ms for one State, and they come each %.0f ms: %s; "
-                            "car.timing counts the late rounds", 1e3 * work, 1e3 * SAMPLE,
+                            "car.timing counts the late rounds", 1e3 * work, 1e3 * period,
                             WAITED if waits else DROVE_ON)
 
     def quantiles(self) -> tuple[float, float, float]:

@@ -17,6 +17,7 @@ from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
 
 VERBS = {
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
+    "find": "list serial ports and I2C buses, and say behind which is a car",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
     "calibrate": "measure this car and write calibration.toml",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
@@ -29,6 +30,8 @@ VERBS = {
     "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
+    "export": "write a run as a table: CSV or Parquet",
+    "compare": "put two runs side by side, and say when they part",
     "top": "live view of a car in the terminal",
     "sim": "serve the simulated car as a serial port, or reveal its true parameters",
     "data": "check, repair or download recordings",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,3 +28,10 @@ def open_writer(path: Path | str, **about: Any) -> Any:
         return CsvWriter(path)
     raise RecordingError(f"{path}: no writer for this suffix", found=path.suffix or "none",
                          expected=".mcap, .csv or .dart.csv")
+
+
+def __getattr__(name: str) -> Any:
+    """``to_dataframe`` stands where a replay is known, above this room: loaded when it is asked."""
+    if name != "to_dataframe":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("dart_hal.car.table"), name)

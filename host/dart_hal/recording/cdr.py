@@ -1,15 +1,18 @@
 """Hand-made CDR (little-endian XCDR1) of the few messages that a run holds.
 
-Every layout is fixed but for the payload of byte arrays and strings, so one
-``struct`` per message does. Alignment counts from behind the 4-byte header.
+Every layout is fixed but for what stands at the end (bytes, texts, numbers), so
+one ``struct`` per message does. Alignment counts from behind the 4-byte header.
 """
 
 from __future__ import annotations
 
-from math import cos, sin
+from collections.abc import Sequence
+from math import cos, prod, sin
 from struct import Struct
 
-from dart_hal.types import State
+import numpy as np
+
+from dart_hal.types import Applied, FloatArray, State
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
@@ -36,6 +39,10 @@ _ODOMETRY = Struct(f"<4siI{len(_ODOM_IDS)}s85d")
 _IMU = Struct(f"<4siI{len(_IMU_ID)}s37d")
 _DRIVE = Struct(f"<4siI{len(_DRIVE_ID)}s5f")
 _BYTES = Struct("<4sIII")
+_COMMAND = Struct("<4s2d")
+_APPLIED = Struct("<4s4dI")
+_FLOAT = Struct("<4sd")
+_DIMENSION = Struct("<I4sII")  # an empty label with its padding, size, stride
 
 
 def byte_array(data: bytes) -> bytes:
@@ -51,15 +58,89 @@ def byte_array_of(payload: bytes) -> bytes:
     return payload[_BYTES.size:]
 
 
-def string(value: str) -> bytes:
-    """std_msgs/String."""
-    raw = value.encode() + b"\0"
-    return HEADER + _U32.pack(len(raw)) + raw
-
-
 def string_of(payload: bytes) -> str:
-    """Inverse of ``string``."""
+    """Text of a std_msgs/String; commands and pulses were such until format 3."""
     return payload[8:-1].decode()
+
+
+def command(steering: float, throttle: float, source: str) -> bytes:
+    """dart_msgs/Command."""
+    return _COMMAND.pack(HEADER, steering, throttle) + _texts([source])
+
+
+def command_of(payload: bytes) -> tuple[float, float, str]:
+    """Inverse of ``command``; raises ValueError or struct.error when the length does not fit."""
+    _, steering, throttle = _COMMAND.unpack_from(payload)
+    (source,) = _texts_of(payload[_COMMAND.size:], 1)
+    return steering, throttle, source
+
+
+def applied(value: Applied) -> bytes:
+    """dart_msgs/Applied."""
+    limited = [str(name) for name in value.limited]
+    return _APPLIED.pack(HEADER, value.steering, value.throttle, value.steering_us,
+                         value.throttle_us, len(limited)) + _texts(limited)
+
+
+def applied_of(payload: bytes) -> Applied:
+    """Inverse of ``applied``; raises ValueError or struct.error when the length does not fit."""
+    _, steering, throttle, steering_us, throttle_us, count = _APPLIED.unpack_from(payload)
+    return Applied(steering, throttle, steering_us, throttle_us,
+                   _texts_of(payload[_APPLIED.size:], count))
+
+
+def _texts(values: Sequence[str]) -> bytes:
+    """Strings one behind the other, from an offset that 4 divides."""
+    out = b""
+    for value in values:
+        raw = value.encode() + b"\0"
+        out += bytes(-len(out) % 4) + _U32.pack(len(raw)) + raw
+    return out
+
+
+def _texts_of(data: bytes, count: int) -> tuple[str, ...]:
+    found, at = [], 0
+    for _ in range(count):
+        at += -at % 4
+        (length,) = _U32.unpack_from(data, at)
+        at += _U32.size + length
+        if not length or at > len(data):
+            raise ValueError(f"a text of {length} bytes, {len(data)} there")
+        found.append(data[at - length:at - 1].decode())
+    if at != len(data):
+        raise ValueError(f"{len(data) - at} bytes too many")
+    return tuple(found)
+
+
+def number(value: float) -> bytes:
+    """std_msgs/Float64."""
+    return _FLOAT.pack(HEADER, value)
+
+
+def number_of(payload: bytes) -> float:
+    """Inverse of ``number``; raises struct.error when the length does not fit."""
+    value: float
+    _, value = _FLOAT.unpack(payload)
+    return value
+
+
+def numbers(values: FloatArray) -> bytes:
+    """std_msgs/Float64MultiArray, row by row; its layout holds the shape."""
+    shape = values.shape
+    layout = _U32.pack(len(shape)) + b"".join(
+        _DIMENSION.pack(1, b"", size, prod(shape[i:])) for i, size in enumerate(shape))
+    body = layout + bytes(4) + _U32.pack(values.size)
+    gap = bytes(-len(body) % 8) if values.size else b""
+    return HEADER + body + gap + values.astype("<f8").tobytes()
+
+
+def numbers_of(payload: bytes) -> FloatArray:
+    """Inverse of ``numbers``; raises ValueError or struct.error when the length does not fit."""
+    (rank,) = _U32.unpack_from(payload, 4)
+    shape = [_DIMENSION.unpack_from(payload, 8 + i * _DIMENSION.size)[2] for i in range(rank)]
+    at = 8 + rank * _DIMENSION.size + 8  # behind data_offset and the count
+    at += -(at - 4) % 8 if prod(shape) else 0
+    return np.frombuffer(payload[at:], "<f8").reshape(shape).astype(np.float64)
 
 
 def odometry(state: State) -> bytes:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -65,6 +66,8 @@ class Message(NamedTuple):
 class McapFile:
     """Content of a file: ``blocks`` of whole records, facts by name, channel topics by id.
 
+    ``types``: the message type of each topic, "" where its schema is lost.
+
     ``complete``: the footer and the closing magic are there; ``length``,
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
     what was skipped before that; ``count`` of messages.
@@ -77,6 +80,7 @@ class McapFile:
     damages: list[Damage] = field(default_factory=list)
     blocks: list[bytes] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
 
@@ -90,6 +94,19 @@ class McapFile:
                     if channel in wanted:
                         yield Message(wanted[channel], ns, rest,
                                       block[start + MESSAGE.size:end])
+
+    def extent(self) -> tuple[Counter[str], int, int]:
+        """Messages by topic, and the least and the largest stamp [ns]; 0 and 0 without any."""
+        counts: Counter[int] = Counter()
+        first, last = 1 << 64, 0
+        for block in self.blocks:
+            for opcode, start, _ in records(block):
+                if opcode == Opcode.MESSAGE:
+                    channel, _, ns, _ = MESSAGE.unpack_from(block, start)
+                    counts[channel] += 1
+                    first, last = min(first, ns), max(last, ns)
+        return (Counter({topic: counts[n] for n, topic in self.topics.items()}),
+                min(first, last), last)
 
 
 def read_mcap(path: Path) -> McapFile:
@@ -105,13 +122,18 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
         _by_seals(data, sealed, found)
     else:
         _by_checksums(data, found)
+    schemas: dict[int, str] = {}
     for block in found.blocks:
         for opcode, start, end in records(block):
             if opcode == Opcode.MESSAGE:
                 found.count += 1
+            elif opcode == Opcode.SCHEMA:
+                schema = content(Schema, block[start:end])
+                schemas[schema.id] = schema.name
             elif opcode == Opcode.CHANNEL:
                 channel = content(Channel, block[start:end])
                 found.topics[channel.id] = channel.topic
+                found.types[channel.topic] = schemas.get(channel.schema_id, "")
             elif opcode == Opcode.METADATA:
                 noted = content(Metadata, block[start:end])
                 found.metadata[noted.name] = noted.metadata

@@ -1,10 +1,11 @@
 """A run: everything that passed between host and car, in one MCAP file.
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
-``command`` what was asked for, ``applied`` what the pins carried; attachments
-hold who the car was (HELLO), its files, the URL and the versions. Messages are
-in chunks, and chunks and attachments have checksums. No wall clock and no
-random number enters: the same run gives the same bytes.
+``command`` what was asked for, ``applied`` what the pins carried, ``/log/...``
+what the program logged; attachments hold who the car was (HELLO), its files,
+the URL and the versions. Messages are in chunks, and chunks and attachments
+have checksums. No wall clock and no random number enters: the same run gives
+the same bytes.
 
 All times are host times of the backend's clock in s, >= 0.
 """
@@ -12,6 +13,7 @@ All times are host times of the backend's clock in s, >= 0.
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from struct import Struct
@@ -22,15 +24,17 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from dart_hal.errors import RecordingError
+from dart_hal.notebook import card
 from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
+from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
 from dart_hal.types import Applied, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
-LIBRARY = "dart-hal recording 3"
+LIBRARY = "dart-hal recording 4"
 """Fixed: a version of a library here would change the bytes of a run."""
 
 FLUSH = 0.05
@@ -38,10 +42,12 @@ FLUSH = 0.05
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
 _CHANNELS = (
-    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW), ("command", _TEXT), ("applied", _TEXT),
+    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW),
+    ("command", "dart_msgs/msg/Command"), ("applied", "dart_msgs/msg/Applied"),
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
+_NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 _I2C = Struct("<BHH")
 
 
@@ -63,6 +69,14 @@ class I2c(NamedTuple):
     read: bytes
 
 
+class Logged(NamedTuple):
+    """What the program logged at t [s] under a name: a number, or an array of its shape."""
+
+    t: float
+    name: str
+    value: Value
+
+
 class AppliedAt(NamedTuple):
     """What the pins carry from t [s] on."""
 
@@ -78,7 +92,7 @@ def mcap_writer(file: BinaryIO) -> Writer:
 
 
 class RunWriter:
-    """Writes a run; a context manager. Methods may be called in any order.
+    """Writes a run; a context manager. Methods may be called in any order, by any thread.
 
     url, car: what was opened; files: texts of the car's files by name;
     versions: of the library and what else matters; start [s]: the clock when
@@ -89,13 +103,14 @@ class RunWriter:
                  files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
+        self._lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
         self._file = private(self.path.open("wb", buffering=1 << 16))
         self._writer = mcap_writer(self._file)
         self._now, _ = stamp.split(start)
-        schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))
-                   for _, kind in _CHANNELS]
-        self._channels = {topic: int(self._writer.register_channel(topic, "cdr", schema))
-                          for (topic, _), schema in zip(_CHANNELS, schemas, strict=True)}
+        self._schemas: dict[str, int] = {}
+        for _, kind in _CHANNELS:
+            self._schema(kind)
+        self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
         self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
             "proto": str(PROTO), **dict(versions or {})})
@@ -120,14 +135,11 @@ class RunWriter:
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
         """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
-        self._text("command", t, {"steering": steering, "throttle": throttle, "source": source})
+        self._add("command", cdr.command(steering, throttle, source), t)
 
     def applied(self, t: float, applied: Applied) -> None:
         """What the pins carry from now on; call it when it changes."""
-        self._text("applied", t, {
-            "steering": applied.steering, "throttle": applied.throttle,
-            "steering_us": applied.steering_us, "throttle_us": applied.throttle_us,
-            "limited": [str(n) for n in applied.limited]})
+        self._add("applied", cdr.applied(applied), t)
 
     def state(self, state: State) -> None:
         """The ROS 2 channels of one State: odometry, IMU, drive."""
@@ -137,6 +149,21 @@ class RunWriter:
             self._add("/imu", imu, state.t)
         self._add("/drive", cdr.drive(state), state.t)
 
+    def log(self, t: float, channels: Mapping[str, Value]) -> None:
+        """Numbers and arrays of the program's own by name (``log.LogNames.take``).
+
+        A channel comes into being with its first value. A closed run takes nothing.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            for name, value in channels.items():
+                kind, data = ((_NUMBER, cdr.number(value)) if isinstance(value, float)
+                              else (_NUMBERS, cdr.numbers(value)))
+                if PREFIX + name not in self._channels:
+                    self._channels[PREFIX + name] = self._channel(PREFIX + name, kind)
+                self._add(PREFIX + name, data, t)
+
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
         self.note("hello", {"values": json.dumps(values, sort_keys=True)})
@@ -145,25 +172,34 @@ class RunWriter:
         """Facts about the run; the newest of a name counts."""
         self._attach(name, JSON, json.dumps(dict(values)))
 
-    def _attach(self, name: str, kind: str, text: str) -> None:
-        self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
+    def _schema(self, kind: str) -> int:
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
+        return self._schemas[kind]
 
-    def _text(self, topic: str, t: float, values: Mapping[str, Any]) -> None:
-        self._add(topic, cdr.string(json.dumps(values)), t)
+    def _channel(self, topic: str, kind: str) -> int:
+        return int(self._writer.register_channel(topic, "cdr", self._schema(kind)))
+
+    def _attach(self, name: str, kind: str, text: str) -> None:
+        with self._lock:
+            self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
-        self._now, rest = stamp.split(t)
-        self._writer.add_message(self._channels[topic], self._now, data, self._now, rest)
-        if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._flushed = t
+        ns, rest = stamp.split(t)
+        with self._lock:
+            self._now = ns
+            self._writer.add_message(self._channels[topic], ns, data, ns, rest)
+            if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                self._flushed = t
 
     def close(self) -> None:
         """Write the index; idempotent."""
-        if not self._closed:
-            self._closed = True
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._file.close()
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.close()
 
     def __enter__(self) -> RunWriter:
         return self
@@ -205,6 +241,21 @@ class RunReader:
                                  found="channels " + ", ".join(sorted(found.topics.values())),
                                  expected="a channel rx with the bytes of the Nano")
 
+    def __repr__(self) -> str:
+        return f"<RunReader {self.path}: {', '.join(f'{k} {v}' for k, v in self._rows())}>"
+
+    def _repr_html_(self) -> str:
+        return card(f"Run {self.path}", self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        """What a person looks for first."""
+        counts, first, last = self._mcap.extent()
+        yield "car", f"{self.meta.get('car', 'unknown')} at {self.meta.get('url', 'unknown')}"
+        yield "lasts", f"{(last - first) * 1e-9:.1f} s"
+        yield "whole", "yes" if self.complete and not self.damaged else "no: see notices"
+        yield "files", " ".join(self.files) or "none"
+        yield "messages", " ".join(f"{topic}:{n}" for topic, n in sorted(counts.items()) if n)
+
     @property
     def start(self) -> float:
         """Clock [s] when the backend was opened."""
@@ -242,7 +293,8 @@ class RunReader:
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """What a replay needs, in recorded order: bytes received, pulses applied."""
-        return self._decoded({"rx": _chunk, "applied": _applied})
+        return self._decoded({"rx": _chunk, "applied": _applied_text if self._is_text("applied")
+                              else _applied})
 
     def applied(self) -> Iterator[AppliedAt]:
         """What the pins carried, at each change."""
@@ -250,7 +302,21 @@ class RunReader:
 
     def commands(self) -> Iterator[Command]:
         """What was asked for, in recorded order."""
-        return self._decoded({"command": _command})
+        return self._decoded({"command": _command_text if self._is_text("command")
+                              else _command})
+
+    def _is_text(self, topic: str) -> bool:
+        """Commands and pulses were JSON until format 3."""
+        return self._mcap.types.get(topic) == _TEXT
+
+    def logged(self) -> Iterator[Logged]:
+        """What the program logged, in recorded order."""
+        def maker(topic: str, kind: str) -> Callable[[float, bytes], Logged]:
+            name, read = topic.removeprefix(PREFIX), _READERS[kind]
+            return lambda t, data: Logged(t, name, read(data))
+
+        return self._decoded({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
+                              if topic.startswith(PREFIX) and kind in _READERS})
 
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
@@ -264,6 +330,10 @@ class RunReader:
             except (StructError, ValueError, LookupError, TypeError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
                                      found=repr(why), read=str(self.path)) from why
+
+
+_READERS: dict[str, Callable[[bytes], Value]] = {_NUMBER: cdr.number_of,
+                                                 _NUMBERS: cdr.numbers_of}
 
 
 def _notices(found: McapFile) -> tuple[str, ...]:
@@ -286,6 +356,10 @@ def _chunk(t: float, data: bytes) -> Chunk:
 
 
 def _command(t: float, data: bytes) -> Command:
+    return Command(t, *cdr.command_of(data))
+
+
+def _command_text(t: float, data: bytes) -> Command:
     v = json.loads(cdr.string_of(data))
     return Command(t, v["steering"], v["throttle"], v["source"])
 
@@ -298,6 +372,10 @@ def _transaction(t: float, data: bytes) -> I2c:
 
 
 def _applied(t: float, data: bytes) -> AppliedAt:
+    return AppliedAt(t, cdr.applied_of(data))
+
+
+def _applied_text(t: float, data: bytes) -> AppliedAt:
     v = json.loads(cdr.string_of(data))
     return AppliedAt(t, Applied(v["steering"], v["throttle"], v["steering_us"], v["throttle_us"],
                                 tuple(v["limited"])))

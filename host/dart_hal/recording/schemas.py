@@ -1,4 +1,7 @@
-"""Definitions of the ROS 2 messages in a recording, embedded in each file."""
+"""Definitions of the messages in a recording, embedded in each file.
+
+``dart_msgs`` are ours, the others ROS 2's own.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,22 @@ _VECTOR = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n")
 _QUATERNION = ("geometry_msgs/Quaternion",
                "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n")
 
+_LAYOUT = (("std_msgs/MultiArrayLayout",
+            "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"),
+           ("std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride\n"))
+
 _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "std_msgs/msg/UInt8MultiArray": (
-        "std_msgs/MultiArrayLayout layout\nuint8[] data\n",
-        (("std_msgs/MultiArrayLayout",
-          "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"),
-         ("std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride\n"))),
-    "std_msgs/msg/String": ("string data\n", ()),
+        "std_msgs/MultiArrayLayout layout\nuint8[] data\n", _LAYOUT),
+    "std_msgs/msg/Float64MultiArray": (
+        "std_msgs/MultiArrayLayout layout\nfloat64[] data\n", _LAYOUT),
+    "std_msgs/msg/Float64": ("float64 data\n", ()),
+    "dart_msgs/msg/Command": (
+        "float64 steering  # rad, left positive\nfloat64 throttle  # -1..1\nstring source\n", ()),
+    "dart_msgs/msg/Applied": (
+        "float64 steering  # rad, left positive\nfloat64 throttle  # -1..1\n"
+        "float64 steering_us\nfloat64 throttle_us\nstring[] limited  # why not what was asked\n",
+        ()),
     "nav_msgs/msg/Odometry": (
         "std_msgs/Header header\nstring child_frame_id\n"
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",

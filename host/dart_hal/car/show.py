@@ -1,0 +1,39 @@
+"""What a Car shows of itself, on one line and in a notebook; it asks nothing of the hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from dart_hal.car.engine import Engine
+from dart_hal.config import CarFiles
+from dart_hal.notebook import card
+from dart_hal.types import State
+
+
+class Shown:
+    """The part of ``Car`` that is read, not driven."""
+
+    files: CarFiles
+    url: str
+    _engine: Engine
+    _state: State | None
+
+    @property
+    def mode(self) -> str:
+        """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
+        return self._engine.driver.mode.value
+
+    def __repr__(self) -> str:
+        last = f"; {self._state!r}" if self._state is not None else ""
+        return f"<Car {self.files.config.name} at {self.url}: {self.mode}{last}>"
+
+    def _repr_html_(self) -> str:
+        return card(f"Car {self.files.config.name}", self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        yield "URL", self.url
+        yield "mode", self.mode
+        calibration, model = self.files.calibration, self.files.model
+        yield "calibration", "measured" if calibration is not None else "none; nominal values"
+        yield "model", "identified" if model is not None else "none; that of the paper"
+        yield from self._state.rows() if self._state is not None else (("State", "none yet"),)

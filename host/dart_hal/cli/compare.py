@@ -1,0 +1,63 @@
+"""``dart-hal compare``: two runs side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dart_hal.car.compare import Comparison, compare
+from dart_hal.cli.compare_page import difference_rows, lead, statistic_rows, write_page
+from dart_hal.cli.options import html_option, json_option
+from dart_hal.cli.output import notices, print_json, results
+
+SHOWN = 20
+"""Differences on the screen; --html and --json have all."""
+
+
+@click.command("compare")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@html_option
+@json_option
+def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
+    """Put the runs A and B side by side: lengths, losses, speeds, commands, files, firmware.
+
+    Where both were driven by the same commands, also say when, after the first of them, the
+    speed or the yaw rate first differs for 50 ms.
+    """
+    found = compare(a, b)
+    notices((*found.a.run.notices, *found.b.run.notices))
+    answer = found.to_json()
+    if html is not None:
+        write_page(found, html, answer)
+    if as_json:
+        print_json({**answer, "page": html})
+        return
+    _show(found, answer)
+    if html is not None:
+        _say(f"report: {html}")
+
+
+def _show(found: Comparison, answer: dict[str, Any]) -> None:
+    for name, run in zip("AB", answer["runs"], strict=True):
+        _say(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
+             f"{run['distance_m']:.1f} m, {run['lost']} of {run['lost'] + run['frames']} frames "
+             f"lost, firmware {run['firmware']}")
+    _say("")
+    for row in statistic_rows(answer["statistics"]):
+        _say(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
+    _say("")
+    rows = difference_rows(found.differs)
+    for name, one, other in rows[:SHOWN]:
+        _say(f"{name}: {one} -> {other}")
+    if len(rows) > SHOWN:
+        _say(f"and {len(rows) - SHOWN} more differences: --html or --json")
+    if not rows:
+        _say("car, firmware and files of the car are the same")
+    _say(lead(found))
+
+
+def _say(line: str) -> None:
+    results.print(line, markup=False, highlight=False)

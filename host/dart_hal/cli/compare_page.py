@@ -1,0 +1,101 @@
+"""Words, rows and the page of ``dart-hal compare``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dart_hal.car.compare import Comparison, Differs, driven
+from dart_hal.car.table import COLUMNS
+from dart_hal.report import charts, page, svg
+from dart_hal.report.html import Html, el, join, table
+from dart_hal.report.numbers import significant
+from dart_hal.types import SAMPLE
+
+STATISTICS = ("n", "mean", "std", "min", "max")
+POINTS = 400
+"""Of a curve: about the width of the picture in pixels."""
+LONGEST = 60
+"""Characters of a value in a table."""
+
+
+def lead(found: Comparison) -> str:
+    """The answer in one sentence: whether and when the two part."""
+    same, parted = found.same_commands, found.parted
+    if same is None:
+        return "one of them was not driven, so that it cannot be said when they part"
+    if same < SAMPLE:
+        return "they were driven by different commands from the first one on"
+    if parted is None:
+        return (f"driven by the same commands for {same:.2f} s, and within that time neither "
+                "speed nor yaw rate differs")
+    return (f"driven by the same commands for {same:.2f} s; {parted.t:.2f} s after the first, "
+            f"{parted.channel} is {significant(parted.a)} in A and {significant(parted.b)} "
+            f"{COLUMNS[parted.channel].unit} in B")
+
+
+def statistic_rows(statistics: Mapping[str, Sequence[Mapping[str, float]]]) -> list[list[str]]:
+    """A head, then two rows for each channel: A and B."""
+    rows = [["channel", "", *STATISTICS]]
+    for name, both in statistics.items():
+        for side, one in zip("AB", both, strict=True):
+            rows.append([_titled(name) if side == "A" else "", side, str(one["n"]),
+                         *(significant(one.get(key)) for key in STATISTICS[1:])])
+    return rows
+
+
+def _titled(name: str) -> str:
+    """A channel with its unit, where it has one."""
+    unit = COLUMNS[name].unit if name in COLUMNS else ""
+    return f"{name} [{unit}]" if unit else name
+
+
+def difference_rows(differs: Sequence[Differs]) -> list[list[str]]:
+    """Name, value in A, value in B."""
+    def short(value: Any) -> str:
+        text = "-" if value is None else str(value)
+        return text if len(text) <= LONGEST else text[:LONGEST - 3] + "..."
+
+    return [[d.name, short(d.a), short(d.b)] for d in differs]
+
+
+def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
+    """Write the page. Errors: OSError."""
+    runs = [[side, str(r["path"]), r["car"], f"{r['duration_s']:.1f} s", f"{r['distance_m']:.1f} m",
+             f"{r['lost']} / {r['damaged']}", r["firmware"]]
+            for side, r in zip("AB", answer["runs"], strict=True)]
+    head, *rows = statistic_rows(answer["statistics"])
+    differ = table(("what", "A", "B"), difference_rows(found.differs))
+    said = lead(found)
+    sections = {
+        "runs": ("The two runs", table(
+            ("", "run", "car", "lasts", "drove", "lost / damaged frames", "firmware"), runs, 3)),
+        "pictures": ("Side by side", _pictures(found)),
+        "statistics": ("Statistics", table(head, rows, 2)),
+        "differ": ("What differs", differ or el(
+            "p", "Car, firmware and files of the car are the same.")),
+        "numbers": ("All numbers", page.download(answer, "comparison.json"))}
+    card = page.card(el("p", said[:1].upper() + said[1:] + ".", class_="big"),
+                     good=found.parted is None and found.same_commands is not None)
+    return page.write(path, page.page("comparison", "Two runs side by side", card, sections))
+
+
+def _pictures(found: Comparison) -> Html:
+    """Speed, yaw rate and commands of both over the time since the first command."""
+    both = driven(found.a), driven(found.b)
+    if both[0] is None or both[1] is None:
+        return el("p", "One of them was not driven: there is no common beginning.")
+    drawn = []
+    for name in ("speed", "yaw_rate", "command_steering", "command_throttle"):
+        series = []
+        for drive, style in zip(both, ("before", "after"), strict=True):
+            assert drive is not None
+            step = -(-len(drive["t"]) // POINTS)
+            t, y = drive["t"][::step], drive[name][::step]
+            series.append(charts.Series(t, y, np.full(len(t), np.nan), style, marked=False))
+        drawn.append(page.figure(name.replace("_", " "), charts.lines(
+            name, "time since the first command [s]", _titled(name), series)))
+    return join([svg.legend([("before", "A"), ("after", "B")]), page.figures(drawn)])

@@ -1,0 +1,14 @@
+"""How a value shows itself in a notebook: a title, and a row for each thing worth knowing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+
+
+def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """An HTML table of plain text; without colours, of which a notebook has its own."""
+    body = "".join(f"<tr><th style='text-align:left'>{escape(name)}</th>"
+                   f"<td style='text-align:left'>{escape(value)}</td></tr>"
+                   for name, value in rows)
+    return f"<table><caption><b>{escape(title)}</b></caption><tbody>{body}</tbody></table>"

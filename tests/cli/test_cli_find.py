@@ -1,0 +1,166 @@
+"""``dart-hal find``: what is plugged in, told without opening it; and which of it is a car."""
+
+from __future__ import annotations
+
+import os
+import random
+import threading
+import tty
+from types import SimpleNamespace
+
+import pytest
+from wire_samples import random_values
+
+from dart_hal.cli import find
+from dart_hal.links import attached
+from dart_hal.wire.codec import UP, encode
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.messages import HELLO
+
+
+def port(device, vid=0x1A86, pid=0x7523, description="USB2.0-Serial"):
+    return SimpleNamespace(device=device, vid=vid, pid=pid, description=description,
+                           serial_number=None)
+
+
+@pytest.fixture
+def plugged(monkeypatch, tmp_path):
+    """``plugged(*ports)``: those are here, and I2C buses 1 and 7."""
+    for number, name in ((7, "c250000.i2c"), (1, "bcm2835")):
+        (tmp_path / "sys" / f"i2c-{number}").mkdir(parents=True)
+        (tmp_path / "sys" / f"i2c-{number}" / "name").write_text(name + "\n")
+
+    def plug(*ports):
+        monkeypatch.setattr(attached.list_ports, "comports", lambda: list(ports))
+        monkeypatch.setattr(find, "i2c_buses", lambda: attached.i2c_buses(tmp_path / "sys"))
+        monkeypatch.setattr(attached, "holders", lambda device: iter(()))
+
+    return plug
+
+
+class Far:
+    """The far end of a port, which says ``words`` again and again."""
+
+    def __init__(self, words: bytes) -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.device, self._slave = os.ttyname(slave), slave
+        self._words, self._done = words, threading.Event()
+        self._thread = threading.Thread(target=self._talk)
+        self._thread.start()
+
+    def _talk(self) -> None:
+        while not self._done.wait(0.02):
+            os.write(self.master, self._words)
+
+    def close(self) -> None:
+        self._done.set()
+        self._thread.join()
+        os.close(self.master)
+        os.close(self._slave)
+
+
+@pytest.fixture
+def nano():
+    any_hello = encode(HELLO, 0, random_values(HELLO, random.Random(1)))
+    values = {**Decoder(UP).feed(any_hello)[0].as_dict(), "board_id": 0xDA27}
+    far = Far(encode(HELLO, 0, values))
+    yield far.device
+    far.close()
+
+
+def test_with_nothing_plugged_in_it_says_what_to_do(verb, monkeypatch, tmp_path):
+    monkeypatch.setattr(attached.list_ports, "comports", list)
+    monkeypatch.setattr(find, "i2c_buses", lambda: attached.i2c_buses(tmp_path / "none"))
+    told = verb("find", "--json").json
+    assert (told["ports"], told["i2c"]) == ([], [])
+    assert "plug the Nano in" in told["hints"][0]
+    shown = verb("find")
+    assert shown.code == 0
+    assert "no I2C bus" in shown.out
+    assert verb("find", "--probe").code == 1
+
+
+def test_ports_are_told_with_their_bridge_and_how_to_know_the_car(verb, plugged):
+    plugged(port("/dev/ttyS0", None, None, "n/a"), port("/dev/ttyUSB1", 0x1234, 0xABCD, "a thing"),
+            port("/dev/ttyUSB0"))
+    told = verb("find", "--json").json
+    assert set(told) == {"ports", "i2c", "hints"}
+    assert set(told["ports"][0]) == {"device", "usb", "bridge", "description", "serial_number",
+                                     "link", "users", "url", "probe"}
+    assert [(p["device"], p["usb"]) for p in told["ports"]] == [
+        ("/dev/ttyUSB0", "1A86:7523"), ("/dev/ttyUSB1", "1234:ABCD"), ("/dev/ttyS0", "")]
+    assert [(b["number"], b["name"]) for b in told["i2c"]] == [(1, "bcm2835"), (7, "c250000.i2c")]
+    assert all(p["probe"] is None for p in told["ports"])
+    assert any("unplug" in hint for hint in told["hints"])
+    shown = verb("find").out
+    assert "CH340" in shown
+    assert "a thing" in shown
+
+
+def test_without_probe_no_port_is_opened(verb, plugged, monkeypatch):
+    def opened(device):
+        raise AssertionError(f"{device} was opened: that restarts its board")
+
+    monkeypatch.setattr(find, "identify_port", opened)
+    plugged(port("/dev/ttyUSB0"))
+    assert verb("find").code == 0
+
+
+def test_a_port_in_use_is_never_asked(verb, plugged, monkeypatch):
+    """Root's open would succeed, and restart the Nano under a car that drives."""
+    def opened(device):
+        raise AssertionError(f"{device} was opened")
+
+    plugged(port("/dev/ttyUSB0"))
+    monkeypatch.setattr(find, "identify_port", opened)
+    monkeypatch.setattr(attached, "holders", lambda device: iter([(4711, "python")]))
+    ran = verb("find", "--probe", "--json")
+    assert ran.code == 1
+    assert ran.json["ports"][0]["users"] == ["python (4711)"]
+    assert "in use by python (4711)" in ran.json["ports"][0]["probe"]["why"]
+
+
+@pytest.mark.realtime
+def test_a_nano_is_known_by_its_hello(verb, plugged, nano):
+    plugged(port(nano), port("/dev/ttyS0", None, None))
+    told = verb("find", "--probe", "--json").json
+    car, other = told["ports"]
+    assert car["probe"]["hello"]["board_id"] == "0000da27"
+    assert car["url"] == f"serial://{nano}"
+    assert other["probe"] is None, "what is no USB device is not opened"
+    shown = verb("find", "--probe")
+    assert shown.code == 0
+    assert "DART firmware" in shown.out
+
+
+@pytest.mark.realtime
+@pytest.mark.more
+def test_another_board_is_not_taken_for_a_car(verb, plugged):
+    """The negative control: it speaks, but not our language."""
+    far = Far(b"hello world\r\n")
+    try:
+        plugged(port(far.device))
+        ran = verb("find", "--probe", "--json")
+    finally:
+        far.close()
+    assert ran.code == 1
+    assert ran.json["ports"][0]["probe"]["hello"] is None
+    assert "no DART firmware" in ran.json["ports"][0]["probe"]["why"]
+
+
+def test_a_port_that_is_gone_is_told_and_the_others_are_still_listed(verb, plugged):
+    plugged(port("/dev/ttyUSB_gone"))
+    ran = verb("find", "--probe", "--json")
+    assert ran.code == 1
+    assert "ttyUSB_gone" in ran.json["ports"][0]["probe"]["why"]
+
+
+def test_the_names_that_stay_are_told(plugged, tmp_path):
+    device = tmp_path / "ttyUSB0"
+    device.touch()
+    (tmp_path / "by-id").mkdir()
+    (tmp_path / "by-id" / "usb-1a86").symlink_to(device)
+    plugged(port(str(device)))
+    (seen,) = attached.serial_ports(tmp_path / "by-id")
+    assert seen.link == str(tmp_path / "by-id" / "usb-1a86")
