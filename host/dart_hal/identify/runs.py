@@ -21,11 +21,13 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
+from dart_hal.identify.run_poses import marked, mocap_of, on_clock
 from dart_hal.recording.dart import RUN, Messages, Note, Recording, read
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
+from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
-from dart_hal.types import SAMPLE, FloatArray, IntArray, State
+from dart_hal.types import SAMPLE, ExternalPose, FloatArray, IntArray, State
 
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
@@ -37,7 +39,7 @@ SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
 def read_run(path: str | Path, every: int = EVERY) -> Recording:
-    """A run as a Recording: schema "run", no mocap, 10 Hz.
+    """A run as a Recording: schema "run", 10 Hz; mocap where poses from outside were recorded.
 
     every: frames of 10 ms that one message is made of; fewer keep finer timing.
     Speed, yaw rate, acceleration and steering are means over the step that ends
@@ -53,8 +55,13 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
     notes += [Note("frames lost on the line", run.lost)] if run.lost else []
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path), every)
-    return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_weighed(path))
+    mocap = None
+    if (seen := mocap_of(run.poses)) is not None:
+        mocap, start, more = seen
+        messages, notes = on_clock(messages, start), notes + more
+    recording = Recording(path, RUN, messages, mocap, "ok", None, digest, tuple(notes),
+                          mass=_weighed(path))
+    return recording if mocap is None else marked(note_false_lock(recording))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +71,7 @@ class _Run:
     frames: int
     lost: int
     messages: Mapping[int, Messages]
+    poses: tuple[ExternalPose, ...]
 
 
 @lru_cache(maxsize=KEPT)
@@ -71,7 +79,8 @@ def _replayed(path: Path, digest: str) -> _Run:
     """A run, replayed once for all that is asked of it; digest: of its content."""
     states, files = _states(path)
     return _Run(len(states), states[-1].health.lost,
-                {every: _messages(states, files, every) for every in (EVERY, FINE)})
+                {every: _messages(states, files, every) for every in (EVERY, FINE)},
+                tuple(RunReader(path).poses()))
 
 
 def _states(path: Path) -> tuple[list[State], CarFiles]:

@@ -6,13 +6,17 @@ Every layout is fixed but for the payload of byte arrays and strings, so one
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import atan2, cos, sin
 from struct import Struct
 
-from dart_hal.types import State
+import numpy as np
+
+from dart_hal.types import ExternalPose, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
+_PLANE = (0, 1, 5)
+"""Rows of x, y and yaw among x, y, z, roll, pitch, yaw."""
 _UNKNOWN = 1e6
 """Variance of what two-dimensional odometry does not say (z, roll, pitch)."""
 
@@ -36,6 +40,8 @@ _ODOMETRY = Struct(f"<4siI{len(_ODOM_IDS)}s85d")
 _IMU = Struct(f"<4siI{len(_IMU_ID)}s37d")
 _DRIVE = Struct(f"<4siI{len(_DRIVE_ID)}s5f")
 _BYTES = Struct("<4sIII")
+_TIME = Struct("<iI")
+_POSE = Struct("<43d")
 
 
 def byte_array(data: bytes) -> bytes:
@@ -67,8 +73,8 @@ def odometry(state: State) -> bytes:
     pose, cov = state.pose, state.pose.cov
     half = 0.5 * pose.yaw
     spread = [0.0] * 36
-    for i, row in enumerate((0, 1, 5)):
-        for j, column in enumerate((0, 1, 5)):
+    for i, row in enumerate(_PLANE):
+        for j, column in enumerate(_PLANE):
             spread[6 * row + column] = float(cov[i, j])
     spread[14] = spread[21] = spread[28] = _UNKNOWN
     twist = [0.0] * 36
@@ -93,3 +99,31 @@ def drive(state: State) -> bytes:
     """ackermann_msgs/AckermannDriveStamped: the steering angle that was applied."""
     return _DRIVE.pack(HEADER, *_stamp(state.t), _DRIVE_ID, state.applied.steering, 0.0,
                        state.speed, 0.0, 0.0)
+
+
+def external_pose(pose: ExternalPose) -> bytes:
+    """geometry_msgs/PoseWithCovarianceStamped: marker frame in the room, stamp of the source."""
+    name = _text(pose.frame, 8, 8)
+    spread = [0.0] * 36
+    for i, row in enumerate(_PLANE):
+        for j, column in enumerate(_PLANE):
+            spread[6 * row + column] = float(pose.cov[i, j])
+    spread[14] = spread[21] = spread[28] = _UNKNOWN
+    half = 0.5 * pose.yaw
+    return (HEADER + _TIME.pack(*divmod(nanoseconds(pose.stamp), 10**9)) + name
+            + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half), *spread))
+
+
+def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
+    """Inverse of ``external_pose``. Raises ValueError or struct.error for other bytes."""
+    seconds, rest = _TIME.unpack_from(payload, len(HEADER))
+    (length,) = _U32.unpack_from(payload, len(HEADER) + _TIME.size)
+    at = len(HEADER) + _TIME.size + _U32.size
+    frame = payload[at:at + length - 1].decode()
+    at += length
+    at += -(at - len(HEADER)) % 8
+    x, y, _, _, _, z, w, *spread = _POSE.unpack_from(payload, at)
+    cov = np.array(spread).reshape(6, 6)[np.ix_(_PLANE, _PLANE)]
+    cov.setflags(write=False)
+    return ExternalPose((seconds * 10**9 + rest) / 10**9, arrival, x, y, 2.0 * atan2(z, w), cov,
+                        frame)

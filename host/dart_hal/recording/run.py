@@ -1,7 +1,8 @@
 """A run: everything that passed between host and car, in one MCAP file.
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
-``command`` what was asked for, ``applied`` what the pins carried; attachments
+``command`` what was asked for, ``applied`` what the pins carried, ``/external_pose``
+the poses that came from outside, if any; attachments
 hold who the car was (HELLO), its files, the URL and the versions. Messages are
 in chunks, and chunks and attachments have checksums. No wall clock and no
 random number enters: the same run gives the same bytes.
@@ -27,7 +28,7 @@ from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
-from dart_hal.types import Applied, State
+from dart_hal.types import Applied, ExternalPose, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 LIBRARY = "dart-hal recording 3"
@@ -42,6 +43,7 @@ _CHANNELS = (
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
+_POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _I2C = Struct("<BHH")
 
 
@@ -92,9 +94,8 @@ class RunWriter:
         self._file = private(self.path.open("wb", buffering=1 << 16))
         self._writer = mcap_writer(self._file)
         self._now, _ = stamp.split(start)
-        schemas = [self._writer.register_schema(kind, "ros2msg", definition(kind))
-                   for _, kind in _CHANNELS]
-        self._channels = {topic: int(self._writer.register_channel(topic, "cdr", schema))
+        schemas = [self._schema(kind) for _, kind in _CHANNELS]
+        self._channels = {topic: self._channel(topic, schema)
                           for (topic, _), schema in zip(_CHANNELS, schemas, strict=True)}
         self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
@@ -104,6 +105,12 @@ class RunWriter:
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._flushed = float("-inf")
         self._closed = False
+
+    def _schema(self, kind: str) -> int:
+        return int(self._writer.register_schema(kind, "ros2msg", definition(kind)))
+
+    def _channel(self, topic: str, schema: int) -> int:
+        return int(self._writer.register_channel(topic, "cdr", schema))
 
     def rx(self, data: bytes, t: float) -> None:
         """Bytes from the Nano; t: arrival of the last of them."""
@@ -136,6 +143,13 @@ class RunWriter:
         if imu is not None:
             self._add("/imu", imu, state.t)
         self._add("/drive", cdr.drive(state), state.t)
+
+    def pose(self, pose: ExternalPose) -> None:
+        """A pose from outside, at its arrival; a run without any has no channel for them."""
+        topic, kind = _POSES
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic, self._schema(kind))
+        self._add(topic, cdr.external_pose(pose), pose.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
@@ -255,6 +269,10 @@ class RunReader:
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
         return self._decoded({"i2c": _transaction})
+
+    def poses(self) -> Iterator[ExternalPose]:
+        """Poses from outside, in order of arrival."""
+        return self._decoded({_POSES[0]: lambda t, data: cdr.external_pose_of(data, t)})
 
     def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""
