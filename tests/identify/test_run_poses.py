@@ -60,6 +60,26 @@ def test_the_mocap_of_a_run_shows_what_the_car_did(seen):
 
 
 @pytest.mark.cpu(6)
+def test_its_messages_are_of_the_moment(seen):
+    path, true = seen
+    m = read_run(path).messages
+    t = np.array([real.t for real in true])
+    rate = np.array([real.yaw_rate for real in true])
+
+    def lateness(stamp, value):
+        """s by which a series comes later than the truth, least squares along its slope."""
+        slope = np.interp(t + 0.02, stamp, value) - np.interp(t - 0.02, stamp, value)
+        off = rate - np.interp(t, stamp, value)
+        return 0.04 * (off @ slope) / (slope @ slope)
+
+    assert lateness(m.t, m.yaw_rate) == pytest.approx(0.0, abs=0.006)
+    means = read_run(path, poses=False)
+    assert means.mocap is None
+    assert lateness(means.messages.t, means.messages.yaw_rate) == pytest.approx(0.05, abs=0.01)
+    assert np.median(np.diff(m.t)) == pytest.approx(0.02, abs=1e-3)
+
+
+@pytest.mark.cpu(6)
 def test_it_is_evaluated_and_its_marker_found(seen):
     recording = read_run(seen[0])
     case, = prepare([recording]).cases

@@ -135,6 +135,11 @@ class Recording:
         return f"{folder}/{self.path.name}"
 
     @property
+    def of_means(self) -> bool:
+        """A run that nobody saw: messages are means of the step that ends at their stamp."""
+        return self.schema == RUN and self.mocap is None
+
+    @property
     def duration(self) -> float:
         """Recorded time [s], gaps between segments left out."""
         step = np.diff(self.messages.t)
