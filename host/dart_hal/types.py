@@ -185,15 +185,13 @@ class External:
 
     pose: the marker frame at ``State.t``: the last believed pose and the odometry
     since, with a covariance that grows (None before the first); age [s] of that
-    last one (inf = none); newest: what came last, believed or not; doubts: what
-    its frame seems to have wrong, by names of ``FrameFault``.
+    last one (inf = none); newest: what came last, believed or not.
     """
 
     tracking: Tracking
     age: float
     pose: Pose | None
     newest: ExternalPose | None
-    doubts: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 from dart_hal.estimation.pose_tracking import PoseTracker
+from dart_hal.links.base import Backend
 from dart_hal.ports import PoseSource
+from dart_hal.poses import open_poses
 from dart_hal.types import ExternalPose, State
 
 
@@ -34,3 +37,16 @@ class PoseFeed:
             self.record(pose)
             self._tracker.add(pose)
         return [replace(state, external=self._tracker.at(state.t)) for state in states]
+
+
+def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
+    """Let ``poses``, else $DART_HAL_POSES, be the source of a backend that has none of its own.
+
+    A recording keeps the poses that it holds. Raises what ``open_poses`` raises.
+    """
+    if poses is None and backend.poses is None and backend.bus is not None:
+        poses = os.environ.get("DART_HAL_POSES") or None
+    if poses is not None:
+        backend.poses = open_poses(poses) if isinstance(poses, str) else poses
+    if backend.poses is not None:
+        backend.closers += (backend.poses.close,)

@@ -143,6 +143,8 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
 
 def _unseen(r: Recording) -> Recording:
     """The recording as if no motion capture had been there."""
+    if r.mocap is None:
+        return r
     return read_run(r.path, poses=False) if r.schema == RUN else replace(r, mocap=None)
 
 

@@ -24,8 +24,8 @@ from dart_hal.recording.dart.grid import L_R
 LEFT_OUT = "window(s) left out"
 NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"
 SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead", "marker")
-OWN_REMEDY = ("record with a source of poses; in the simulator: sim://?mocap=1 "
-              "(docs/reference/urls.md); dart-hal identify all RUNS needs none")
+OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
+              "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")
 
 
 @dataclass(frozen=True, slots=True)
