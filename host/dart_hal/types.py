@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from math import degrees
+from math import degrees, isfinite, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,90 @@ class Pose:
     cov: FloatArray = field(default_factory=_zero_cov)
 
 
+POSE_STD, POSE_YAW_STD = 0.001, 0.002
+"""m and rad, one sigma of a motion capture that states none (docs/reference/poses.md)."""
+
+
+MAX_STAMP = 2.0**31
+"""s; builtin_interfaces/Time ends there, and Unix time in ms is beyond it."""
+
+
+def nanoseconds(t: float) -> int:
+    """The nearest whole ns of t [s], exactly: a product of floats would be off by 100 ns."""
+    numerator, denominator = t.as_integer_ratio()
+    return (2 * numerator * 10**9 + denominator) // (2 * denominator)
+
+
+def pose_cov(std: float = POSE_STD, yaw_std: float = POSE_YAW_STD) -> FloatArray:
+    """Covariance (3, 3) of x, y, yaw without correlation; read-only."""
+    cov = np.diag([std * std, std * std, yaw_std * yaw_std])
+    cov.setflags(write=False)
+    return cov
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalPose:
+    """Pose of a tracked body, as something outside of the car measured it.
+
+    stamp [s] of the measurement on the source's own clock; arrival [s] on the
+    car's clock; x, y [m] and yaw [rad] of the marker frame in the room's frame,
+    z up; cov (3, 3) of them; frame: name of the room's frame. The stamp is kept in
+    whole ns and the yaw, wrapped to +-pi, in whole nrad: as much as a recording
+    keeps, so that a replay sees the very same numbers. Raises ValueError for
+    what is no finite number, and for stamps that are no seconds.
+    """
+
+    stamp: float
+    arrival: float
+    x: float
+    y: float
+    yaw: float
+    cov: FloatArray = field(default_factory=pose_cov)
+    frame: str = "mocap"
+
+    def __post_init__(self) -> None:
+        numbers = (self.stamp, self.arrival, self.x, self.y, self.yaw)
+        if not all(map(isfinite, numbers)) or not np.isfinite(self.cov).all():
+            raise ValueError("a pose that is not finite")
+        if not 0.0 <= self.stamp < MAX_STAMP or self.arrival < 0.0:
+            raise ValueError(f"a stamp of {self.stamp:g}, which are no seconds")
+        object.__setattr__(self, "stamp", nanoseconds(self.stamp) / 10**9)
+        object.__setattr__(self, "yaw", round(self.yaw - tau * round(self.yaw / tau), 9))
+
+
+class Tracking(str, Enum):
+    """How well the room knows where the car is.
+
+    TRACKING poses come and are believed; DEAD_RECKONING none came lately, wheels
+    and gyro carry on from the last; JUMPED poses come, but the car cannot have moved so
+    (another body, a false lock): they are not believed; LOST there was never one, or the last is
+    too old to go on from.
+    """
+
+    TRACKING = "TRACKING"
+    DEAD_RECKONING = "DEAD_RECKONING"
+    JUMPED = "JUMPED"
+    LOST = "LOST"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """Where the car is in the room, as a source of external poses and its own wheels tell.
+
+    pose: the marker frame at ``State.t``: the last believed pose and the odometry
+    since, with a covariance that grows (None before the first); age [s] of that
+    last one (inf = none); newest: what came last, believed or not.
+    """
+
+    tracking: Tracking
+    age: float
+    pose: Pose | None
+    newest: ExternalPose | None
+
+
 @dataclass(frozen=True, slots=True)
 class Health:
     """How far the numbers beside it may be trusted.
@@ -160,7 +244,8 @@ class State:
     t [s] device time mapped to the car's clock, monotone; seq frame counter,
     unwrapped; speed [m/s] signed with one sigma; yaw_rate [rad/s],
     accel_x, accel_y [m/s2] in body axes (None while the IMU is not valid);
-    ticks encoder edges since boot, unwrapped.
+    ticks encoder edges since boot, unwrapped; external: what a source of
+    external poses knows (None: there is no such source).
     """
 
     t: float
@@ -174,6 +259,7 @@ class State:
     pose: Pose
     applied: Applied
     health: Health
+    external: External | None = None
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """What a person looks for first: (name, value with its unit)."""

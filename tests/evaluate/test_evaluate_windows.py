@@ -69,6 +69,6 @@ def test_a_folder_called_csv_names_no_recording(excerpt):
 def test_runs_of_our_own_are_sent_to_identify(excerpt):
     recordings, _ = read_any([excerpt / "circles_27_sept_2024"])
     runs = [replace(r, schema=RUN, mocap=None) for r in recordings]
-    with pytest.raises(RecordingError, match="runs of our own") as refused:
+    with pytest.raises(RecordingError, match="runs without poses") as refused:
         prepare(runs)
     assert "dart-hal identify all" in refused.value.remedy

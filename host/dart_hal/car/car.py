@@ -20,6 +20,7 @@ from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.misuse import check_times, check_url, shut
+from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.show import Shown
@@ -28,6 +29,7 @@ from dart_hal.config import CarFiles, left_aside, load_car, parse_car
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
+from dart_hal.ports import PoseSource
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import SAMPLE, Applied, State
@@ -64,24 +66,27 @@ class Car(Arming, Shown):
     @classmethod
     def open(cls, url: str | None = None, *, car: str | None = None,
              cars: str | Path | None = None, record: str | Path | None = None,
-             raise_on_trip: bool = True) -> Car:
+             poses: str | PoseSource | None = None, raise_on_trip: bool = True) -> Car:
         """Open a car and leave it at neutral and disarmed.
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
         car, None: $DART_HAL_CAR, then dart-01; a simulated or recorded car
         brings its own. ``cars``: folder of the cars' files. ``record``: MCAP
-        file for everything that passes. ``raise_on_trip``: a command to a car
-        that a trip has disarmed raises Disarmed; False: only ``Applied.limited``
-        says so. Raises the errors of the catalogue: UnknownScheme, NoHello, ...
+        file for everything that passes. ``poses``: who sees the car from
+        outside, a source or its URL (None: $DART_HAL_POSES). ``raise_on_trip``:
+        a command to a car that a trip has disarmed raises Disarmed; False: only
+        ``Applied.limited`` says so. Raises the errors of the catalogue:
+        UnknownScheme, NoHello, ...
         """
         check_url(url)
         text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
-        return cls.over(open_backend(text), car=car, cars=cars, record=record,
+        return cls.over(open_backend(text), car=car, cars=cars, record=record, poses=poses,
                         raise_on_trip=raise_on_trip)
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
-             record: str | Path | None = None, raise_on_trip: bool = True) -> Car:
+             record: str | Path | None = None, poses: str | PoseSource | None = None,
+             raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         folders = [cars] if cars else None
         named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
@@ -98,6 +103,7 @@ class Car(Arming, Shown):
                                         f"the files of {named} are not used",)
             else:
                 files = load_car(backend.car or named, folders)
+            give_poses(backend, poses)
             own_actuator(backend, files)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)

@@ -23,6 +23,7 @@ from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
+from dart_hal.car.poses import PoseFeed
 from dart_hal.car.receive import Receiver
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
@@ -67,6 +68,7 @@ class Engine:
         self._late: deque[float] = deque(maxlen=500)
         self._noted: Applied | None = None
         self.recorder: Any = None
+        self.poses = PoseFeed(backend.poses) if backend.poses is not None else None
         self.listeners: list[Callable[[State], None]] = []
 
     @property
@@ -126,6 +128,8 @@ class Engine:
         with self.lock:
             states = [self._seen(state, t) for state in self.receiver.feed(
                 self.hooks.rx(data, t), t, self.applied)]
+            if self.poses is not None:
+                states = self.poses.take(states, t, self.now)
             if self.driver.overdue:
                 self._write(self.now)
         for state in states:        # without the lock: one that blocks holds up nobody's stop

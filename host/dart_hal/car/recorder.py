@@ -75,6 +75,8 @@ def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWri
     engine.hooks.recorder = writer
     engine.recorder = writer
     engine.listeners.append(writer.state)
+    if engine.poses is not None:
+        engine.poses.record = writer.pose
     if isinstance(backend.bus, RecordedBus):
         backend.bus.recorder = writer
     return writer

@@ -10,13 +10,14 @@ recorded pings had left.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 
 from dart_hal.errors import EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
 from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
-from dart_hal.types import NEUTRAL, Applied
+from dart_hal.types import NEUTRAL, Applied, ExternalPose
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
@@ -106,6 +107,23 @@ class ReplayLink(Link):
         self._items.clear()
 
 
+class ReplayPoses:
+    """The recorded poses from outside, each at its arrival."""
+
+    def __init__(self, recording: RunReader, poses: Iterable[ExternalPose]) -> None:
+        self.name = f"the poses in {recording.path}"
+        self._poses = deque(poses)
+
+    def poll(self, now: float) -> list[ExternalPose]:
+        due = []
+        while self._poses and self._poses[0].arrival <= now:
+            due.append(self._poses.popleft())
+        return due
+
+    def close(self) -> None:
+        self._poses.clear()
+
+
 def sent_pings(recording: RunReader) -> dict[int, list[float]]:
     """Host times of the recorded TIME_PING frames by their id (ids wrap)."""
     decoder = Decoder(DOWN)
@@ -147,8 +165,9 @@ def open_replay(url: Url) -> Backend:
     if first is None:
         raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,
                              likely="the run was cut off before its first frame")
+    poses = list(recording.poses())
     clock = ReplayClock(min(recording.start, first.t) if recording.meta else first.t)
     return Backend(
         url=url, link=ReplayLink(recording, clock), clock=clock, bus=None, virtual=True,
         car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
-        notices=recording.notices)
+        notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None)

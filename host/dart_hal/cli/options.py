@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from dart_hal.errors import UsageError
-from dart_hal.recording.dart.reference import Reference
+from dart_hal.recording.dart import Reference
 
 DEFAULT_CAR = "dart-01"
 F = TypeVar("F", bound=Callable[..., Any])

@@ -10,7 +10,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from dart_hal.errors import RecordingError, UsageError
-from dart_hal.recording.dart import Recording
+from dart_hal.identify.runs import read_run
+from dart_hal.recording.dart import RUN, Recording
 from dart_hal.report.numbers import some
 from dart_hal.vehicle.effects import catalogue, effect
 from dart_hal.vehicle.parameters import Vehicle
@@ -126,7 +127,7 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
             notes.append("no on-board sensors in the training recordings: encoder, gyro and "
                          "accelerometer cannot be judged")
         return seen
-    onboard = [[replace(r, mocap=None) for r in side if has_sensors(r)] for side in sides]
+    onboard = [[_unseen(r) for r in side if has_sensors(r)] for side in sides]
     lost = [r.name for side in sides for r in side if not has_sensors(r)]
     if not onboard[0] or (sides[1] and not onboard[1]):
         raise RecordingError(
@@ -138,6 +139,13 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
     where = "" if not seen[0] and not seen[1] else " on both sides"
     notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NEVER_SEEN}")
     return onboard
+
+
+def _unseen(r: Recording) -> Recording:
+    """The recording as if no motion capture had been there."""
+    if r.mocap is None:
+        return r
+    return read_run(r.path, poses=False) if r.schema == RUN else replace(r, mocap=None)
 
 
 def _that_drive(side: list[Recording], notes: list[str]) -> list[Recording]:

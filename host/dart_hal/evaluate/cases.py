@@ -22,7 +22,10 @@ from dart_hal.recording.dart import (
 from dart_hal.recording.dart.grid import L_R
 
 LEFT_OUT = "window(s) left out"
-NO_MOCAP, OWN = "no motion capture", "a run of our own has no motion capture"
+NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"
+SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead", "marker")
+OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
+              "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,9 +159,9 @@ def _case(key: str, recording: Recording, references: _References,
         raise RecordingError(
             f"{recording.name}: {OWN if own else NO_MOCAP}, so nothing to compare a prediction "
             "with", found="a run" if own else f"schema {recording.schema}",
-            expected="vicon columns (schema B or C)", read=str(recording.path),
-            remedy="dart-hal identify all RUNS fits it; evaluate needs a recording with vicon "
-                   "columns" if own else "give a recording with vicon columns")
+            expected="30 poses or more on /external_pose" if own
+            else "vicon columns (schema B or C)", read=str(recording.path),
+            remedy=OWN_REMEDY if own else "give a recording with vicon columns")
     reference, said = references.of(recording)
     g = grid(recording, reference, l_r)
     windows = find_windows(g)
@@ -168,15 +171,14 @@ def _case(key: str, recording: Recording, references: _References,
         (windows.bad, "hold samples that the mocap or the messages got wrong")) if count)]
     if not len(windows) and not why:
         why = [f"{len(g) / 100:.1f} s are too short for a window of 2 s"]
-    why += [str(note) for note in recording.notes if note.kind in ("false_lock", "outliers",
-                                                                   "mocap_gap", "encoder_dead")]
+    why += [str(note) for note in recording.notes if note.kind in SAID]
     return (Case(key, g, windows, recording.sha256),
             FileUse(used, len(windows), len(g) - used, tuple(why)))
 
 
 def _day(recording: Recording) -> str:
     when = recording.when
-    return f"{when:%Y-%m-%d}" if when else str(recording.path)
+    return f"{when:%Y-%m-%d}" if when else str(recording.path.parent)
 
 
 def _key(path: Path) -> str:
@@ -188,11 +190,9 @@ def _nothing(files: Mapping[str, FileUse]) -> RecordingError:
     common = max(reasons, key=reasons.count) if reasons else "no file"
     if reasons and all(OWN in why for why in reasons):
         return RecordingError(
-            "runs of our own have no motion capture and cannot be evaluated",
+            "runs without poses from outside cannot be evaluated",
             found=f"{len(files)} run(s)", expected="recordings with motion capture",
-            read=", ".join(list(files)[:3]),
-            remedy="dart-hal identify all RUNS fits them; evaluate on the published recordings "
-                   "(dart-hal data fetch)")
+            read=", ".join(list(files)[:3]), remedy=OWN_REMEDY)
     return RecordingError(
         "no recording can be used for open-loop prediction",
         found=f"{len(files)} file(s), most of them: {common}",

@@ -21,11 +21,13 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
+from dart_hal.identify.run_poses import marked, mocap_of, on_clock
 from dart_hal.recording.dart import RUN, Messages, Note, Recording, read
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
+from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
-from dart_hal.types import SAMPLE, FloatArray, IntArray, State
+from dart_hal.types import SAMPLE, ExternalPose, FloatArray, IntArray, State
 
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
@@ -36,9 +38,12 @@ MASS = "mass"  # metadata of a run: kg and std, as weighed
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
-def read_run(path: str | Path, every: int = EVERY) -> Recording:
-    """A run as a Recording: schema "run", no mocap, 10 Hz.
+def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Recording:
+    """A run as a Recording: schema "run", 10 Hz; mocap where poses from outside were recorded.
 
+    With poses, the messages are what the published recordings have beside theirs:
+    commands, yaw rate and acceleration of the moment, speed of the last 0.1 s, at 50 Hz.
+    poses False: as if there were none. Without:
     every: frames of 10 ms that one message is made of; fewer keep finer timing.
     Speed, yaw rate, acceleration and steering are means over the step that ends
     at a message's stamp; the throttle is that of the moment, free of dithering,
@@ -48,9 +53,16 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
     path = Path(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
     run = _replayed(path, digest)
+    lost = [Note("frames lost on the line", run.lost)] if run.lost else []
+    seen = mocap_of(run.poses) if poses else None
+    if seen is not None:
+        mocap, start, more = seen
+        notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *lost, *more]
+        return marked(note_false_lock(Recording(
+            path, RUN, on_clock(run.moments, start), mocap, "ok", None, digest, tuple(notes),
+            mass=_weighed(path))))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
-                                                       else "all used"))]
-    notes += [Note("frames lost on the line", run.lost)] if run.lost else []
+                                                       else "all used")), *lost]
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path), every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
@@ -59,11 +71,13 @@ def read_run(path: str | Path, every: int = EVERY) -> Recording:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What is kept of a run: messages by the frames that each is made of."""
+    """What is kept of a run: messages by the frames that each is made of, and of the moment."""
 
     frames: int
     lost: int
     messages: Mapping[int, Messages]
+    moments: Messages
+    poses: tuple[ExternalPose, ...]
 
 
 @lru_cache(maxsize=KEPT)
@@ -71,7 +85,8 @@ def _replayed(path: Path, digest: str) -> _Run:
     """A run, replayed once for all that is asked of it; digest: of its content."""
     states, files = _states(path)
     return _Run(len(states), states[-1].health.lost,
-                {every: _messages(states, files, every) for every in (EVERY, FINE)})
+                {every: _messages(states, files, every) for every in (EVERY, FINE)},
+                _moments(states, files), tuple(RunReader(path).poses()))
 
 
 def _states(path: Path) -> tuple[list[State], CarFiles]:
@@ -94,7 +109,7 @@ def _states(path: Path) -> tuple[list[State], CarFiles]:
 
 def finer(recording: Recording) -> Recording:
     """A run read anew at 50 Hz, for timing; any other recording as it is."""
-    if recording.schema != RUN or len(recording.messages) < 2:
+    if not recording.of_means or len(recording.messages) < 2:
         return recording
     step = float(np.median(np.diff(recording.messages.t)))
     return read_run(recording.path, FINE) if step > 1.5 * FINE * SAMPLE else recording
@@ -127,32 +142,71 @@ def undithered(command: FloatArray, count: float) -> FloatArray:
 
 def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
     """One message each ``every`` frames, and one on both sides of a jump of the throttle."""
-    steering, throttle = files.config.steering, files.config.throttle
-    clock, pwm = files.oscillator_hz, files.config.pwm
-    count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
-    tau = np.array([s.applied.throttle for s in states])
-    jumps = np.flatnonzero(np.abs(np.diff(tau)) > 1.5 * count / throttle.span_us)
-    ends = sorted({int(i) for i in (*range(every, len(states), every), *jumps, *(jumps + 1))
-                   if i >= every})
+    count, share = _counts(files)
+    tau, jumps = _throttle(states, share)
+    ends = _ends(len(states), every, every, jumps)
 
     def mean(values: Iterable[float | None]) -> FloatArray:
         table = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
         return np.array([table[e + 1 - every:e + 1].mean() for e in ends])
 
-    span = steering.direction * steering.span_us
-    command = (mean(s.applied.steering_us for s in states) - steering.center_us) / span
+    command = _command(mean(s.applied.steering_us for s in states), files)
     if every == EVERY:  # groups of one level; finer messages keep what the servo got
-        command = undithered(command, count / steering.span_us)
-    tau = _around(tau, jumps, every)[ends]
+        command = undithered(command, count)
     t = np.array([s.t for s in states])
-    segment = np.concatenate([[0], np.cumsum(np.diff(t[ends]) > GAP)])
+    return _at(ends, t, _around(tau, jumps, every), command, _speed(states, t, every)[ends], (
+        mean(_yaw_rate(states, t)),
+        mean(_sensed([s.accel_x for s in states], states, t, ACCEL_LATENCY)),
+        mean(_sensed([s.accel_y for s in states], states, t, ACCEL_LATENCY))))
+
+
+def _moments(states: Sequence[State], files: CarFiles) -> Messages:
+    """As the published recordings: of the moment of the stamp, the speed of the last 0.1 s."""
+    count, share = _counts(files)
+    tau, jumps = _throttle(states, share)
+    ends = _ends(len(states), FINE, EVERY, jumps)
+    command = undithered(_command(np.array([s.applied.steering_us for s in states]), files), count)
+    t = np.array([s.t for s in states])
+    gyro, a_x, a_y = (_sensed(values, states, t, latency, 0.0)[ends] for values, latency in (
+        ([s.yaw_rate for s in states], GYRO_LATENCY), ([s.accel_x for s in states], ACCEL_LATENCY),
+        ([s.accel_y for s in states], ACCEL_LATENCY)))
+    return _at(ends, t, _around(tau, jumps, FINE), command[ends], _speed(states, t, EVERY)[ends],
+               (gyro, a_x, a_y))
+
+
+def _counts(files: CarFiles) -> tuple[float, float]:
+    """One count of the PCA9685 as a share of the steering's and of the throttle's span."""
+    clock, pwm = files.oscillator_hz, files.config.pwm
+    count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
+    return count / files.config.steering.span_us, count / files.config.throttle.span_us
+
+
+def _throttle(states: Sequence[State], count: float) -> tuple[FloatArray, IntArray]:
+    """(throttle (n,), frames behind which it jumps)."""
+    tau = np.array([s.applied.throttle for s in states])
+    return tau, np.flatnonzero(np.abs(np.diff(tau)) > 1.5 * count)
+
+
+def _ends(frames: int, every: int, first: int, jumps: IntArray) -> list[int]:
+    """Frames at which a message ends: each ``every``, and both sides of a jump."""
+    return sorted({int(i) for i in (*range(first, frames, every), *jumps, *(jumps + 1))
+                   if i >= first})
+
+
+def _command(pulse_us: FloatArray, files: CarFiles) -> FloatArray:
+    steering = files.config.steering
+    return (pulse_us - steering.center_us) / (steering.direction * steering.span_us)
+
+
+def _at(ends: list[int], t: FloatArray, throttle: FloatArray, steering: FloatArray,
+        speed: FloatArray, imu: tuple[FloatArray, FloatArray, FloatArray]) -> Messages:
+    """Messages at frames ``ends`` (m,) of a run with times t (n,) and throttle (n,)."""
+    stamp, tau, (gyro, a_x, a_y) = freeze(t[ends]), freeze(throttle[ends]), imu
     return Messages(
-        t=freeze(t[ends]), arrival=freeze(t[ends]), segment=freeze_index(segment),
-        throttle=freeze(tau), throttle_raw=freeze(tau), steering=freeze(np.round(command, 6)),
-        gate=freeze_flags(np.ones(len(ends))), speed=freeze(_speed(states, t, every)[ends]),
-        yaw_rate=freeze(mean(_yaw_rate(states, t))),
-        accel_x=freeze(mean(_sensed([s.accel_x for s in states], states, t, ACCEL_LATENCY))),
-        accel_y=freeze(mean(_sensed([s.accel_y for s in states], states, t, ACCEL_LATENCY))))
+        t=stamp, arrival=stamp, throttle=tau, throttle_raw=tau,
+        segment=freeze_index(np.concatenate([[0], np.cumsum(np.diff(stamp) > GAP)])),
+        steering=freeze(np.round(steering, 6)), gate=freeze_flags(np.ones(len(ends))),
+        speed=freeze(speed), yaw_rate=freeze(gyro), accel_x=freeze(a_x), accel_y=freeze(a_y))
 
 
 def _around(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
@@ -187,8 +241,10 @@ def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
 
 
 def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArray,
-            latency: float) -> FloatArray:
+            latency: float, before: float = 0.5 * SAMPLE) -> FloatArray:
     """What the IMU tells (n,) of the middle of each frame; NaN where it tells nothing.
+
+    before [s]: by how much the moment asked for precedes the end of the frame.
 
     latency: by what a sample is older than the start of its read [s]. Encoder and
     commands have no such age; left in, a model has to explain it.
@@ -199,8 +255,8 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
     if not known.any():
         return value
     taken, first = np.unique((t - age)[known], return_index=True)
-    middle = np.interp(t - 0.5 * SAMPLE, taken - latency, value[known][first])
-    return np.where(known, middle, np.nan)
+    told = np.interp(t - before, taken - latency, value[known][first])
+    return np.where(known, told, np.nan)
 
 
 def read_any(paths: Iterable[str | Path]) -> tuple[list[Recording], list[tuple[str, str]]]:

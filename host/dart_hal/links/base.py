@@ -14,7 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
-from dart_hal.ports import Bus, Clock, Link, Workshop
+from dart_hal.ports import Bus, Clock, Link, PoseSource, Workshop
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ class Backend:
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
     ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
+    ``poses``: external poses that come with the backend.
     """
 
     url: Url
@@ -78,6 +79,7 @@ class Backend:
     closers: tuple[Callable[[], None], ...] = ()
     candidates: Callable[[], list[str]] = list
     workshop: Workshop | None = None
+    poses: PoseSource | None = None
 
     def close(self) -> None:
         """Close link and bus, each also when another one raises."""

@@ -11,10 +11,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from dart_hal.links.busio import TransferBus
-from dart_hal.ports import Chunk, Link
+from dart_hal.ports import Chunk, Link, PoseSource
+from dart_hal.types import ExternalPose
 
 LOOK = 0.001
 """s between two looks at a line on which nothing came: one tick of the world."""
@@ -88,3 +89,17 @@ class PacedBus(TransferBus):
         with self._link.lock:
             self._link.now()
             return self._bus.transfer(address, data, n)
+
+
+class PacedPoses:
+    """A source of poses that looks into a paced world."""
+
+    def __init__(self, source: PoseSource, link: PacedLink) -> None:
+        self.name, self._source, self._link = source.name, source, link
+
+    def poll(self, now: float) -> Sequence[ExternalPose]:
+        with self._link.lock:
+            return self._source.poll(now)
+
+    def close(self) -> None:
+        self._source.close()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.recording.dart import RUN, Messages, Recording
+from dart_hal.recording.dart import Messages, Recording
 from dart_hal.types import SAMPLE, FloatArray
 
 from .actuators import first_order_lag
@@ -65,13 +65,13 @@ def throttle_of(recording: Recording, stamp: FloatArray) -> Command:
 
 
 def steering_of(recording: Recording, stamp: FloatArray) -> Command:
-    """Steering at stamp (m,) s; ours is the mean of the step that ends at the stamp."""
-    shift = 0.5 * step_of(recording) if recording.schema == RUN else 0.0
+    """Steering at stamp (m,) s; means of the step that ends at the stamp belong to its middle."""
+    shift = 0.5 * step_of(recording) if recording.of_means else 0.0
     return Command(stamp - shift, recording.messages.steering, _hold(recording))
 
 
 def _hold(recording: Recording) -> float:
-    return 0.0 if recording.schema == RUN else 0.5 * step_of(recording)
+    return 0.0 if recording.of_means else 0.5 * step_of(recording)
 
 
 def message_time(m: Messages) -> FloatArray:

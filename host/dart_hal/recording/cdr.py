@@ -7,15 +7,17 @@ one ``struct`` per message does. Alignment counts from behind the 4-byte header.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, prod, sin
+from math import atan2, cos, prod, sin
 from struct import Struct
 
 import numpy as np
 
-from dart_hal.types import Applied, FloatArray, State
+from dart_hal.types import Applied, ExternalPose, FloatArray, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
+_PLANE = (0, 1, 5)
+"""Rows of x, y and yaw among x, y, z, roll, pitch, yaw."""
 _UNKNOWN = 1e6
 """Variance of what two-dimensional odometry does not say (z, roll, pitch)."""
 
@@ -43,6 +45,8 @@ _COMMAND = Struct("<4s2d")
 _APPLIED = Struct("<4s4dI")
 _FLOAT = Struct("<4sd")
 _DIMENSION = Struct("<I4sII")  # an empty label with its padding, size, stride
+_TIME = Struct("<iI")
+_POSE = Struct("<43d")
 
 
 def byte_array(data: bytes) -> bytes:
@@ -148,8 +152,8 @@ def odometry(state: State) -> bytes:
     pose, cov = state.pose, state.pose.cov
     half = 0.5 * pose.yaw
     spread = [0.0] * 36
-    for i, row in enumerate((0, 1, 5)):
-        for j, column in enumerate((0, 1, 5)):
+    for i, row in enumerate(_PLANE):
+        for j, column in enumerate(_PLANE):
             spread[6 * row + column] = float(cov[i, j])
     spread[14] = spread[21] = spread[28] = _UNKNOWN
     twist = [0.0] * 36
@@ -174,3 +178,31 @@ def drive(state: State) -> bytes:
     """ackermann_msgs/AckermannDriveStamped: the steering angle that was applied."""
     return _DRIVE.pack(HEADER, *_stamp(state.t), _DRIVE_ID, state.applied.steering, 0.0,
                        state.speed, 0.0, 0.0)
+
+
+def external_pose(pose: ExternalPose) -> bytes:
+    """geometry_msgs/PoseWithCovarianceStamped: marker frame in the room, stamp of the source."""
+    name = _text(pose.frame, 8, 8)
+    spread = [0.0] * 36
+    for i, row in enumerate(_PLANE):
+        for j, column in enumerate(_PLANE):
+            spread[6 * row + column] = float(pose.cov[i, j])
+    spread[14] = spread[21] = spread[28] = _UNKNOWN
+    half = 0.5 * pose.yaw
+    return (HEADER + _TIME.pack(*divmod(nanoseconds(pose.stamp), 10**9)) + name
+            + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half), *spread))
+
+
+def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
+    """Inverse of ``external_pose``. Raises ValueError or struct.error for other bytes."""
+    seconds, rest = _TIME.unpack_from(payload, len(HEADER))
+    (length,) = _U32.unpack_from(payload, len(HEADER) + _TIME.size)
+    at = len(HEADER) + _TIME.size + _U32.size
+    frame = payload[at:at + length - 1].decode()
+    at += length
+    at += -(at - len(HEADER)) % 8
+    x, y, _, _, _, z, w, *spread = _POSE.unpack_from(payload, at)
+    cov = np.array(spread).reshape(6, 6)[np.ix_(_PLANE, _PLANE)]
+    cov.setflags(write=False)
+    return ExternalPose((seconds * 10**9 + rest) / 10**9, arrival, x, y, 2.0 * atan2(z, w), cov,
+                        frame)

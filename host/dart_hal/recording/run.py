@@ -2,10 +2,10 @@
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
 ``command`` what was asked for, ``applied`` what the pins carried, ``/log/...``
-what the program logged; attachments hold who the car was (HELLO), its files,
-the URL and the versions. Messages are in chunks, and chunks and attachments
-have checksums. No wall clock and no random number enters: the same run gives
-the same bytes.
+what the program logged, ``/external_pose`` the poses that came from outside, if
+any; attachments hold who the car was (HELLO), its files, the URL and the
+versions. Messages are in chunks, and chunks and attachments have checksums. No
+wall clock and no random number enters: the same run gives the same bytes.
 
 All times are host times of the backend's clock in s, >= 0.
 """
@@ -31,7 +31,7 @@ from dart_hal.recording import cdr, stamp
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
-from dart_hal.types import Applied, State
+from dart_hal.types import Applied, ExternalPose, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 LIBRARY = "dart-hal recording 4"
@@ -48,6 +48,7 @@ _CHANNELS = (
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
 _NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
+_POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _I2C = Struct("<BHH")
 
 
@@ -160,9 +161,13 @@ class RunWriter:
             for name, value in channels.items():
                 kind, data = ((_NUMBER, cdr.number(value)) if isinstance(value, float)
                               else (_NUMBERS, cdr.numbers(value)))
-                if PREFIX + name not in self._channels:
-                    self._channels[PREFIX + name] = self._channel(PREFIX + name, kind)
-                self._add(PREFIX + name, data, t)
+                self._add_to(PREFIX + name, kind, data, t)
+
+    def pose(self, pose: ExternalPose) -> None:
+        """A pose from outside, at its arrival; a run without any has no channel for them."""
+        with self._lock:
+            if not self._closed:
+                self._add_to(*_POSES, cdr.external_pose(pose), pose.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
@@ -183,6 +188,12 @@ class RunWriter:
     def _attach(self, name: str, kind: str, text: str) -> None:
         with self._lock:
             self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
+
+    def _add_to(self, topic: str, kind: str, data: bytes, t: float) -> None:
+        """To a channel that comes into being with its first message; the lock is held."""
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic, kind)
+        self._add(topic, data, t)
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
         ns, rest = stamp.split(t)
@@ -321,6 +332,10 @@ class RunReader:
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
         return self._decoded({"i2c": _transaction})
+
+    def poses(self) -> Iterator[ExternalPose]:
+        """Poses from outside, in order of arrival."""
+        return self._decoded({_POSES[0]: lambda t, data: cdr.external_pose_of(data, t)})
 
     def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""

@@ -14,6 +14,11 @@ _QUATERNION = ("geometry_msgs/Quaternion",
 _LAYOUT = (("std_msgs/MultiArrayLayout",
             "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"),
            ("std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride\n"))
+_POSE = (
+    ("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n"),
+    ("geometry_msgs/Pose",
+     "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"),
+    ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"), _QUATERNION)
 
 _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "std_msgs/msg/UInt8MultiArray": (
@@ -30,11 +35,7 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "nav_msgs/msg/Odometry": (
         "std_msgs/Header header\nstring child_frame_id\n"
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
-        (_HEADER, _TIME,
-         ("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n"),
-         ("geometry_msgs/Pose",
-          "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"),
-         ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"), _QUATERNION,
+        (_HEADER, _TIME, *_POSE,
          ("geometry_msgs/TwistWithCovariance",
           "geometry_msgs/Twist twist\nfloat64[36] covariance\n"),
          ("geometry_msgs/Twist",
@@ -45,6 +46,9 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "float64[9] angular_velocity_covariance\ngeometry_msgs/Vector3 linear_acceleration\n"
         "float64[9] linear_acceleration_covariance\n",
         (_HEADER, _TIME, _QUATERNION, _VECTOR)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
+        (_HEADER, _TIME, *_POSE)),
     "ackermann_msgs/msg/AckermannDriveStamped": (
         "std_msgs/Header header\nackermann_msgs/AckermannDrive drive\n",
         (_HEADER, _TIME,

@@ -58,6 +58,8 @@ class _CsvWriter:
     def hello(self, values: object) -> None:
         """Not kept in a table."""
 
+    pose = hello
+
     def note(self, name: str, values: object) -> None:
         """Not kept in a table."""
 

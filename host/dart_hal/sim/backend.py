@@ -9,8 +9,9 @@ hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
 failures separated by commas (``dart_hal.sim.failures``), ``tick`` 1 or, for long runs
 of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
 shipped set that the car really is, ``effect`` what it has beyond it, such as
-``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md),
-``pace`` 1: real time, the world does not wait for its program.
+``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md), ``mocap``
+1 or, for example, ``rate=50,lock=2``: a motion capture sees the car
+(``dart_hal.sim.mocap``), ``pace`` 1: real time, the world does not wait for its program.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
-from dart_hal.links.paced import PacedBus, PacedLink
+from dart_hal.links.paced import PacedBus, PacedLink, PacedPoses
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
@@ -31,13 +32,14 @@ from dart_hal.sim.failures import parse, schedule, silences
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.link import SimClock, SimLink
+from dart_hal.sim.mocap import SimMocap, mocap_of
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
-           "vehicle", "effect", "pace")
+           "vehicle", "effect", "mocap", "pace")
 
 
 def open_sim(url: Url) -> Backend:
@@ -61,16 +63,19 @@ def open_sim(url: Url) -> Backend:
     world.lines = (Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
+    mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name, car_toml=car_toml(drawn.base, drawn.body),
-                      notices=notices + drawn.notices, workshop=SimWorkshop(world))
+                      notices=notices + drawn.notices, workshop=SimWorkshop(world),
+                      poses=None if mocap is None else SimMocap(world, mocap))
     return _in_real_time(backend, link, world) if choice(url, "pace", "1") else backend
 
 
 def _in_real_time(backend: Backend, link: SimLink, world: World) -> Backend:
     paced = PacedLink(link, lambda: link.now, link.sleep)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
-                   virtual=False, workshop=SimWorkshop(world, paced.lock))
+                   virtual=False, poses=backend.poses and PacedPoses(backend.poses, paced),
+                   workshop=SimWorkshop(world, paced.lock))
 
 
 def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:

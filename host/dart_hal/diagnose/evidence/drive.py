@@ -17,7 +17,15 @@ from dart_hal.predict.commands import message_time, zero_order_hold
 from dart_hal.predict.rollout import states
 from dart_hal.predict.sensors import posed
 from dart_hal.predict.windows import find_windows
-from dart_hal.recording.dart import Grid, Messages, Recording, Reference, grid, savgol_derivative
+from dart_hal.recording.dart import (
+    RUN,
+    Grid,
+    Messages,
+    Recording,
+    Reference,
+    grid,
+    savgol_derivative,
+)
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.parameters import Vehicle
@@ -32,6 +40,7 @@ START_SPACING, WINDOW_SPACING = 50, 100  # samples from start to start; without 
 CLEAN = READ_OUTS[-1] + 8  # samples from a start on without a bad one
 CALM, CALM_SPEED = 5, 7  # samples to each side, over which yaw rate and speed may not bend
 BEFORE = (-6, -3, 0, 3)  # samples around a message; it may be older than it says
+MESSAGE = 0.1  # s; runs of our own have messages more often
 REACH = 0.1  # m from the centre, where turning counts as moving
 
 
@@ -93,6 +102,8 @@ def prepare(recording: Recording, l_r: float, reference: Reference | None = None
                 steering=zero_order_hold(sent, messages.steering, len(g)))
     at = sent / SAMPLE
     good = _clean(g, at) & ~(messages.speed < policy.wheel)
+    if recording.schema == RUN:
+        good &= _apart(messages.t)
     turning = _calm_before(g.omega, at, CALM, policy.bend)
     shaken = _calm_before(g.omega, at, CALM, policy.shaken_bend)
     steady = _calm_before(g.v_x, at, CALM_SPEED, policy.speed_bend)
@@ -145,6 +156,11 @@ def _calm_before(x: FloatArray, at: FloatArray, reach: int, bend: float) -> Bool
 
 def _bend(x: FloatArray, at: IntArray, reach: int) -> FloatArray:
     return np.asarray(np.abs(x[at + reach] - 2.0 * x[at] + x[at - reach]))
+
+
+def _apart(t: FloatArray) -> BoolArray:
+    """Messages (m,) in another 0.1 s than the one before: the encoder's mean spans as much."""
+    return np.concatenate([[True], np.diff(np.floor(t / MESSAGE)) > 0])
 
 
 def _clean(g: Grid, at: FloatArray) -> BoolArray:

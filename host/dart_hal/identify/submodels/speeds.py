@@ -14,7 +14,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.predict.commands import Command, step_of, throttle_of
-from dart_hal.recording.dart import RUN, Grid, Recording, Reference, grid
+from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
@@ -122,8 +122,8 @@ def _from_encoder(recording: Recording) -> Speeds:
 
 
 def _window(recording: Recording) -> float:
-    """Span [s] of a speed value: 0.1 s, in our own runs the step from message to message."""
-    return step_of(recording) if recording.schema == RUN else WINDOW
+    """Span [s] of a speed value: 0.1 s, where it is a mean the step from message to message."""
+    return step_of(recording) if recording.of_means else WINDOW
 
 
 def _from_mocap(recording: Recording, g: Grid) -> Speeds:

@@ -20,7 +20,7 @@ from dart_hal.recording.check.uses import TIMED as LEAST
 from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
 from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
 from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
-from dart_hal.recording.dart import RUN, Recording, Reference
+from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle import AxleTyres, Vehicle
 
@@ -76,7 +76,7 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
         first = -(len(weight) // 2)
     elif recording.encoder == "ok":
         t, yaw_rate, source = m.t, m.yaw_rate, "gyro"
-        if recording.schema == RUN:  # means of one and the same step
+        if recording.of_means:  # means of one and the same step
             cells, source = max(round(step_of(recording) / SAMPLE), 1), "gyro of a run"
             speed, window, first = m.speed, np.full(cells, 1.0 / cells), -cells
         else:

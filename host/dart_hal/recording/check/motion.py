@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.recording.dart.grid import L_R, Grid, grid
-from dart_hal.recording.dart.model import Recording
-from dart_hal.recording.dart.reference import Reference, fit_reference, reference_for
+from dart_hal.recording.dart.model import Recording, Reference
+from dart_hal.recording.dart.reference import fit_reference, reference_for
 from dart_hal.types import BoolArray
 
 UNKNOWN = Reference(L_R, 0.0, 0.0, "not known: markers taken to sit at the centre of mass")

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.recording.dart import Reference
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.model import Recording
-from dart_hal.recording.dart.reference import Reference
 
 from .facts import Facts, Range, facts, named_time
 from .findings import Finding, findings

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from .grid import Grid, grid
 from .marker import savgol_derivative
-from .model import RUN, Messages, Mocap, Note, Recording
+from .model import RUN, Messages, Mocap, Note, Recording, Reference
 from .quantum import encoder_quantum
 from .reader import read, read_all
-from .reference import Reference, fit_reference, reference_for
+from .reference import fit_reference, reference_for
 
 __all__ = ["RUN", "Grid", "Messages", "Mocap", "Note", "Recording", "Reference", "encoder_quantum",
            "fit_reference", "grid", "read", "read_all", "reference_for", "savgol_derivative"]

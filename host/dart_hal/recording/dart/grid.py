@@ -11,8 +11,8 @@ from dart_hal.errors import RecordingError
 from dart_hal.types import BoolArray, FloatArray
 
 from .marker import marker_grid
-from .model import Recording, freeze, freeze_flags
-from .reference import Reference, reference_for
+from .model import Recording, Reference, freeze, freeze_flags
+from .reference import reference_for
 
 L_R = 0.0945  # m, rear axle to centre of mass of the paper's code
 

@@ -80,14 +80,40 @@ class Mocap:
 
 
 @dataclass(frozen=True, slots=True)
+class Reference:
+    """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words."""
+
+    lx: float
+    theta: float
+    ly: float
+    source: str
+
+    def marker(self, l_r: float, x: FloatArray, y: FloatArray, yaw: FloatArray
+               ) -> tuple[FloatArray, FloatArray]:
+        """Where the marker is (x, y) by the centre of mass, l_r [m] before the rear axle."""
+        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
+        return x + forward * c - self.ly * s, y + forward * s + self.ly * c
+
+    def centre(self, l_r: float, pose: tuple[FloatArray, FloatArray, FloatArray],
+               rates: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, ...]:
+        """(x, y, v_x, v_y) of the centre of mass by the marker's x, y, yaw and their rates."""
+        (x, y, yaw), (dx, dy, omega) = pose, rates
+        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
+        return (x - forward * c + self.ly * s, y - forward * s - self.ly * c,
+                c * dx + s * dy + omega * self.ly, -s * dx + c * dy - omega * forward)
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
-    """One file. ``schema`` "A", "B", "C" or RUN; ``mocap`` None for A and RUN.
+    """One file. ``schema`` "A", "B", "C" or RUN; ``mocap`` None for A, and
+    for a RUN without poses from outside.
 
     encoder: "ok", "dead" (the car moved, it did not), "zero" (never moved, and
     nothing shows that the car did), "none" (schema C). quantum: m/s per
     encoder count, None if it cannot be told. sha256 of the file's bytes.
     rows: lines of the table before anything was dropped (0: no table).
     mass: as weighed for this recording, (kg, one sigma); None: it was not.
+    marker: where its marker frame sat, as this recording itself tells.
     """
 
     path: Path
@@ -100,12 +126,18 @@ class Recording:
     notes: tuple[Note, ...]
     rows: int = 0
     mass: tuple[float, float] | None = None
+    marker: Reference | None = None
 
     @property
     def name(self) -> str:
         """Folder and file name, for tables and messages."""
         folder = self.path.parent.name or self.path.absolute().parent.name
         return f"{folder}/{self.path.name}"
+
+    @property
+    def of_means(self) -> bool:
+        """A run that nobody saw: messages are means of the step that ends at their stamp."""
+        return self.schema == RUN and self.mocap is None
 
     @property
     def duration(self) -> float:

@@ -77,7 +77,8 @@ def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: li
         sensors, more = messages(columns, None if pose is None else pose.t)
     recording = Recording(path, schema, sensors, pose, "none" if schema == "C" else "ok", None,
                           digest, ())
-    return _judge_encoder(_note_false_lock(recording, notes + more))
+    return _judge_encoder(note_false_lock(replace(
+        recording, notes=tuple(notes + more))))
 
 
 def _never_measured(columns: dict[str, FloatArray]) -> list[Note]:
@@ -94,15 +95,17 @@ def _signed_zeros(columns: dict[str, FloatArray]) -> list[Note]:
     return [Note("negative zeros read as zeros", rows, "negative_zero")] if rows else []
 
 
-def _note_false_lock(recording: Recording, notes: list[Note]) -> Recording:
-    if recording.schema == "B":
-        lock = marker_grid(recording).false_lock
-        if lock.any():
-            share = float(lock.mean())
-            notes.append(Note(f"false lock of the mocap (pose stands, encoder turns): "
-                              f"{lock.sum() / 100.0:.2f} s, {share:.0%} of the recording",
-                              kind="false_lock"))
-    return replace(recording, notes=tuple(notes))
+def note_false_lock(recording: Recording) -> Recording:
+    """A recording with mocap and encoder, with the note that the mocap locked falsely."""
+    if recording.mocap is None or recording.schema == "C":
+        return recording
+    lock = marker_grid(recording).false_lock
+    if not lock.any():
+        return recording
+    note = Note(f"false lock of the mocap (pose stands, encoder turns): "
+                f"{lock.sum() / 100.0:.2f} s, {lock.mean():.0%} of the recording",
+                kind="false_lock")
+    return replace(recording, notes=(*recording.notes, note))
 
 
 def _judge_encoder(recording: Recording) -> Recording:

@@ -7,40 +7,12 @@ markers were mounted anew for each recording campaign.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime, timezone
 
 import numpy as np
 
-from dart_hal.types import FloatArray
-
 from .marker import marker_grid
-from .model import Recording
-
-
-@dataclass(frozen=True, slots=True)
-class Reference:
-    """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words."""
-
-    lx: float
-    theta: float
-    ly: float
-    source: str
-
-    def marker(self, l_r: float, x: FloatArray, y: FloatArray, yaw: FloatArray
-               ) -> tuple[FloatArray, FloatArray]:
-        """Where the marker is (x, y) by the centre of mass, l_r [m] before the rear axle."""
-        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
-        return x + forward * c - self.ly * s, y + forward * s + self.ly * c
-
-    def centre(self, l_r: float, pose: tuple[FloatArray, FloatArray, FloatArray],
-               rates: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, ...]:
-        """(x, y, v_x, v_y) of the centre of mass by the marker's x, y, yaw and their rates."""
-        (x, y, yaw), (dx, dy, omega) = pose, rates
-        forward, c, s = self.lx - l_r, np.cos(yaw), np.sin(yaw)
-        return (x - forward * c + self.ly * s, y - forward * s - self.ly * c,
-                c * dx + s * dy + omega * self.ly, -s * dx + c * dy - omega * forward)
-
+from .model import Recording, Reference
 
 FEB_24 = Reference(0.0900, -0.0164, 0.0, "February 2024")
 JUL_24 = Reference(0.0862, 0.0270, 0.0, "July 2024")
@@ -54,7 +26,9 @@ UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
 
 
 def reference_for(recording: Recording) -> Reference | None:
-    """Table entry by the UTC date of the mocap clock; None when no entry fits."""
+    """What the recording says itself, else the table by the UTC date; None when neither does."""
+    if recording.marker is not None:
+        return recording.marker
     if recording.schema == "C":
         return Y_2025
     when = recording.when

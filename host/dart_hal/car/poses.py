@@ -1,0 +1,52 @@
+"""External poses of an open car: polled at each chunk, recorded, tracked, told in States."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+from dart_hal.estimation.pose_tracking import PoseTracker
+from dart_hal.links.base import Backend
+from dart_hal.ports import PoseSource
+from dart_hal.poses import open_poses
+from dart_hal.types import ExternalPose, State
+
+
+class PoseFeed:
+    """One per open car with a source of poses. ``record`` is called with each pose taken."""
+
+    def __init__(self, source: PoseSource) -> None:
+        self.source = source
+        self.record: Callable[[ExternalPose], None] = lambda pose: None
+        self._tracker = PoseTracker()
+        self._waiting: deque[ExternalPose] = deque()
+
+    def take(self, states: list[State], t: float, now: float) -> list[State]:
+        """States of a chunk that arrived at ``t``, with what the room knew by then.
+
+        What arrived later waits: a replay, which knows nothing but stamps, then
+        sees the same. now [s]: the car's clock.
+        """
+        self._waiting.extend(self.source.poll(now))
+        for state in states:
+            self._tracker.moved(state.t, state.pose)
+        while self._waiting and self._waiting[0].arrival <= t:
+            pose = self._waiting.popleft()
+            self.record(pose)
+            self._tracker.add(pose)
+        return [replace(state, external=self._tracker.at(state.t)) for state in states]
+
+
+def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
+    """Let ``poses``, else $DART_HAL_POSES, be the source of a backend that has none of its own.
+
+    A recording keeps the poses that it holds. Raises what ``open_poses`` raises.
+    """
+    if poses is None and backend.poses is None and backend.bus is not None:
+        poses = os.environ.get("DART_HAL_POSES") or None
+    if poses is not None:
+        backend.poses = open_poses(poses) if isinstance(poses, str) else poses
+    if backend.poses is not None:
+        backend.closers += (backend.poses.close,)

@@ -1,0 +1,73 @@
+"""Poses out of a CSV file, played back in the car's time: header ``t,x,y,yaw``."""
+
+from __future__ import annotations
+
+import csv
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+
+from dart_hal.errors import RecordingError
+from dart_hal.poses.reading import Convention, Reading
+from dart_hal.types import ExternalPose
+
+NEEDED = ("t", "x", "y", "yaw")
+OPTIONAL = ("std", "yaw_std")
+
+
+class FileSource:
+    """The first row comes with the first poll, the others as long after it as their stamps say."""
+
+    def __init__(self, path: Path, readings: Iterable[Reading]) -> None:
+        self.name = f"file://{path}"
+        self._rows = deque(readings)
+        self._first = self._rows[0].t
+        self._start: float | None = None
+
+    def poll(self, now: float) -> list[ExternalPose]:
+        """Rows that are due, as ``PoseSource``."""
+        if self._start is None:
+            self._start = now
+        due = []
+        while self._rows and (at := self._start + self._rows[0].t - self._first) <= now:
+            due.append(self._rows.popleft().at(at))
+        return due
+
+    def close(self) -> None:
+        self._rows.clear()
+
+
+def open_file(path: Path, convention: Convention) -> FileSource:
+    """A source of a CSV file. Raises RecordingError, naming file and line."""
+    if path.exists() and not path.is_file():  # a FIFO would block for ever
+        raise RecordingError(f"{path}: is no file", read=str(path), found="a folder or a device",
+                             expected="a CSV file", remedy="file://poses.csv")
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as why:
+        raise RecordingError(f"{path}: cannot be read as CSV", found=str(why), read=str(path),
+                             remedy="a text file with the header t,x,y,yaw") from why
+    table = csv.DictReader(lines, skipinitialspace=True)
+    header = tuple(table.fieldnames or ())
+    if not set(NEEDED) <= set(header) or not set(header) <= {*NEEDED, *OPTIONAL}:
+        raise RecordingError(f"{path}: not the columns of poses", read=str(path),
+                             found=",".join(header)[:80] or "an empty file",
+                             expected="t,x,y,yaw and, if known, std,yaw_std",
+                             remedy="s, m, rad; other units by ?units=mm&angle=deg")
+    readings: list[Reading] = []
+    for row in table:
+        try:
+            reading = convention.read(Reading("", "file", **{
+                name: float(row[name]) for name in header}))
+            reading.at(0.0)
+            if readings and reading.t <= readings[-1].t:
+                raise ValueError(f"t = {reading.t:g} s behind {readings[-1].t:g} s")
+        except (ValueError, TypeError) as why:
+            raise RecordingError(f"{path}: line {table.line_num} is no pose", found=str(why),
+                                 read=str(path), expected="finite numbers, t that advances",
+                                 remedy="leave the line out") from why
+        readings.append(reading)
+    if not readings:
+        raise RecordingError(f"{path}: holds no pose", read=str(path), found="a header alone",
+                             expected="a row for each pose", remedy="give another file")
+    return FileSource(path, readings)

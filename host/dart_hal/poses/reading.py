@@ -1,0 +1,85 @@
+"""What a parser of poses makes of bytes, and what the options of a source do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import isfinite, pi, radians
+
+from dart_hal.errors import UsageError
+from dart_hal.types import POSE_STD, POSE_YAW_STD, ExternalPose, pose_cov
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A pose as it was told: t [s] of the source's clock, x, y, yaw, one sigma of each."""
+
+    body: str
+    frame: str
+    t: float
+    x: float
+    y: float
+    yaw: float
+    std: float = POSE_STD
+    yaw_std: float = POSE_YAW_STD
+
+    def at(self, arrival: float) -> ExternalPose:
+        """As a pose that arrived then [s]. Raises ValueError for what is none."""
+        if not (self.std > 0.0 and self.yaw_std > 0.0):
+            raise ValueError("one sigma that is not above 0")
+        return ExternalPose(self.t, arrival, self.x, self.y, self.yaw,
+                            pose_cov(self.std, self.yaw_std), self.frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Convention:
+    """How a source tells poses, where it does not do as we do.
+
+    metres: of its unit of length; angle: radians of its unit; seconds: of its
+    unit of time; left: its frame is left-handed (y and yaw change sign);
+    turn [rad]: from the body's x axis to the car's nose; body: "" = any one.
+    """
+
+    metres: float = 1.0
+    angle: float = 1.0
+    seconds: float = 1.0
+    left: bool = False
+    turn: float = 0.0
+    body: str = ""
+
+    def read(self, r: Reading) -> Reading:
+        """A reading in s, m and rad, right-handed, along the car."""
+        sign = -1.0 if self.left else 1.0
+        return replace(r, t=r.t * self.seconds, x=r.x * self.metres, y=sign * r.y * self.metres,
+                       yaw=sign * r.yaw * self.angle + self.turn, std=r.std * self.metres,
+                       yaw_std=r.yaw_std * self.angle)
+
+
+OPTIONS = ("units", "angle", "time", "hand", "turn", "body")
+_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_ANGLES = {"rad": 1.0, "deg": pi / 180.0}
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def convention(options: Mapping[str, str]) -> Convention:
+    """The options ``units``, ``angle``, ``time``, ``hand``, ``turn`` (deg), ``body`` of a URL.
+
+    Raises UsageError for another value.
+    """
+    def one_of(name: str, known: Mapping[str, float]) -> float:
+        value = options.get(name, next(iter(known)))
+        if value not in known:
+            raise UsageError(f"{name}={value!r} of a source of poses", found=value,
+                             expected=" or ".join(known))
+        return known[value]
+
+    try:
+        turn = radians(float(options.get("turn", "0")))
+    except ValueError:
+        turn = float("nan")
+    if not isfinite(turn):
+        raise UsageError(f"turn={options['turn']!r} of a source of poses", found=options["turn"],
+                         expected="degrees, for example 90")
+    return Convention(one_of("units", _UNITS), one_of("angle", _ANGLES), one_of("time", _TIMES),
+                      one_of("hand", {"right": 0.0, "left": 1.0}) > 0.5, turn,
+                      options.get("body", ""))

@@ -1,0 +1,106 @@
+"""Poses that come as datagrams: a socket that never blocks, and a parser of bytes.
+
+The kernel stamps each datagram (Linux); elsewhere its arrival is the time of
+the poll, up to 10 ms late, which the earliest arrivals make good.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable
+
+from dart_hal.errors import PortBusy, PortDenied, PortMissing
+from dart_hal.poses.reading import Convention, Reading
+from dart_hal.types import ExternalPose
+
+Parse = Callable[[bytes], list[Reading]]
+
+LARGEST = 65536
+AT_ONCE = 256
+"""Datagrams of one poll; a flood must not hold up the car."""
+_SO_TIMESTAMPNS = 35 if sys.platform == "linux" else 0
+_TIMESPEC = struct.Struct("@qq")
+_MAX_AGE = 1.0
+"""s; an older stamp means that the clock of the computer was set meanwhile."""
+
+
+class UdpSource:
+    """Poses of one body from a UDP port.
+
+    ``refused``: datagrams without a usable pose; ``why``: what was wrong with
+    the last one; ``others``: names of other bodies that were told.
+    """
+
+    def __init__(self, host: str, port: int, parse: Parse, convention: Convention,
+                 name: str) -> None:
+        self.name = name
+        self.refused, self.why = 0, ""
+        self.others: set[str] = set()
+        self._parse, self._convention = parse, convention
+        self._body = convention.body
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+            self._socket.setblocking(False)
+            if _SO_TIMESTAMPNS:
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        except OSError as why:
+            self._socket.close()
+            raise _cannot(why, name) from why
+
+    @property
+    def port(self) -> int:
+        """The port that is listened at."""
+        return int(self._socket.getsockname()[1])
+
+    def poll(self, now: float) -> list[ExternalPose]:
+        """Poses of the datagrams that have come, as ``PoseSource``."""
+        out: list[ExternalPose] = []
+        for _ in range(AT_ONCE):
+            try:
+                data, ancillary, _, _ = self._socket.recvmsg(LARGEST, 64)
+            except BlockingIOError:
+                break
+            try:
+                readings = self._parse(data)
+                arrival = max(now - _age(ancillary), 0.0)
+                out += [self._convention.read(r).at(arrival) for r in readings if self._ours(r)]
+            except ValueError as why:
+                self.refused, self.why = self.refused + 1, str(why)
+        return sorted(out, key=lambda pose: pose.arrival)
+
+    def _ours(self, reading: Reading) -> bool:
+        """The first body that is told is the car, unless one was named."""
+        self._body = self._body or reading.body
+        if reading.body != self._body:
+            self.others.add(reading.body)
+        return reading.body == self._body
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _age(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """s since the kernel received the datagram; 0 where it does not tell."""
+    for level, kind, data in ancillary:
+        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(data) >= _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack_from(data)
+            age = (time.time_ns() - seconds * 10**9 - nanoseconds) * 1e-9
+            return age if 0.0 <= age < _MAX_AGE else 0.0
+    return 0.0
+
+
+def _cannot(why: OSError, name: str) -> Exception:
+    """The OSError of binding as an error of the catalogue."""
+    if isinstance(why, PermissionError):
+        return PortDenied(f"{name}: this user may not listen there", found=str(why),
+                          likely="a port below 1024", remedy="a port from 1024 on")
+    if why.errno == 98:
+        return PortBusy(f"{name}: the port is in use", found=str(why),
+                        likely="another program listens there", remedy="another port, or end it")
+    return PortMissing(f"{name}: cannot be listened at", found=str(why),
+                       likely="an address that this computer does not have",
+                       remedy="udp://:5005 listens at every address")

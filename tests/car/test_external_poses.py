@@ -1,0 +1,70 @@
+"""A car that is seen from outside: States say where it is in the room, and replay the same."""
+
+from __future__ import annotations
+
+from math import cos, hypot, sin
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.mocap import hidden_mocap
+from dart_hal.sim.truth import truth
+from dart_hal.types import Tracking
+
+URL = "sim://?seed=3&nano=mock&model=kinematic"
+
+
+def drive(url, seconds, record=None):
+    """(State, true place of the marker in the room) of each frame while it drives."""
+    backend, hidden, told = open_backend(url), hidden_mocap(3), []
+    with Car.over(backend, record=record) as car:
+        car.arm()
+        for state in car.states(duration=seconds):
+            real = truth(backend, state.t)
+            c, s = cos(real.yaw), sin(real.yaw)
+            x, y = real.x + hidden.lx * c - hidden.ly * s, real.y + hidden.lx * s + hidden.ly * c
+            c, s = cos(hidden.yaw), sin(hidden.yaw)
+            told.append((state, hidden.x + c * x - s * y, hidden.y + s * x + c * y))
+            car.drive(steering=0.2 * sin(state.t), throttle=0.25)
+    return told
+
+
+def flat(state):
+    e = state.external
+    pose = None if e.pose is None else (e.pose.x, e.pose.y, e.pose.yaw, e.pose.cov.tobytes())
+    newest = e.newest and (e.newest.stamp, e.newest.arrival, e.newest.x, e.newest.yaw,
+                           e.newest.cov.tobytes())
+    return state.t, e.tracking, e.age, pose, newest
+
+
+@pytest.mark.cpu(5)
+def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
+    path = tmp_path / "run.mcap"
+    told = drive(f"{URL}&mocap=1", 3.0, path)
+    late = hidden_mocap(3).latency
+    for state, x, y in told:
+        assert state.external.tracking is Tracking.TRACKING
+        # the clock of the source is known to its least latency
+        assert hypot(state.external.pose.x - x, state.external.pose.y - y) < (
+            0.01 + state.speed * (late + 0.001))
+    live = {state.seq: flat(state) for state, _, _ in told}
+    with Car.open(f"replay://{path}") as car:
+        again = {state.seq: flat(state) for state in car.states()}
+    assert all(again[seq] == seen for seq, seen in live.items())
+
+
+@pytest.mark.cpu(5)
+def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
+    told = drive(f"{URL}&mocap=lock=20", 8.0)
+    fooled = [(s, x, y) for s, x, y in told
+              if hypot(s.external.newest.x - x, s.external.newest.y - y) > 2.0 and s.speed > 0.3]
+    assert fooled, "no false lock while driving: this test would show nothing"
+    assert all(s.external.tracking is Tracking.JUMPED for s, _, _ in fooled)
+    assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.3 for s, x, y in fooled)
+
+
+def test_a_car_that_nobody_sees_says_so():
+    with Car.open(URL) as car:
+        state = next(car.states())
+    assert state.external is None

@@ -1,0 +1,104 @@
+"""The motion capture of the virtual world: what it shows, how it fails, that it repeats."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Url
+from dart_hal.sim.backend import open_sim
+from dart_hal.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
+from dart_hal.sim.world import Truth
+
+
+class Circle:
+    """A world in which the car drives 1 m/s on a circle of 1 m."""
+
+    car = SimpleNamespace(seed=3)
+
+    def truth(self, t):
+        return Truth(t, math.sin(t), 1.0 - math.cos(t), t, 1.0, 0.0, 1.0, 0.0, t)
+
+
+def rows(params, seconds=20.0, slice_s=0.01):
+    source = SimMocap(Circle(), params)
+    steps = round(seconds / slice_s)
+    return [pose for k in range(1, steps + 1) for pose in source.poll(slice_s * k)]
+
+
+def table(poses):
+    return np.array([(p.stamp, p.arrival, p.x, p.y, p.yaw) for p in poses])
+
+
+QUIET = MocapParams(noise=0.0, yaw_noise=0.0, jitter=0.0)
+
+
+def test_it_shows_the_marker_in_the_room():
+    params = replace(QUIET, lx=0.1, ly=0.02, theta=0.03, x=2.0, y=-1.0, yaw=0.5, latency=0.01,
+                     offset=50.0)
+    for pose in rows(params, 3.0):
+        t = pose.stamp - 50.0
+        car = complex(math.sin(t), 1.0 - math.cos(t))
+        seen = complex(2.0, -1.0) + (car + complex(0.1, 0.02) * np.exp(1j * t)) * np.exp(0.5j)
+        assert complex(pose.x, pose.y) == pytest.approx(seen, abs=1e-9)
+        assert math.remainder(pose.yaw - (t + 0.5 - 0.03), math.tau) == pytest.approx(0, abs=2e-9)
+        assert pose.arrival == pytest.approx(t + 0.01, abs=1e-9)
+
+
+def test_it_repeats_however_often_it_is_asked():
+    params = replace(hidden_mocap(3), occlusion=10.0, lock=6.0, outlier=0.01)
+    assert np.array_equal(table(rows(params)), table(rows(params, slice_s=0.1)))
+    assert not np.array_equal(table(rows(params)), table(rows(replace(params, dropout=0.0))))
+
+
+def test_each_fault_shows_and_none_comes_by_itself():
+    clean = table(rows(QUIET, 60.0))
+    assert len(clean) == 6001
+    assert np.diff(clean[:, 0]).max() < 0.0101
+    lost = table(rows(replace(QUIET, dropout=0.05), 60.0))
+    assert len(lost) / 6000 == pytest.approx(0.95, abs=4 * math.sqrt(0.05 * 0.95 / 6000))
+    hidden = np.diff(table(rows(replace(QUIET, occlusion=10.0), 60.0))[:, 0])
+    assert 3 <= (hidden > 0.1).sum() <= 17
+    assert hidden.max() < 3.1  # two in a row at most, as drawn
+    locked = table(rows(replace(QUIET, lock=6.0), 60.0))
+    away = np.hypot(*(locked - clean)[:, 2:4].T) > 2.5
+    assert 100 < away.sum() < 4000
+    outliers = table(rows(replace(QUIET, outlier=0.01), 60.0))
+    off = np.hypot(*(outliers - clean)[:, 2:4].T) > 0.1
+    assert 30 < off.sum() < 240
+
+
+def test_noise_is_what_was_asked_for():
+    seen = table(rows(replace(QUIET, noise=1e-3, yaw_noise=2e-3), 60.0))
+    error = (seen - table(rows(QUIET, 60.0)))[:, 2:]
+    error[:, 2] = np.remainder(error[:, 2] + math.pi, math.tau) - math.pi
+    assert error.std(axis=0) == pytest.approx((1e-3, 1e-3, 2e-3), rel=0.04)
+
+
+def test_a_seed_hides_its_marker_and_seed_0_hides_nothing():
+    drawn = [hidden_mocap(seed) for seed in range(1, 40)]
+    assert hidden_mocap(0) == MocapParams()
+    assert len({p.lx for p in drawn}) == 39
+    assert all(0.08 <= p.lx <= 0.12 and abs(p.theta) <= 0.03 for p in drawn)
+
+
+def test_a_given_number_replaces_the_hidden_one():
+    assert mocap_of("rate=50,lx=-0.1", 3) == replace(hidden_mocap(3), rate=50.0, lx=-0.1)
+    assert mocap_of("0", 3) is None
+
+
+@pytest.mark.parametrize("text", ["2", "rate", "rate=0", "rate=nan", "noise=-1", "rate=9,rate=9",
+                                  "speed=1", "latency=2"])
+def test_options_that_mean_nothing_are_refused(text):
+    with pytest.raises(UsageError):
+        open_sim(Url.parse(f"sim://?nano=mock&mocap={text}"))
+
+
+def test_only_a_car_that_is_seen_has_poses():
+    assert open_sim(Url.parse("sim://?nano=mock")).poses is None
+    assert open_sim(Url.parse("sim://?nano=mock&mocap=1")).poses is not None
