@@ -7,7 +7,8 @@ comes from the speed law; the steering pulse is held as it is given.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -32,6 +33,14 @@ class DrivableCar(Protocol):
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
     def stop(self) -> object: ...
     def refusals(self) -> tuple[str, ...]: ...
+
+
+class AskingCar(DrivableCar, Protocol):
+    """A car whose Nano can be asked for more than its telemetry."""
+
+    def raw(self) -> AbstractContextManager[None]: ...
+    def request(self, name: str, **values: int) -> None: ...
+    def answers(self, name: str) -> list[dict[str, Any]]: ...
 
 
 class Runner:
@@ -78,21 +87,30 @@ class Runner:
         seen: list[State] = []
         while True:
             seen += self.hold(0.5, steering_us, speed)
-            recent = seen[-40:]
-            now = float(np.mean([s.speed for s in recent]))
-            waited = seen[-1].t - seen[0].t
-            if now > 0.8 * speed and waited > 2.0:
+            if check_pull(seen, speed, bias) and seen[-1].t - seen[0].t > 2.0:
                 break
-            if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
-                raise _no_ticks(seen, bias)
-            if waited > 3.0 * NO_MOTION:
-                raise CalibrationFailed(
-                    f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
-                    expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
-                    likely="battery low, brake on, or a neutral pulse that is far off",
-                    remedy="charge the battery; dart-hal doctor")
         _check_turning(seen[-40:], bias, left)
         return seen
+
+
+def check_pull(seen: list[State], speed: float, bias: float = 0.0) -> bool:
+    """Whether the car has reached ``speed`` [m/s] since ``seen[0]``, the first frame of throttle.
+
+    bias [rad/s] of the yaw rate. Errors: CalibrationFailed when it takes too long.
+    """
+    now = float(np.mean([s.speed for s in seen[-40:]]))
+    if now > 0.8 * speed:
+        return True
+    waited = seen[-1].t - seen[0].t
+    if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
+        raise _no_ticks(seen, bias)
+    if waited > 3.0 * NO_MOTION:
+        raise CalibrationFailed(
+            f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
+            expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
+            likely="battery low, brake on, or a neutral pulse that is far off",
+            remedy="charge the battery; dart-hal doctor")
+    return False
 
 
 def yaw_rates(states: list[State]) -> list[float]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from dart_hal.actuation import ArmState, Caution, Event
 from dart_hal.actuation.limits import number, validity
@@ -29,6 +30,7 @@ from dart_hal.links.base import Backend, open_backend
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import SAMPLE, Applied, Limit, State
+from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
@@ -384,6 +386,17 @@ class Car:
         counters = self._engine.receiver.counters
         return Timing(p50, p99, longest, counters.gaps, counters.damaged, self._timer.skipped,
                       self._engine.link_age)
+
+    def request(self, name: str, **values: int) -> None:
+        """Send the Nano a request of the wire ("EDGES_REQ", frames=4); see ``answers``."""
+        engine = self._engine
+        with engine.lock:
+            engine.transmitter.send(BY_NAME[name], values, engine.now)
+
+    def answers(self, name: str) -> list[dict[str, Any]]:
+        """Messages of this name that came since the last call, the newest 64, raw values."""
+        with self._engine.lock:
+            return self._engine.receiver.taken(name)
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""
