@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.config import CarFiles
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.errors import CalibrationFailed
-from dart_hal.types import Applied, State
+from dart_hal.types import Applied, Doubt, State
 from dart_hal.vehicle.sets import PAPER
 
 MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
@@ -147,6 +147,8 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
 
 def _check_turning(recent: list[State], bias: float, left: bool) -> None:
     rates = yaw_rates(recent)
+    if any(Doubt.IMU_DISAGREES.value in s.health.doubts for s in recent):
+        raise _wrong_way(left, "the other way", Doubt.IMU_DISAGREES.value)
     if not rates:
         raise CalibrationFailed("no yaw rate while driving", found="IMU not valid",
                                 expected="100 Hz of gyro data",
@@ -160,11 +162,15 @@ def _check_turning(recent: list[State], bias: float, left: bool) -> None:
             likely="the wheels are off the ground, the servo does not move, or the gyro is stuck",
             remedy="put the car on the floor; check the servo's plug (channel 0)")
     if (rate > 0.0) != left:
-        raise CalibrationFailed(
-            f"a command to the {'left' if left else 'right'} gives a yaw rate to the "
-            f"{'left' if rate > 0 else 'right'}", found=f"yaw rate {rate:+.2f} rad/s",
-            expected="left commands give positive yaw rates",
-            likely="the servo's direction is reversed, or the IMU is mounted upside down "
-                   "(push the car to the left by hand: the yaw rate must be positive)",
-            remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
-                   "turn the right way: mount_roll = 3.1416 under [imu]")
+        raise _wrong_way(left, f"to the {'left' if rate > 0 else 'right'}",
+                         f"yaw rate {rate:+.2f} rad/s")
+
+
+def _wrong_way(left: bool, answer: str, found: str) -> CalibrationFailed:
+    return CalibrationFailed(
+        f"a command to the {'left' if left else 'right'} gives a yaw rate {answer}", found=found,
+        expected="left commands give positive yaw rates",
+        likely="the servo's direction is reversed, or the IMU is mounted upside down "
+               "(push the car to the left by hand: the yaw rate must be positive)",
+        remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
+               "turn the right way: mount_roll = 3.1416 under [imu]")

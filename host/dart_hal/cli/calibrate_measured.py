@@ -1,4 +1,4 @@
-"""``dart-hal calibrate encoder``: procedures that end in quantities, not in a map."""
+"""``dart-hal calibrate encoder | imu``: procedures that end in quantities, not in a map."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
+from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import NINETY, UNITS, Measured, write
 from dart_hal.calibration.steering import Ask, Progress
 from dart_hal.car import Car
@@ -49,6 +50,25 @@ def encoder(url: str | None, car_name: str, cars: Path | None, dry_run: bool, ye
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
         return calibrate_encoder(car, workshop, progress=progress, ask=ask, source=car.url,
                                  distance=distance, runs=runs)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("imu")
+@measuring
+@click.option("--turns", type=click.IntRange(1, 10), default=TURNS, show_default=True,
+              help="full turns each way; twice as many are twice as exact")
+def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+        turns: int, as_json: bool) -> None:
+    """Bias and scale of the gyro, and how the IMU sits in the car.
+
+    The car stands, circles to the left and to the right, and pulls away
+    straight; you chalk its heading and type by how many degrees it has turned.
+    Measure the encoder first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_imu(car, workshop, progress=progress, ask=ask, source=car.url,
+                             turns=turns)
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
