@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from dart_hal.car.hooks import Hook
+from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import UP
@@ -78,6 +79,19 @@ class SensorLog:
             return None
         table = np.array(rows)
         return Sensed(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
+
+    def device_rate(self) -> float:
+        """Seconds of the car's clock per second of the Nano's since the last ``take``.
+
+        A line through all pairs. Errors: CalibrationFailed if there are next to none.
+        """
+        if len(self._pairs) < FEW:
+            raise CalibrationFailed("no telemetry", found=f"{len(self._pairs)} frames",
+                                    expected="100 per second", remedy="dart-hal doctor")
+        device = np.array([sample.t_dev for sample, _ in self._pairs])
+        host = np.array([state.t for _, state in self._pairs])
+        device -= device.mean()
+        return float(device @ host / (device @ device))
 
     def _bytes(self, direction: str, data: bytes, t: float) -> bytes:
         if direction == "rx":

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from dart_hal.actuation import ArmState, Caution, Event
+from dart_hal.actuation.chain import WATCH_PULSE_US
 from dart_hal.actuation.limits import number, validity
 from dart_hal.car.engine import Engine
 from dart_hal.car.exit_signals import stop_on_signals
@@ -397,6 +398,16 @@ class Car:
         """Messages of this name that came since the last call, the newest 64, raw values."""
         with self._engine.lock:
             return self._engine.receiver.taken(name)
+
+    def clock_pulse(self, on: bool) -> None:
+        """A pulse on the PCA9685's spare channel, by which its clock is measured. Raises BusError.
+
+        Where a cut-off is watched the pulse is there all the time, and stays.
+        """
+        with self._engine.lock:
+            actuator = self._engine.driver.actuator
+            if not actuator.watched:
+                actuator.clock_pulse(WATCH_PULSE_US if on else None)
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""

@@ -1,4 +1,4 @@
-"""``dart-hal calibrate encoder | imu``: procedures that end in quantities, not in a map."""
+"""``dart-hal calibrate clock | encoder | imu``: procedures that end in quantities, not in a map."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import NINETY, UNITS, Measured, write
@@ -18,6 +19,7 @@ from dart_hal.cli.bench import AskedWorkshop, agreed
 from dart_hal.cli.options import F, Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.config import Quantity
+from dart_hal.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Workshop
 
@@ -50,6 +52,32 @@ def encoder(url: str | None, car_name: str, cars: Path | None, dry_run: bool, ye
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
         return calibrate_encoder(car, workshop, progress=progress, ask=ask, source=car.url,
                                  distance=distance, runs=runs)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("clock")
+@measuring
+@click.option("--frequency", type=Number(20.0, 400.0), default=None, metavar="HZ",
+              help="PWM frequency of any channel as an instrument shows it; nothing is measured")
+@click.option("--std", type=Number(0.0, 10.0, min_open=True), default=None, metavar="HZ",
+              help="its one sigma")
+def clock(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+          frequency: float | None, std: float | None, as_json: bool) -> None:
+    """The oscillator of the PCA9685, by which every pulse is made.
+
+    The Nano times the pulses of the spare channel, by a wire to its D8. Without
+    the wire: --frequency and --std of a scope or a logic analyser.
+    """
+    if (frequency is None) != (std is None):
+        raise UsageError("a measured frequency needs its standard error",
+                         found="--frequency or --std alone", expected="both",
+                         remedy="--frequency 50.21 --std 0.01")
+
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        if frequency is not None and std is not None:
+            return typed_clock(car.files, frequency, std, car.url)
+        return calibrate_clock(car, progress=progress, ask=ask, source=car.url)
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
@@ -133,7 +161,7 @@ def show(found: Measured) -> None:
             table.add_row(name, f"{len(quantity.value)} from {low:.3f} to {high:.3f}",
                           "per value (--json)", "")
     results.print(table)
-    results.print(f"{found.residual}, {found.duration:.0f} s of driving", markup=False)
+    results.print(f"{found.residual}, {found.duration:.0f} s of the car's time", markup=False)
     for note in found.notes:
         style = "yellow" if note.startswith("caution:") else "dim"
         results.print(f"  {note}", style=style, markup=False, highlight=False)
