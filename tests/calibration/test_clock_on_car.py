@@ -39,6 +39,13 @@ def test_hidden_clocks(tmp_path, url):
 
 
 @pytest.mark.more
+@pytest.mark.emulator
+def test_the_firmware_times_as_many_periods_as_it_is_asked_for(tmp_path):
+    _, found = measured("sim://?nano=avr&seed=3", tmp_path)
+    assert abs(found.value - reveal(3)["sensors"][NAME]) < 3.0 * found.std
+
+
+@pytest.mark.more
 def test_control_by_the_nanos_clock_it_would_be_off(tmp_path, monkeypatch):
     monkeypatch.setattr(clock.SensorLog, "device_rate", lambda self: 1.0)
     _, found = measured(f"{URL}1", tmp_path)

@@ -53,6 +53,16 @@ def test_hidden_cars(tmp_path, seeds):
         assert np.max(ring.std) < 0.0005
 
 
+@pytest.mark.more
+@pytest.mark.emulator
+def test_intervals_of_the_firmware_give_the_ring(tmp_path):
+    _, result = measured("sim://?nano=avr&seed=3", tmp_path, distance=1.0, runs=1)
+    ring = result.quantities["encoder.ring"]
+    z = off_by(ring, reveal(3)["sensors"]["encoder.ring"]) / np.array(ring.std)
+    assert np.sqrt(np.mean(z**2)) < 1.6
+    assert np.max(ring.std) < 0.001
+
+
 def test_control_the_drawing_would_be_off():
     """What the cars would have without a calibration misses both targets."""
     true = [reveal(seed)["sensors"] for seed in range(1, 21)]

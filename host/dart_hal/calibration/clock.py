@@ -23,10 +23,11 @@ from .runner import AskingCar, Runner
 from .sensor_log import SensorLog, WatchedCar
 from .steering import Ask, Progress, agree, silent
 
-PERIODS = 512
-"""PWM periods, 10.2 s: host and device time then agree within 2e-5."""
+PERIODS, CAPTURES = 250, 2
+"""PWM periods of one capture, as many as the firmware takes, and captures one after the
+other: 10 s, over which host and device time agree within 2e-5."""
 WAIT = 0.1 + 0.025 * PERIODS + 0.5
-"""s: what the Nano waits at most, and its turn on the line."""
+"""s for one capture: what the Nano waits at most, and its turn on the line."""
 CRYSTAL = 5e-5
 """Relative, one sigma of the host's crystal: 50 ppm is what boards are sold with."""
 STAMP = 1e-6
@@ -45,9 +46,9 @@ class ClockCar(AskingCar, WatchedCar, Protocol):
 
 def plan(files: CarFiles) -> str:
     """What is coming, in one sentence: purpose, time, space, tools."""
-    return (f"times {PERIODS} pulses of the PCA9685's channel {files.config.pwm.clock_channel} to "
-            "measure its oscillator; the throttle stays neutral: about 16 s, no floor, a wire "
-            "from that channel to D8 of the Nano")
+    return (f"times {CAPTURES * PERIODS} pulses of the PCA9685's channel "
+            f"{files.config.pwm.clock_channel} to measure its oscillator; the throttle stays "
+            "neutral: about 17 s, no floor, a wire from that channel to D8 of the Nano")
 
 
 def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = agree,
@@ -69,21 +70,26 @@ def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = ag
             runner.hold(0.1, center, 0.0)
             car.answers("CAPTURE")
             log.take()
-            progress(0.1, f"timing {PERIODS} pulses")
-            car.request("CAPTURE_REQ", frames=PERIODS)
-            states = runner.hold(WAIT, center, 0.0)
-            captured = car.answers("CAPTURE")
-            rate, rate_std = log.device_rate(), math.sqrt(2.0) * states[-1].health.t_std / WAIT
+            periods, states = [], []
+            for k in range(CAPTURES):
+                progress(0.1 + 0.9 * k / CAPTURES, f"timing {PERIODS} pulses")
+                car.request("CAPTURE_REQ", frames=PERIODS)
+                states += runner.hold(WAIT, center, 0.0)
+                periods.append(_period(car.answers("CAPTURE")))
+            rate, seconds = log.device_rate(), states[-1].t - states[0].t
+            rate_std = math.sqrt(2.0) * states[-1].health.t_std / seconds
     finally:
         car.clock_pulse(False)
         car.stop()
-    period = _period(captured[-1] if captured else {}) * rate
+    period = float(np.mean(periods)) * rate
     hertz = STEPS * (prescale_for(files.config.pwm.frequency) + 1) / period
-    relative = math.hypot(rate_std, CRYSTAL, STAMP * math.sqrt(2.0) / (PERIODS * period))
-    return _measured(files, source, Quantity(hertz, hertz * relative,
-                                             f"spare channel into D8, {PERIODS} periods"),
-                     f"the Nano's clock differs from the host's by {1e2 * (1.0 / rate - 1.0):+.3f} "
-                     "%, taken out", states[-1].t - states[0].t)
+    stamps = STAMP * math.sqrt(2.0 / CAPTURES) / (PERIODS * period)
+    relative = math.hypot(rate_std, CRYSTAL, stamps)
+    found = Quantity(hertz, hertz * relative,
+                     f"spare channel into D8, {CAPTURES * PERIODS} periods")
+    off = 100.0 * (1.0 / rate - 1.0)
+    return _measured(files, source, found, f"the Nano's clock differs from the host's by {off:+.3f}"
+                     " %, taken out", seconds)
 
 
 def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "") -> Measured:
@@ -96,8 +102,9 @@ def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "")
     return _measured(files, source, found, f"as typed: {frequency:.4f} +- {std:.2g} Hz of PWM", 0.0)
 
 
-def _period(captured: dict[str, Any]) -> float:
+def _period(answers: list[dict[str, Any]]) -> float:
     """One PWM period [s of the device]. Errors: CalibrationFailed if too few came."""
+    captured = answers[-1] if answers else {}
     frames = captured.get("frames", 0)
     if frames >= PERIODS:
         ticks = (captured["last_rise"] - captured["first_rise"]) % (1 << 32)
