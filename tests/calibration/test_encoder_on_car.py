@@ -142,6 +142,25 @@ def test_misread_tape_is_refused(tmp_path, misread, why):
 
 
 @pytest.mark.more
+def test_ctrl_c_stops_the_car(tmp_path):
+    backend = open_backend(f"{URL}2")
+    with Car.over(backend, cars=tmp_path) as car:
+        def press(state):
+            if state.speed > 0.3:
+                raise KeyboardInterrupt
+
+        car.on_state(press)
+        with pytest.raises(KeyboardInterrupt):
+            calibrate_encoder(car, backend.workshop)
+        assert car.mode == "DISARMED"
+        car._engine.listeners.remove(press)
+        rolling = [s.speed for s in car.states(duration=1.5)]
+        assert rolling[0] > 0.2
+        assert abs(rolling[-1]) < 0.05
+    assert not list(tmp_path.rglob("calibration.toml"))
+
+
+@pytest.mark.more
 def test_nothing_moves_unless_it_was_agreed(tmp_path):
     backend = open_backend(f"{URL}2")
     said = []
