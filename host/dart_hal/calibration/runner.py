@@ -7,14 +7,15 @@ comes from the speed law; the steering pulse is held as it is given.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 import numpy as np
 
 from dart_hal.config import CarFiles
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.errors import CalibrationFailed
-from dart_hal.types import Applied, State
+from dart_hal.types import Applied, Doubt, State
 from dart_hal.vehicle.sets import PAPER
 
 MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
@@ -32,6 +33,14 @@ class DrivableCar(Protocol):
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
     def stop(self) -> object: ...
     def refusals(self) -> tuple[str, ...]: ...
+
+
+class AskingCar(DrivableCar, Protocol):
+    """A car whose Nano can be asked for more than its telemetry."""
+
+    def raw(self) -> AbstractContextManager[None]: ...
+    def request(self, name: str, **values: int) -> None: ...
+    def answers(self, name: str) -> list[dict[str, Any]]: ...
 
 
 class Runner:
@@ -78,21 +87,30 @@ class Runner:
         seen: list[State] = []
         while True:
             seen += self.hold(0.5, steering_us, speed)
-            recent = seen[-40:]
-            now = float(np.mean([s.speed for s in recent]))
-            waited = seen[-1].t - seen[0].t
-            if now > 0.8 * speed and waited > 2.0:
+            if check_pull(seen, speed, bias) and seen[-1].t - seen[0].t > 2.0:
                 break
-            if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
-                raise _no_ticks(seen, bias)
-            if waited > 3.0 * NO_MOTION:
-                raise CalibrationFailed(
-                    f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
-                    expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
-                    likely="battery low, brake on, or a neutral pulse that is far off",
-                    remedy="charge the battery; dart-hal doctor")
         _check_turning(seen[-40:], bias, left)
         return seen
+
+
+def check_pull(seen: list[State], speed: float, bias: float = 0.0) -> bool:
+    """Whether the car has reached ``speed`` [m/s] since ``seen[0]``, the first frame of throttle.
+
+    bias [rad/s] of the yaw rate. Errors: CalibrationFailed when it takes too long.
+    """
+    now = float(np.mean([s.speed for s in seen[-40:]]))
+    if now > 0.8 * speed:
+        return True
+    waited = seen[-1].t - seen[0].t
+    if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
+        raise _no_ticks(seen, bias)
+    if waited > 3.0 * NO_MOTION:
+        raise CalibrationFailed(
+            f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
+            expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
+            likely="battery low, brake on, or a neutral pulse that is far off",
+            remedy="charge the battery; dart-hal doctor")
+    return False
 
 
 def yaw_rates(states: list[State]) -> list[float]:
@@ -129,6 +147,8 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
 
 def _check_turning(recent: list[State], bias: float, left: bool) -> None:
     rates = yaw_rates(recent)
+    if any(Doubt.IMU_DISAGREES.value in s.health.doubts for s in recent):
+        raise _wrong_way(left, "the other way", Doubt.IMU_DISAGREES.value)
     if not rates:
         raise CalibrationFailed("no yaw rate while driving", found="IMU not valid",
                                 expected="100 Hz of gyro data",
@@ -142,11 +162,15 @@ def _check_turning(recent: list[State], bias: float, left: bool) -> None:
             likely="the wheels are off the ground, the servo does not move, or the gyro is stuck",
             remedy="put the car on the floor; check the servo's plug (channel 0)")
     if (rate > 0.0) != left:
-        raise CalibrationFailed(
-            f"a command to the {'left' if left else 'right'} gives a yaw rate to the "
-            f"{'left' if rate > 0 else 'right'}", found=f"yaw rate {rate:+.2f} rad/s",
-            expected="left commands give positive yaw rates",
-            likely="the servo's direction is reversed, or the IMU is mounted upside down "
-                   "(push the car to the left by hand: the yaw rate must be positive)",
-            remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
-                   "turn the right way: mount_roll = 3.1416 under [imu]")
+        raise _wrong_way(left, f"to the {'left' if rate > 0 else 'right'}",
+                         f"yaw rate {rate:+.2f} rad/s")
+
+
+def _wrong_way(left: bool, answer: str, found: str) -> CalibrationFailed:
+    return CalibrationFailed(
+        f"a command to the {'left' if left else 'right'} gives a yaw rate {answer}", found=found,
+        expected="left commands give positive yaw rates",
+        likely="the servo's direction is reversed, or the IMU is mounted upside down "
+               "(push the car to the left by hand: the yaw rate must be positive)",
+        remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
+               "turn the right way: mount_roll = 3.1416 under [imu]")

@@ -10,8 +10,10 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from dart_hal.actuation import ArmState, disarmed
+from dart_hal.actuation.chain import WATCH_PULSE_US
 from dart_hal.actuation.limits import number, validity
 from dart_hal.car.arming import Arming
 from dart_hal.car.engine import Engine
@@ -33,6 +35,7 @@ from dart_hal.ports import PoseSource
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.types import SAMPLE, Applied, State
+from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
 DEFAULT_CAR = "dart-01"
@@ -309,6 +312,27 @@ class Car(Arming, Shown):
         counters = self._engine.receiver.counters
         return Timing(p50, p99, longest, counters.gaps, counters.damaged, self._timer.skipped,
                       self._engine.link_age, *self._timer.work(), self._timer.late)
+
+    def request(self, name: str, **values: int) -> None:
+        """Send the Nano a request of the wire ("EDGES_REQ", frames=4); see ``answers``."""
+        engine = self._engine
+        with engine.lock:
+            engine.transmitter.send(BY_NAME[name], values, engine.now)
+
+    def answers(self, name: str) -> list[dict[str, Any]]:
+        """Messages of this name that came since the last call, the newest 64, raw values."""
+        with self._engine.lock:
+            return self._engine.receiver.taken(name)
+
+    def clock_pulse(self, on: bool) -> None:
+        """A pulse on the PCA9685's spare channel, by which its clock is measured. Raises BusError.
+
+        Where a cut-off is watched the pulse is there all the time, and stays.
+        """
+        with self._engine.lock:
+            actuator = self._engine.driver.actuator
+            if not actuator.watched:
+                actuator.clock_pulse(WATCH_PULSE_US if on else None)
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""

@@ -70,6 +70,14 @@ class Receiver:
         self._decoder = Decoder(UP, Gates())
         self.fed = 0
 
+    def taken(self, name: str) -> list[dict[str, Any]]:
+        """Messages of this name out of the inbox, in order of arrival."""
+        found = [frame for frame in self.inbox if frame.message.name == name]
+        rest = [frame for frame in self.inbox if frame.message.name != name]
+        self.inbox.clear()
+        self.inbox.extend(rest)
+        return [frame.as_dict() for frame in found]
+
     def feed(self, data: bytes, t: float, applied: Applied) -> list[State]:
         """States that end in ``data``, whose last byte arrived at host time ``t``."""
         self.fed += len(data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -13,11 +12,12 @@ from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
+from dart_hal.cli.bench import agreed, say_where_used
+from dart_hal.cli.calibrate_measured import clock, encoder, imu
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.session import opened
-from dart_hal.config import named_folders
-from dart_hal.errors import CalibrationFailed, UsageError
+from dart_hal.errors import UsageError
 
 MOST_ROWS = 13
 """Rows of the map on a terminal, so that the result does not scroll away."""
@@ -28,6 +28,11 @@ LEAST_DIFFERENCE = 0.1
 @click.group("calibrate")
 def command() -> None:
     """Measure this car and write calibration.toml."""
+
+
+command.add_command(clock)
+command.add_command(encoder)
+command.add_command(imu)
 
 
 @command.command("steering")
@@ -81,29 +86,15 @@ def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes
             if car.url.startswith("sim:"):
                 return True
             bar.stop()
-            if not _agreed(question, yes):
+            if not agreed(question, yes):
                 return False
             bar.start()
             return True
 
         result = calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
                                     source=car.url, speeds=speeds)
-    unnamed = not named_folders([cars] if cars else None)
-    if result.written and unnamed and car.url.startswith("sim:"):
-        folder = Path(result.written).parents[1]
-        notices((f"{car.url} uses this where its folder is named: --cars {folder}",))
+    say_where_used(car.url, result.written, cars)
     return result
-
-
-def _agreed(question: str, yes: bool) -> bool:
-    """Show the plan once, then ask for a yes. Errors: CalibrationFailed without a terminal."""
-    console.print(f"{question}{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
-    if yes:
-        return True
-    if not sys.stdin.isatty():
-        raise CalibrationFailed("not started: not confirmed", found="no terminal to ask at",
-                                remedy="once the floor is free: the same command with --yes")
-    return click.confirm("start", err=True)
 
 
 def show(result: SteeringResult, plot: Path | None = None) -> None:

@@ -1,0 +1,162 @@
+"""``calibrate imu``: bias, scale and mounting of the gyro, on a car that can drive.
+
+Standstill for the bias; full turns to the left and to the right, of which
+somebody says by how much the car has turned; straight pulls for the mounting
+about the vertical. ``imu_fit`` makes numbers of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from dart_hal.config import CarFiles, Quantity
+from dart_hal.errors import CalibrationFailed
+from dart_hal.ports import Workshop
+from dart_hal.types import State
+
+from .imu_fit import Still, Turn, axis_of, bias_of, still_of, yaw_of
+from .measured import Measured
+from .runner import AskingCar, Runner
+from .sensor_log import Sensed, SensorLog, WatchedCar
+from .steering import Ask, Progress, _standstill, agree, silent
+from .straight import rest, roll
+
+STANDING = 10.0
+"""s: the gyro's noise of 2.5e-4 rad/s/sqrt(Hz) leaves 8e-5 rad/s."""
+TURNS, TURNING = 3, 0.35
+"""Turns each way, m/s: 0.5 deg of 1080 are 0.05 %."""
+LOCK = 0.9
+"""Of the steering command: short of the servo's end."""
+PULLS, PULL, PULLING = 3, 1.5, 0.8
+"""Straight pulls, m and m/s: 1 m/s2 up and down for half a second each."""
+SILENT = 0.2
+"""s without a sample of the IMU, twenty of them; the integral over a turn would miss them."""
+LONGEST_TURN = 40.0
+"""s for one turn; at walking pace it takes 9 s at full lock."""
+
+
+class ImuCar(AskingCar, WatchedCar, Protocol):
+    """What the procedure needs of a Car."""
+
+
+def plan(files: CarFiles, turns: int = TURNS) -> str:
+    """What is coming, in one sentence: purpose, time, space, tools."""
+    seconds = STANDING + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
+    return (f"stands {STANDING:.0f} s, circles {turns} times to the left and {turns} times to "
+            f"the right, then pulls away straight {PULLS} times, to measure bias, scale and "
+            f"mounting of the gyro: about {seconds:.0f} s, a level floor of 3 m x 2.5 m, chalk "
+            "and a protractor (or a line to come back to)")
+
+
+def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silent,
+                  ask: Ask = agree, source: str = "", turns: int = TURNS) -> Measured:
+    """Measure gyro bias, gyro scale and mounting; nothing is written (``measured.write``).
+
+    ``workshop`` answers by how much the car has turned. The car is left stopped,
+    also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    """
+    files = car.files
+    if not ask(f"This {plan(files, turns)}. Is the floor free?"):
+        raise CalibrationFailed("not started: it was not agreed to",
+                                remedy="agree once the floor is free; in a script: --yes")
+    log = SensorLog(car)
+    progress(0.0, "standing still")
+    still = _still(car, log)
+    done: list[Turn] = []
+    for k, left in enumerate((True, False)):
+        progress(0.1 + 0.35 * k, f"{turns} turns to the {'left' if left else 'right'}")
+        workshop.mark()
+        sensed = _turn(car, log, turns, left)
+        done.append(Turn(sensed, workshop.turns()))
+    tilted = axis_of(done, still)
+    pulls = []
+    for k in range(PULLS):
+        progress(0.8 + 0.2 * k / PULLS, f"straight pull {k + 1} of {PULLS}")
+        pulls.append(_pull(car, log))
+    bias = bias_of(still, tilted.axis)
+    yaw = yaw_of(pulls, tilted, bias.value, files.config.imu.x)
+    turned = f"{len(done)} x {turns} turns"
+    found = {"gyro_bias": (bias, f"standstill of {STANDING:.0f} s"),
+             "gyro_scale": (tilted.scale, turned), "mount_yaw": (yaw, f"{PULLS} straight pulls"),
+             "mount_pitch": (tilted.pitch, turned), "mount_roll": (tilted.roll, turned)}
+    return Measured(
+        files.config.name, source or files.config.name, "imu",
+        {f"imu.{name}": Quantity(e.value, e.std, how) for name, (e, how) in found.items()},
+        f"turns differ from the common scale by {100 * tilted.differs:.2f} % at most",
+        sum(s.duration for s in (*(t.sensed for t in done), *pulls)) + STANDING,
+        ("the bias changes with temperature; while the car stands it is learnt anew",
+         *_depending(files, tilted.scale.value)))
+
+
+def _still(car: ImuCar, log: SensorLog) -> Still:
+    log.take()
+    _standstill(list(car.states(duration=STANDING)))
+    return still_of(_sensed(log))
+
+
+def _turn(car: ImuCar, log: SensorLog, turns: int, left: bool) -> Sensed:
+    steering = car.files.config.steering
+    side = LOCK * steering.span_us * steering.direction
+    pulse = steering.center_us + (side if left else -side)
+    try:
+        with car.raw():
+            runner = Runner(car)
+            first = rest(runner, pulse)
+            log.take()
+            seen = runner.start_moving(pulse, TURNING, 0.0, left)
+            _until_turned(runner, pulse, first, seen[-1], turns)
+            rest(runner, pulse)
+            return _sensed(log)
+    finally:
+        car.stop()
+
+
+def _until_turned(runner: Runner, pulse: float, first: State, state: State, turns: int) -> None:
+    limit = state.t + LONGEST_TURN * turns
+    while abs(state.pose.yaw - first.pose.yaw) < 2.0 * math.pi * turns:
+        state = runner.hold(0.0, pulse, TURNING)[-1]
+        if state.health.imu_age > SILENT:
+            raise _silent(f"the last is {state.health.imu_age:.1f} s old")
+        if state.t > limit:
+            raise CalibrationFailed(
+                "the circle does not close",
+                found=f"{math.degrees(state.pose.yaw - first.pose.yaw):+.0f} deg in "
+                      f"{LONGEST_TURN * turns:.0f} s", expected=f"{360 * turns} deg",
+                likely="the servo does not reach its lock, or the gyro dropped out",
+                remedy="dart-hal doctor")
+
+
+def _pull(car: ImuCar, log: SensorLog) -> Sensed:
+    try:
+        with car.raw():
+            log.take()
+            roll(Runner(car), car.files, PULL, PULLING)
+            return _sensed(log)
+    finally:
+        car.stop()
+
+
+def _sensed(log: SensorLog) -> Sensed:
+    sensed = log.take()
+    if sensed is None:
+        raise _silent("next to no samples")
+    return sensed
+
+
+def _silent(found: str) -> CalibrationFailed:
+    return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
+                             likely="IMU unplugged, or reset by a voltage drop",
+                             remedy="dart-hal doctor")
+
+
+def _depending(files: CarFiles, scale: float) -> tuple[str, ...]:
+    """What was measured with another gyro scale, if it differs by more than it may."""
+    cal = files.calibration
+    if cal is None or cal.steering.map is None:
+        return ()
+    old = cal.imu.gyro_scale.value if cal.imu.gyro_scale else 1.0
+    if abs(scale / old - 1.0) < 0.003:
+        return ()
+    return (f"caution: the steering map was measured with a gyro scale of {old:.4f}: dart-hal "
+            "calibrate steering again",)

@@ -1,0 +1,80 @@
+"""Quantities that a procedure measured: shown, as JSON, and written to calibration.toml."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from typing import Any
+
+import msgspec
+
+from dart_hal.config import Calibration, CarFiles, Quantity, save_calibration
+from dart_hal.config.quantity import Quantities
+
+from .result import number
+
+NINETY = 1.645
+"""Half width of a 90 % interval of the normal distribution, in standard errors."""
+UNITS = {
+    "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
+    "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
+    "imu.mount_pitch": "rad", "imu.mount_roll": "rad",
+}
+"""Of the quantities that these procedures measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What one procedure measured on one car; nothing is written yet while ``written`` is None.
+
+    verb: as in ``calibrate VERB``; quantities by their names in calibration.toml;
+    residual: how well the measurements agree, as a sentence; duration [s] of car time.
+    """
+
+    car: str
+    source: str
+    verb: str
+    quantities: Mapping[str, Quantity | Quantities]
+    residual: str
+    duration: float
+    notes: tuple[str, ...] = ()
+    written: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON object of ``calibrate VERB``; plain types."""
+        return {
+            "car": self.car, "source": self.source,
+            "quantities": {name: {"value": _plain(q.value), "std": _plain(q.std),
+                                  "unit": UNITS[name]} for name, q in self.quantities.items()},
+            "residual": self.residual, "duration_s": number(self.duration),
+            "written": self.written, "notes": list(self.notes),
+        }
+
+
+def write(files: CarFiles, measured: Measured) -> Measured:
+    """Put the quantities and their provenance into the car's calibration.toml.
+
+    The file before goes to history/; what other procedures measured stays.
+    Errors: ConfigError, OSError.
+    """
+    old = files.calibration or Calibration(car=files.config.name)
+    new = old.with_quantities({name: _rounded(q) for name, q in measured.quantities.items()})
+    provenance = {**old.provenance, "when": datetime.now(timezone.utc).replace(microsecond=0),
+                  measured.verb: {"source": measured.source, "residual": measured.residual,
+                                  "duration_s": round(measured.duration, 2)}}
+    new = msgspec.structs.replace(new, provenance=provenance)
+    return replace(measured, written=str(save_calibration(new, files.folder)))
+
+
+def _rounded(q: Quantity | Quantities) -> Quantity | Quantities:
+    """To a hundredth of the standard error: a file for people, and nothing lost."""
+    if isinstance(q, Quantities) or q.std <= 0.0:
+        return q
+    digits = 2 - math.floor(math.log10(q.std))
+    return Quantity(round(q.value, digits), round(q.std, digits), q.method)
+
+
+def _plain(value: float | tuple[float, ...]) -> Any:
+    return [number(v) for v in value] if isinstance(value, tuple) else number(value)

@@ -1,0 +1,96 @@
+"""The person beside a real car: asked to agree, to chalk and to measure."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from dart_hal.cli.output import console, notices
+from dart_hal.config import named_folders
+from dart_hal.errors import CalibrationFailed
+
+SCALE = 0.002
+"""kg, one sigma of a kitchen scale (``ports.Workshop``)."""
+Asked = Callable[[str], float]
+
+
+def agreed(question: str, yes: bool, prompt: str = "start") -> bool:
+    """Show what is coming once, then ask for a yes.
+
+    Errors: CalibrationFailed without a terminal.
+    """
+    console.print(f"{question}{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise CalibrationFailed("not started: not confirmed", found="no terminal to ask at",
+                                remedy="once the floor is free: the same command with --yes")
+    return click.confirm(prompt, err=True)
+
+
+def say_where_used(url: str, written: str | Path | None, cars: Path | None) -> None:
+    """A simulated car is its URL alone: a file beside it counts where its folder is named."""
+    if written and url.startswith("sim:") and not named_folders([cars] if cars else None):
+        notices((f"{url} uses this where its folder is named: --cars {Path(written).parents[1]}",))
+
+
+def typed(question: str) -> float:
+    """A number that the user types. Errors: CalibrationFailed without a terminal."""
+    if not sys.stdin.isatty():
+        raise CalibrationFailed("nobody measured", found="no terminal to ask at",
+                                expected=question, remedy="run it in a terminal")
+    while True:
+        value: float = click.prompt(question, type=float, err=True)
+        if math.isfinite(value):
+            return value
+
+
+class AskedWorkshop:
+    """``ports.Workshop`` on a real car: each answer is typed, in the units of its question.
+
+    ``pause`` is called before and ``resume`` after each question, for a progress bar.
+    """
+
+    def __init__(self, pause: Callable[[], None] = lambda: None,
+                 resume: Callable[[], None] = lambda: None, ask: Asked = typed) -> None:
+        self._pause, self._resume, self._typed = pause, resume, ask
+
+    def mark(self) -> None:
+        """Where the car stands now is chalked."""
+        self._pause()
+        if not sys.stdin.isatty():
+            raise CalibrationFailed("nobody marks where the car stands",
+                                    found="no terminal to ask at", remedy="run it in a terminal")
+        click.prompt("put the car at the start, straight along the free floor; chalk where its "
+                     "rear axle stands and along its side; Enter", default="", err=True,
+                     show_default=False)
+        self._resume()
+
+    def distance(self) -> float:
+        """[m] along the floor."""
+        return self._ask("distance of the rear axle from the chalk mark [m], to the millimetre")
+
+    def turns(self) -> float:
+        """[rad]; asked for in degrees, as a protractor has them."""
+        return math.radians(self._ask(
+            "turned since the chalk line [deg], left positive, full turns included "
+            "(three turns and a quarter: 1170)"))
+
+    def mass(self) -> tuple[float, float]:
+        """[kg]."""
+        return self._ask("the car on the scale, ready to drive [kg]"), SCALE
+
+    def axle_loads(self) -> tuple[float, float, float]:
+        """[kg]."""
+        front = self._ask("the front axle alone on the scale, the car level [kg]")
+        return front, self._ask("the rear axle alone on the scale, the car level [kg]"), SCALE
+
+    def _ask(self, question: str) -> float:
+        self._pause()
+        value = self._typed(question)
+        self._resume()
+        return value

@@ -1,0 +1,168 @@
+"""``dart-hal calibrate clock | encoder | imu``: procedures that end in quantities, not in a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from dart_hal.calibration.clock import calibrate_clock, typed_clock
+from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
+from dart_hal.calibration.imu import TURNS, calibrate_imu
+from dart_hal.calibration.measured import NINETY, UNITS, Measured, write
+from dart_hal.calibration.steering import Ask, Progress
+from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
+from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
+from dart_hal.cli.options import F, Number, car_options, json_option
+from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.config import Quantity
+from dart_hal.errors import UsageError
+from dart_hal.links.base import open_backend
+from dart_hal.ports import Workshop
+
+Procedure = Callable[[Car, Workshop, Progress, Ask], Measured]
+
+
+def measuring(command: F) -> F:
+    """The options that all of these verbs have."""
+    command = click.option("--dry-run", is_flag=True,
+                           help="measure and show, write nothing")(command)
+    command = click.option("--yes", is_flag=True, help="the floor is free, and what comes out "
+                           "is to be written: do not ask")(command)
+    return car_options(json_option(command))
+
+
+@click.command("encoder")
+@measuring
+@click.option("--distance", type=Number(1.0, 20.0), default=DISTANCE, show_default=True,
+              help="m of each roll; twice as long is twice as exact")
+@click.option("--runs", type=click.IntRange(1, 10), default=RUNS, show_default=True,
+              help="rolls; with one alone a misread tape is not noticed")
+def encoder(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+            distance: float, runs: int, as_json: bool) -> None:
+    """Travel per edge of the encoder, and how its ring is spaced.
+
+    The car rolls straight; you chalk where it starts and type how far it came,
+    by a tape. Missing and double marks of the ring are named. On sim:// the
+    simulated world holds the tape.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_encoder(car, workshop, progress=progress, ask=ask, source=car.url,
+                                 distance=distance, runs=runs)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("clock")
+@measuring
+@click.option("--frequency", type=Number(20.0, 400.0), default=None, metavar="HZ",
+              help="PWM frequency of any channel as an instrument shows it; nothing is measured")
+@click.option("--std", type=Number(0.0, 10.0, min_open=True), default=None, metavar="HZ",
+              help="its one sigma")
+def clock(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+          frequency: float | None, std: float | None, as_json: bool) -> None:
+    """The oscillator of the PCA9685, by which every pulse is made.
+
+    The Nano times the pulses of the spare channel, by a wire to its D8. Without
+    the wire: --frequency and --std of a scope or a logic analyser.
+    """
+    if (frequency is None) != (std is None):
+        raise UsageError("a measured frequency needs its standard error",
+                         found="--frequency or --std alone", expected="both",
+                         remedy="--frequency 50.21 --std 0.01")
+
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        if frequency is not None and std is not None:
+            return typed_clock(car.files, frequency, std, car.url)
+        return calibrate_clock(car, progress=progress, ask=ask, source=car.url)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("imu")
+@measuring
+@click.option("--turns", type=click.IntRange(1, 10), default=TURNS, show_default=True,
+              help="full turns each way; twice as many are twice as exact")
+def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+        turns: int, as_json: bool) -> None:
+    """Bias and scale of the gyro, and how the IMU sits in the car.
+
+    The car stands, circles to the left and to the right, and pulls away
+    straight; you chalk its heading and type by how many degrees it has turned.
+    Measure the encoder first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_imu(car, workshop, progress=progress, ask=ask, source=car.url,
+                             turns=turns)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+def measure(procedure: Procedure, url: str | None, car_name: str, cars: Path | None,
+            dry_run: bool, yes: bool, as_json: bool) -> None:
+    """Run a procedure with a bar, show what it found, ask, write."""
+    backend = open_backend(url or DEFAULT_URL)
+    simulated = backend.workshop is not None
+    with Car.over(backend, car=car_name, cars=cars) as car:
+        notices(car.notices)
+        with progress_bar() as bar:
+            task = bar.add_task("calibrating", total=1.0)
+            workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
+
+            def progress(fraction: float, text: str) -> None:
+                bar.update(task, completed=fraction, description=text)
+
+            def ask(question: str) -> bool:
+                bar.stop()
+                if not _agreed(question, yes, simulated, "start"):
+                    return False
+                bar.start()
+                return True
+
+            found = procedure(car, workshop, progress, ask)
+        files = car.files
+    if not as_json:
+        show(found)
+    if not dry_run and _agreed(f"This would go to {files.folder / 'calibration.toml'}; the "
+                               "file before is kept in history/.", yes, simulated, "write"):
+        found = write(files, found)
+        say_where_used(car.url, found.written, cars)
+    if as_json:
+        print_json(found.to_json())
+        return
+    console.print(f"written: {found.written}" if found.written else "nothing written",
+                  markup=False)
+
+
+def _agreed(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
+    """Nobody can be hurt by a simulated car: it says what is coming and goes on."""
+    if simulated:
+        console.print(question, markup=False, highlight=False)
+        return True
+    return agreed(question, yes, prompt)
+
+
+def show(found: Measured) -> None:
+    """Each quantity with its standard error and 90 % interval, how well they agree, the notes."""
+    table = Table(title=f"{found.verb} of {found.car}")
+    table.add_column("quantity", no_wrap=True)
+    for column in ("value", "one sigma", "90 % interval"):
+        table.add_column(column, justify="right")
+    for name, quantity in found.quantities.items():
+        if isinstance(quantity, Quantity):
+            unit = "" if UNITS[name] == "-" else f" {UNITS[name]}"
+            half = NINETY * quantity.std
+            table.add_row(name, f"{quantity.value:.6g}{unit}", f"{quantity.std:.2g}{unit}",
+                          f"{quantity.value - half:.6g} to {quantity.value + half:.6g}")
+        else:
+            low, high = min(quantity.value), max(quantity.value)
+            table.add_row(name, f"{len(quantity.value)} from {low:.3f} to {high:.3f}",
+                          "per value (--json)", "")
+    results.print(table)
+    results.print(f"{found.residual}, {found.duration:.0f} s of the car's time", markup=False)
+    for note in found.notes:
+        style = "yellow" if note.startswith("caution:") else "dim"
+        results.print(f"  {note}", style=style, markup=False, highlight=False)

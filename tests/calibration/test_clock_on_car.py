@@ -1,0 +1,109 @@
+"""`calibrate clock` through the whole Car, against the hidden truth of simulated cars."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dart_hal.calibration import clock
+from dart_hal.calibration.clock import calibrate_clock, typed_clock
+from dart_hal.calibration.measured import write
+from dart_hal.car import Car
+from dart_hal.errors import CalibrationFailed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.pca9685 import Pca9685
+from dart_hal.sim.truth import reveal, world_of
+
+URL = "sim://?nano=mock&seed="
+NAME = "pwm.oscillator_hz"
+
+
+def measured(url, tmp_path, begin=lambda world: None):
+    backend = open_backend(url)
+    with Car.over(backend, cars=tmp_path) as car:
+        begin(world_of(backend))
+        return car.files, calibrate_clock(car).quantities[NAME]
+
+
+@pytest.mark.parametrize("url", [
+    pytest.param("1", marks=pytest.mark.cpu(4)),
+    *(pytest.param(url, marks=pytest.mark.more) for url in (
+        "2", "3&cutoff=oe", "4&cutoff=mux", "5&jitter=usb", "6&jitter=busy"))])
+def test_hidden_clocks(tmp_path, url):
+    """Whatever the Nano's own clock is off by, which is up to 0.3 %."""
+    _, found = measured(URL + url, tmp_path)
+    true = reveal(int(url[0]))["sensors"][NAME]
+    assert abs(found.value - true) < 3.0 * found.std
+    assert found.std < 1e-4 * true
+
+
+@pytest.mark.more
+@pytest.mark.emulator
+def test_the_firmware_times_as_many_periods_as_it_is_asked_for(tmp_path):
+    _, found = measured("sim://?nano=avr&seed=3", tmp_path)
+    assert abs(found.value - reveal(3)["sensors"][NAME]) < 3.0 * found.std
+
+
+@pytest.mark.more
+def test_control_by_the_nanos_clock_it_would_be_off(tmp_path, monkeypatch):
+    monkeypatch.setattr(clock.SensorLog, "device_rate", lambda self: 1.0)
+    _, found = measured(f"{URL}1", tmp_path)
+    assert abs(found.value - reveal(1)["sensors"][NAME]) > 20.0 * found.std
+
+
+@pytest.mark.more
+def test_without_the_wire_it_says_what_to_do(tmp_path):
+    def cut(world):
+        world._capture_edges = lambda now: []
+
+    with pytest.raises(CalibrationFailed, match="does not see the PCA9685's pulses") as caught:
+        measured(f"{URL}1", tmp_path, cut)
+    assert "--frequency" in caught.value.remedy
+    assert caught.match("4 %|4%")
+    assert not list(tmp_path.rglob("calibration.toml"))
+
+
+@pytest.mark.more
+def test_the_throttle_stays_neutral_and_the_pulse_goes_off(tmp_path):
+    backend = open_backend(f"{URL}2")
+    with Car.over(backend, cars=tmp_path) as car:
+        world, widths = world_of(backend), []
+        world.watchers.append(lambda channel, pulse: widths.append(pulse[1] - pulse[0])
+                              if channel == 1 else None)
+        calibrate_clock(car)
+        chip: Pca9685 = world.pca
+        for _ in car.states(duration=0.1):
+            pass
+        assert chip.output.high_since(15) is None
+        assert not chip.output.upcoming(15, world.t + 0.05)
+    assert len(widths) > 400
+    assert max(abs(w - 1500e-6) for w in widths) < 10e-6
+
+
+def test_typed_frequency_becomes_the_oscillator(tmp_path):
+    with Car.open(f"{URL}0", cars=tmp_path) as car:
+        result = typed_clock(car.files, 50.0288, 0.005)
+        assert result.quantities[NAME].value == pytest.approx(25e6, rel=1e-5)
+        assert result.quantities[NAME].std == pytest.approx(0.005 * 122 * 4096)
+        write(car.files, result)
+        with pytest.raises(CalibrationFailed, match="no PCA9685 has such an oscillator"):
+            typed_clock(car.files, 60.0, 0.01)
+    with Car.open(f"{URL}0", cars=tmp_path) as car:
+        assert car.files.oscillator_hz.std == pytest.approx(0.005 * 122 * 4096, rel=0.01)
+
+
+def test_verb_wants_both_or_none(tmp_path, capsys):
+    from dart_hal.cli.main import main
+
+    where = ["calibrate", "clock", "--url", f"{URL}0", "--cars", str(tmp_path), "--json"]
+    with pytest.raises(SystemExit) as left:
+        main([*where, "--frequency", "50.02"])
+    assert left.value.code
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as left:
+        main([*where, "--frequency", "50.02", "--std", "0.01"])
+    assert not left.value.code
+    found = json.loads(capsys.readouterr().out)
+    assert found["quantities"][NAME]["unit"] == "Hz"
+    assert found["written"]
