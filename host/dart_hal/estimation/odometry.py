@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, inf, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,6 +65,22 @@ class OdometryNoise:
     gyro_age: float = 2.5e-3
 
 
+class Motion(NamedTuple):
+    """What the sensors say of ``dt`` s, their constant errors still in it.
+
+    speed [m/s]: travel of the wheels / dt; yaw_rate [rad/s]: of the gyro, with its bias, or of
+    the steering angle where ``gyro`` is False; yaw_variance [rad2]: of the turn, beyond the noise
+    of the gyro; standing: the car is at rest, not only between two edges of its encoder.
+    """
+
+    dt: float
+    speed: float
+    yaw_rate: float
+    yaw_variance: float = 0.0
+    gyro: bool = True
+    standing: bool = False
+
+
 class Odometry:
     """Dead reckoning; call ``update`` once per frame, read ``pose``."""
 
@@ -102,8 +119,8 @@ class Odometry:
         return self._rate
 
     def update(self, now: float, distance: float, speed: float, gyro_z: float | None,
-               t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0) -> None:
-        """One frame.
+               t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0) -> Motion:
+        """One frame; returns the motion since the last one, for a filter.
 
         now, t_gyro [s]: device times of the latch and of the IMU read;
         distance [m]: signed travel so far; speed [m/s]: 0.0 means standing;
@@ -119,8 +136,12 @@ class Odometry:
         standing = speed == 0.0 and travel == 0.0
         turn, noise, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
         if standing:
-            return
+            return Motion(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, standing=True)
         self._move(travel, turn, noise, seconds, speed * self._rate)
+        if dt <= 0.0:
+            return Motion(0.0, 0.0, 0.0)
+        biased, known = turn + self.bias.value * seconds, seconds > 0.0
+        return Motion(dt, travel / dt, biased / dt, 0.0 if known else noise, known)
 
     def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
               hint: float, standing: bool) -> tuple[float, float, float]:
