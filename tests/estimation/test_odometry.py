@@ -132,7 +132,8 @@ def simulate(seed, noise, seconds=20.0, standing=3.0):
         yaw += turn
         measured += travel_scale * (ds + noise.travel * math.sqrt(ds) * rng.standard_normal())
         reading = (gyro_scale * omega(now - AGE - LATENCY) + bias
-                   + noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal())
+                   + math.hypot(noise.gyro_noise, noise.gyro_age * omega(now))
+                   / math.sqrt(FRAME) * rng.standard_normal())
         odometry.update(now, measured, 1.2, reading, now - AGE)
     pose = odometry.pose
     return np.array([pose.x - x, pose.y - y, pose.yaw - yaw]), pose.cov

@@ -16,17 +16,18 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
-K_P = 0.4
-"""1/(m/s): the motor gives 17 m/s2 for all of the throttle, so an error is halved within 0.1 s; and
-0.04 s late, the loop keeps 60 degrees of phase."""
+K_P = 0.6
+"""1/(m/s): the motor gives 17 m/s2 for all of the throttle, so an error is halved within 0.07 s;
+and 0.04 s late, the loop keeps 60 degrees of phase, 30 on a car whose force lags by 0.084 s more.
+0.4 follows a sine of 0.5 Hz less closely, 0.8 keeps 20 on that car."""
 K_I = 0.6
-"""1/(m/s)/s: removes a wrong feed-forward with K_P / K_I = 0.7 s."""
+"""1/(m/s)/s: removes a wrong feed-forward with K_P / K_I = 1 s."""
 INTEGRAL_MAX = 0.12
 """Throttle that the integral may add: the dead band of one ESC to the next."""
 ANSWERS = 0.04
 """s from a throttle to the speed that is read of it: half a PWM frame, ESC and motor, the edges of
-the encoder. At 0.03 a step overshoots by 6 % in the median of eight hidden cars and a sine of
-0.5 Hz is followed to 0.029 m/s, here 3 % and 0.034 (benchmarks/bench_speed_control.py)."""
+the encoder. At 0.03 the measured step overshoots by 6 % in the median of eight hidden cars and a
+sine of 0.5 Hz is followed to 0.026 m/s, here 3 % and 0.033."""
 RAMP = 2.5
 """m/s2 at which the reference goes to a new speed: what the motor can do on top of friction up to
 1 m/s, so that the integral has nothing to learn from a step."""

@@ -6,9 +6,11 @@ Pure: time comes in as arguments, nothing reads a port or a clock.
 from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, flag_names
 from dart_hal.estimation.gyro import GyroBias
-from dart_hal.estimation.odometry import Odometry, OdometryNoise
+from dart_hal.estimation.odometry import Motion, Odometry, OdometryNoise
+from dart_hal.estimation.pose_filter import Estimate, PoseFilter, Verdict
 from dart_hal.estimation.ring import LearntRing, Ring, RingLearner
 from dart_hal.estimation.speed import WheelSpeed
 
-__all__ = ["ClockFit", "FrameReader", "GyroBias", "LearntRing", "Mounting", "Odometry",
-           "OdometryNoise", "Ring", "RingLearner", "Sample", "WheelSpeed", "flag_names"]
+__all__ = ["ClockFit", "Estimate", "FrameReader", "GyroBias", "LearntRing", "Motion", "Mounting",
+           "Odometry", "OdometryNoise", "PoseFilter", "Ring", "RingLearner", "Sample", "Verdict",
+           "WheelSpeed", "flag_names"]

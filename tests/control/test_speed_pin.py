@@ -1,0 +1,83 @@
+"""The ESC pin under ``drive_speed``: nothing above neutral where no forward speed is asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.control.speed import SpeedLoop
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+NEUTRAL_US, NEAR_US = 1500.0, 5.0
+SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
+MOVES_AT = 1.0  # s of driving forward
+
+
+def pulses(then, after=1.2):
+    """(t after the change, width [us]) on the ESC's pin of a car that drove forward.
+
+    ``then(t)``: speed asked for t s after the change, None: it is stopped, which disarms it.
+    """
+    backend, seen, changed = open_backend("sim://?nano=mock"), [], None
+    world = world_of(backend)
+    world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
+    with Car.over(backend) as car:
+        car.arm()
+        start = None
+        for state in car.states(duration=MOVES_AT + after):
+            start = state.t if start is None else start
+            t = state.t - start - MOVES_AT
+            wanted = 0.8 if t < 0.0 else then(t)
+            if t >= 0.0 and changed is None:
+                assert state.speed > 0.5
+                changed = world.t
+            if wanted is None:
+                car.stop()
+                break
+            car.drive_speed(steering=0.0, speed=wanted)
+        for _ in car.states(duration=0.3):
+            pass
+    ends = world.t
+    return [(fall - changed, (fall - rise) * 1e6) for rise, fall in seen
+            if changed + SETTLED < fall < ends]
+
+
+def nothing_drives_forward(widths):
+    assert widths
+    assert max(width for _, width in widths) <= NEUTRAL_US + NEAR_US
+
+
+def test_a_target_of_zero_is_neutral():
+    widths = pulses(lambda t: 0.0)
+    nothing_drives_forward(widths)
+    assert min(width for _, width in widths) >= NEUTRAL_US - NEAR_US
+
+
+@pytest.mark.parametrize("at", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.more),
+                                pytest.param(0.9, marks=pytest.mark.more)])
+def test_a_stop_while_the_car_reverses_is_neutral(at):
+    """Before, in the brake, at rest and in reverse: never forward, and neutral in the end."""
+    widths = pulses(lambda t: -0.5 if t < at else None)
+    nothing_drives_forward(widths)
+    late = [width for t, width in widths if t > at + SETTLED + 0.02]
+    assert late
+    assert min(late) >= NEUTRAL_US - NEAR_US
+
+
+def test_a_target_of_zero_while_the_esc_brakes_is_neutral():
+    widths = pulses(lambda t: -0.5 if t < 0.1 else 0.0)
+    nothing_drives_forward(widths)
+    assert min(width for t, width in widths if t > 0.1 + SETTLED + 0.02) >= NEUTRAL_US - NEAR_US
+
+
+def test_a_loop_that_holds_a_remnant_is_seen(monkeypatch):
+    """Control: an integral that is left in force at a target of 0."""
+    plain = SpeedLoop.throttle
+
+    def leaking(self, speed, state, **how):
+        return plain(self, speed, state, **how) + (0.05 if speed == 0.0 else 0.0)
+
+    monkeypatch.setattr(SpeedLoop, "throttle", leaking)
+    with pytest.raises(AssertionError):
+        nothing_drives_forward(pulses(lambda t: 0.0))
