@@ -104,7 +104,7 @@ class SharedPort(serial.Serial):
 
 
 def endless(steering_us: float, throttle_us: float, throttle: float,
-            until: float) -> limits.Pulses:
+            until: float, *, shortened: bool = False) -> limits.Pulses:
     """Pulses that never run out."""
     return limits.Pulses(steering_us, throttle_us, throttle, math.inf)
 
