@@ -66,7 +66,7 @@ def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Rec
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path), every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_weighed(path))
+                     mass=_weighed(path), span=every * SAMPLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +109,8 @@ def _states(path: Path) -> tuple[list[State], CarFiles]:
 
 def finer(recording: Recording) -> Recording:
     """A run read anew at 50 Hz, for timing; any other recording as it is."""
-    if not recording.of_means or len(recording.messages) < 2:
-        return recording
-    step = float(np.median(np.diff(recording.messages.t)))
-    return read_run(recording.path, FINE) if step > 1.5 * FINE * SAMPLE else recording
+    coarse = recording.span > 1.5 * FINE * SAMPLE
+    return read_run(recording.path, FINE) if coarse else recording
 
 
 def _weighed(path: Path) -> tuple[float, float] | None:

@@ -54,9 +54,9 @@ class Command:
 
 
 def step_of(recording: Recording) -> float:
-    """Median time [s] from message to message."""
+    """s that a message stands for: of means their span, else the median time to the next one."""
     step = np.diff(recording.messages.t)
-    return float(np.median(step)) if len(step) else 0.1
+    return recording.span or (float(np.median(step)) if len(step) else 0.1)
 
 
 def throttle_of(recording: Recording, stamp: FloatArray) -> Command:

@@ -76,8 +76,8 @@ def sessions(recording: Recording, policy: EvidencePolicy = USUAL.evidence) -> l
 
 def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
-    step = float(np.median(np.diff(recording.messages.t)))
-    coarse = recording if step > 0.8 * ENCODER_SPAN else read_run(recording.path, FRAMES)
+    coarse = (recording if recording.span > 0.8 * ENCODER_SPAN
+              else read_run(recording.path, FRAMES, poses=False))
     fine = finer(coarse).messages
     # a run says what was commanded up to a stamp, and here a command holds from its stamp on
     begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])

@@ -114,6 +114,7 @@ class Recording:
     rows: lines of the table before anything was dropped (0: no table).
     mass: as weighed for this recording, (kg, one sigma); None: it was not.
     marker: where its marker frame sat, as this recording itself tells.
+    span [s]: messages are means of so much before their stamp; 0: of the moment.
     """
 
     path: Path
@@ -127,6 +128,7 @@ class Recording:
     rows: int = 0
     mass: tuple[float, float] | None = None
     marker: Reference | None = None
+    span: float = 0.0
 
     @property
     def name(self) -> str:
@@ -136,8 +138,8 @@ class Recording:
 
     @property
     def of_means(self) -> bool:
-        """A run that nobody saw: messages are means of the step that ends at their stamp."""
-        return self.schema == RUN and self.mocap is None
+        """A run that nobody saw: messages are means of the ``span`` that ends at their stamp."""
+        return self.span > 0.0
 
     @property
     def duration(self) -> float:

@@ -1,0 +1,42 @@
+"""What a message of a run stands for does not hang on how often the throttle jumped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.identify.runs import EVERY, FINE, finer, read_run
+from dart_hal.predict.commands import step_of
+from dart_hal.types import SAMPLE
+
+
+@pytest.fixture(scope="module")
+def jumping(tmp_path_factory):
+    """A run whose throttle goes up and down every 30 ms."""
+    path = tmp_path_factory.mktemp("run") / "jumping.mcap"
+    with Car.open("sim://?seed=3&nano=mock&model=kinematic&tick=10", record=path) as car:
+        car.arm()
+        for k, _ in enumerate(car.states(duration=3.0)):
+            car.drive(throttle=0.2 + 0.05 * (k // 3 % 2))
+        car.stop()
+    return path
+
+
+@pytest.mark.parametrize("every", [EVERY, FINE])
+def test_a_mean_stands_for_its_span(jumping, every):
+    run = read_run(jumping, every)
+    assert np.median(np.diff(run.messages.t)) < 0.5 * EVERY * SAMPLE  # what does not tell it
+    assert step_of(run) == pytest.approx(every * SAMPLE)
+
+
+def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
+    coarse = read_run(jumping)
+    fine = finer(coarse)
+    assert fine.span == pytest.approx(FINE * SAMPLE)
+    assert len(fine.messages) > len(coarse.messages)
+    assert finer(fine) is fine
+    of_the_moment = replace(coarse, span=0.0)
+    assert finer(of_the_moment) is of_the_moment
