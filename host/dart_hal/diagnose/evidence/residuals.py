@@ -15,7 +15,7 @@ from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
 from dart_hal.predict.substeps import FINE, fine, fine_rollout
-from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart import RUN, Grid
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
@@ -70,6 +70,12 @@ class Evidence:
     def __getstate__(self) -> dict[str, Any]:
         """For another process: what is kept is larger than what it takes to make it."""
         return {**self.__dict__, "_kept": OrderedDict()}
+
+    @property
+    def commands_stamped(self) -> bool:
+        """Whether every command has its own instant: in runs of our own, which hold the pulses. In
+        the published recordings it has that of the next message."""
+        return all(d.recording.schema == RUN for d in self.drives)
 
     @property
     def sensor_still(self) -> BoolArray:

@@ -180,7 +180,8 @@ class Search:
         Only where some change between messages, and nobody knows when.
         """
         r = self._evidence.residuals(vehicle, timing)
-        if widest(timing.command_age) < self._settings.policy.noise.age_s:
+        known = self._evidence.commands_stamped
+        if known or widest(timing.command_age) < self._settings.policy.noise.age_s:
             return self._noise(r)
         age = timing.command_age
         moved = [np.abs(self._evidence.residuals(vehicle, replace(timing, command_age=age + d))
