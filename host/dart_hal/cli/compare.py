@@ -10,7 +10,7 @@ import click
 from dart_hal.car.compare import Comparison, compare
 from dart_hal.cli.compare_page import difference_rows, lead, statistic_rows, write_page
 from dart_hal.cli.options import html_option, json_option
-from dart_hal.cli.output import notices, print_json, results
+from dart_hal.cli.output import notices, print_json, say
 
 SHOWN = 20
 """Differences on the screen; --html and --json have all."""
@@ -37,27 +37,23 @@ def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
         return
     _show(found, answer)
     if html is not None:
-        _say(f"report: {html}")
+        say(f"report: {html}")
 
 
 def _show(found: Comparison, answer: dict[str, Any]) -> None:
     for name, run in zip("AB", answer["runs"], strict=True):
-        _say(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
+        say(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
              f"{run['distance_m']:.1f} m, {run['lost']} of {run['lost'] + run['frames']} frames "
              f"lost, firmware {run['firmware']}")
-    _say("")
+    say("")
     for row in statistic_rows(answer["statistics"]):
-        _say(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
-    _say("")
+        say(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
+    say("")
     rows = difference_rows(found.differs)
     for name, one, other in rows[:SHOWN]:
-        _say(f"{name}: {one} -> {other}")
+        say(f"{name}: {one} -> {other}")
     if len(rows) > SHOWN:
-        _say(f"and {len(rows) - SHOWN} more differences: --html or --json")
+        say(f"and {len(rows) - SHOWN} more differences: --html or --json")
     if not rows:
-        _say("car, firmware and files of the car are the same")
-    _say(lead(found))
-
-
-def _say(line: str) -> None:
-    results.print(line, markup=False, highlight=False)
+        say("car, firmware and files of the car are the same")
+    say(lead(found))

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from dart_hal.cli.output import results
+from dart_hal.cli.output import results, say
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.published import BY_HAND
@@ -34,18 +34,18 @@ def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], who
         _serious(checks)
         _counts(checks)
     for path, reason in skipped:
-        _say(f"skipped {path}: {reason}", "yellow")
+        say(f"skipped {path}: {reason}", "yellow")
     for note in whole.notes:
-        _say(f"note: {note}", "yellow")
+        say(f"note: {note}", "yellow")
     kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
     uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
-    _say(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
+    say(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
          f"evaluation windows; good for: {uses}")
 
 
 def _block(c: Check) -> None:
     f, r, m = c.facts, c.recording, c.facts.mocap
-    _say(c.name, "bold")
+    say(c.name, "bold")
     _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
           f"{f.messages} messages every {f.step:.3f} s")
     _line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
@@ -61,11 +61,11 @@ def _block(c: Check) -> None:
               f"{m.gaps} gap(s) up to {m.longest_gap:.2f} s, {m.outliers} outlier row(s)")
         _line("markers", _reference(c))
     for x in c.findings:
-        _say(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
+        say(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
     for purpose, use in c.uses.items():
-        _say(f"  {'yes' if use.good else 'no':>5} {purpose:<10} {use.n:>5} {use.unit:<8} {use.why}",
+        say(f"  {'yes' if use.good else 'no':>5} {purpose:<10} {use.n:>5} {use.unit:<8} {use.why}",
              "" if use.good else "dim")
-    _say(f"  {c.verdict}", "green" if c.good_for else "red")
+    say(f"  {c.verdict}", "green" if c.good_for else "red")
 
 
 def _reference(c: Check) -> str:
@@ -116,7 +116,7 @@ def _serious(checks: Sequence[Check]) -> None:
     for c in checks:
         for x in c.findings:
             if x.serious:
-                _say(f"! {c.name}: {x}", "yellow")
+                say(f"! {c.name}: {x}", "yellow")
 
 
 def _counts(checks: Sequence[Check]) -> None:
@@ -128,34 +128,34 @@ def _counts(checks: Sequence[Check]) -> None:
                 kinds.setdefault(DONE.get(x.kind, x.kind), []).append(x.rows)
     for done, rows in sorted(kinds.items(), key=lambda item: -len(item[1])):
         total = f", {sum(rows)} row(s)" if sum(rows) else ""
-        _say(f"{done} ({len(rows)} file(s){total})", "dim")
-    _say("(--full lists every finding of every file, --json has them for machines)", "dim")
+        say(f"{done} ({len(rows)} file(s){total})", "dim")
+    say("(--full lists every finding of every file, --json has them for machines)", "dim")
 
 
 def show_fetch(outcome: Outcome) -> None:
     """What came, what was refused, what is missing and what to do about it."""
     for r in outcome.refused:
-        _say(f"refused {r.path}: {r.found} ({r.where})", "red")
+        say(f"refused {r.path}: {r.found} ({r.where})", "red")
     for path in outcome.replaced:
-        _say(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
+        say(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
     for path in outcome.missing[:FIRST]:
-        _say(f"missing {path}", "yellow")
+        say(f"missing {path}", "yellow")
     if len(outcome.missing) > FIRST:
-        _say(f"... and {len(outcome.missing) - FIRST} more", "yellow")
+        say(f"... and {len(outcome.missing) - FIRST} more", "yellow")
     there = len(outcome.present) + len(outcome.fetched)
-    _say(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} new)",
+    say(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} new)",
          "green" if outcome.complete else "yellow")
     if not outcome.complete:
-        _say(f"to complete it: {BY_HAND}")
+        say(f"to complete it: {BY_HAND}")
 
 
 def show_repair(done: Sequence[Repaired]) -> None:
     """What was kept, what was left out, where the old file is."""
     for d in done:
         if d.old is None:
-            _say(f"{d.path}: whole, {d.messages} messages; left as it is")
+            say(f"{d.path}: whole, {d.messages} messages; left as it is")
         else:
-            _say(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that were "
+            say(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that were "
                  f"not whole are left out; the old file is {d.old.name}", "green")
 
 
@@ -168,8 +168,4 @@ def _short(value: float) -> str:
 
 
 def _line(name: str, text: str) -> None:
-    _say(f"  {name:<9} {text}")
-
-
-def _say(text: str, style: str = "") -> None:
-    results.print(text, style=style, markup=False, highlight=False)
+    say(f"  {name:<9} {text}")

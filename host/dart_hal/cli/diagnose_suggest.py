@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.output import results
+from dart_hal.cli.output import results, say
 from dart_hal.diagnose.report.next_drive import NOTHING
 from dart_hal.diagnose.suggest.result import Suggestion
 from dart_hal.diagnose.suggest.sharpen import Sharper
@@ -17,28 +17,28 @@ from dart_hal.diagnose.suggest.sharpen import Sharper
 def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Sharper]) -> None:
     """What to drive next, what it would separate or measure, and what to type."""
     if not suggestions and not drives:
-        _say(NOTHING)
+        say(NOTHING)
     for one in drives:
-        _say(f"suggested: {one.sentence()}", style="bold")
+        say(f"suggested: {one.sentence()}", style="bold")
         for command in one.commands:
-            _say(f"  {command}")
-        _say(f"  by hand: {one.by_hand}", style="dim")
+            say(f"  {command}")
+        say(f"  by hand: {one.by_hand}", style="dim")
     for s in suggestions:
-        _say(f"suggested: {s.sentence()}", style="bold")
+        say(f"suggested: {s.sentence()}", style="bold")
         if not s.drive:
             if s.by_hand:
-                _say(f"  by hand: {s.by_hand}", style="dim")
+                say(f"  by hand: {s.by_hand}", style="dim")
             continue
-        _say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
+        say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
         results.print(_table(s))
         if s.caution():
-            _say(f"  {s.caution()}", style="yellow")
+            say(f"  {s.caution()}", style="yellow")
         for command in s.commands:
-            _say(f"  {command}")
-        _say("  on a real car with --url; then dart-hal diagnose with the new recording as well"
+            say(f"  {command}")
+        say("  on a real car with --url; then dart-hal diagnose with the new recording as well"
              + (" (drive it where the motion capture sees it)" if "capture" in s.needs else ""))
         if not s.enough:
-            _say(f"  by hand: {s.by_hand}", style="dim")
+            say(f"  by hand: {s.by_hand}", style="dim")
 
 
 def _table(s: Suggestion) -> Table:
@@ -53,7 +53,3 @@ def _table(s: Suggestion) -> Table:
                       f"{100.0 * p.right:.0f} %" if math.isfinite(p.right) else "-",
                       style=None if p.separated else "yellow")
     return table
-
-
-def _say(line: str, style: str | None = None) -> None:
-    results.print(line, style=style, markup=False, highlight=False)

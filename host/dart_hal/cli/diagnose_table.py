@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import output, results
+from dart_hal.cli.output import output, results, say
 from dart_hal.diagnose.report import sentence, structure, verdict
 from dart_hal.diagnose.report.words import (
     CHANNELS,
@@ -31,24 +31,24 @@ NEXT_BEST = 3
 
 def show(d: Diagnosis) -> None:
     """Everything, the verdict first."""
-    _say(verdict(d), style="bold")
+    say(verdict(d), style="bold")
     for claimed in d.claims:
-        _say(f"parameters: {claim(claimed)}")
+        say(f"parameters: {claim(claimed)}")
     if d.causes:
         Console(file=output, emoji=False, width=max(results.width, NARROWEST)).print(_causes(d))
         for i, cause in enumerate(d.causes):
-            _say(f"{i + 1}. {sentence(cause)}")
+            say(f"{i + 1}. {sentence(cause)}")
     for p in d.possible:
-        _say(f"possible, not shown: {possible(p)}", style="dim")
+        say(f"possible, not shown: {possible(p)}", style="dim")
     for u in d.unexplained:
-        _say(f"not explained: {structure(u)}", style="yellow")
+        say(f"not explained: {structure(u)}", style="yellow")
     if d.withdrawn:
-        _say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
+        say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
     _errors(d)
     _moved(d)
     near = sorted((c for c in d.considered if math.isfinite(c.loss)), key=lambda c: -c.loss)
     for c in near[:NEXT_BEST]:
-        _say(f"considered: {c.effect} ({p_value(c.p_value)}): {c.why_not}", style="dim")
+        say(f"considered: {c.effect} ({p_value(c.p_value)}): {c.why_not}", style="dim")
 
 
 def _causes(d: Diagnosis) -> Table:
@@ -69,7 +69,7 @@ def _errors(d: Diagnosis) -> None:
     same = not (d.causes or d.refitted)
     beside = any(math.isfinite(pooled(d.ctrv, "1.0", name)) for name in known)
     if known:
-        _say("errors at 1 s on the test recordings (RMSE): "
+        say("errors at 1 s on the test recordings (RMSE): "
              + ("model" if same else "base -> extended")
              + (" | constant velocity (CTRV)" if beside else ""))
     for name in known:
@@ -78,7 +78,7 @@ def _errors(d: Diagnosis) -> None:
         gain = d.gain.get(name)
         share = "" if not gain or same else (
             f", {_gain(gain)} less" if gain.test >= 0.0 else f", {percent(-gain.test)} more")
-        _say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'}"
+        say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'}"
              f"{f' | {held}' if beside else ''} {CHANNELS[name][1]}{share}")
 
 
@@ -90,11 +90,7 @@ def _gain(gain: Gained) -> str:
 
 def _moved(d: Diagnosis) -> None:
     if d.refitted:
-        _say(f"refitted: {len(d.refitted)} parameter(s) of the base model", style="dim")
+        say(f"refitted: {len(d.refitted)} parameter(s) of the base model", style="dim")
     for name, m in d.refitted.items():
         if m.doubt:
-            _say(f"  {moved(name, m)}", style="yellow")
-
-
-def _say(text: str, style: str | None = None) -> None:
-    results.print(text, style=style, markup=False, highlight=False)
+            say(f"  {moved(name, m)}", style="yellow")

@@ -10,7 +10,7 @@ import click
 
 from dart_hal.car.handshake import identify_port
 from dart_hal.cli.options import json_option
-from dart_hal.cli.output import print_json, results
+from dart_hal.cli.output import print_json, say
 from dart_hal.errors import DartHalError
 from dart_hal.links.attached import BusSeen, PortSeen, i2c_buses, serial_ports
 
@@ -42,11 +42,11 @@ def command(probe: bool, as_json: bool) -> int:
         for port, answer in zip(ports, asked, strict=True):
             _show(port, answer, _url(port, buses))
         for bus in buses:
-            _say(f"i2c={bus.number}  {bus.name}{'' if bus.allowed else '  (not for this user)'}")
+            say(f"i2c={bus.number}  {bus.name}{'' if bus.allowed else '  (not for this user)'}")
         if not buses:
-            _say("no I2C bus is offered to programs (/dev/i2c-*)")
+            say("no I2C bus is offered to programs (/dev/i2c-*)")
         for line in lines:
-            _say(line)
+            say(line)
     return 1 if probe and not answers else 0
 
 
@@ -76,19 +76,15 @@ def _hints(ports: Sequence[PortSeen], probe: bool) -> list[str]:
 
 def _show(port: PortSeen, answer: dict[str, Any] | None, url: str) -> None:
     known = ", ".join(filter(None, (port.usb or "no USB device", port.bridge or port.description)))
-    _say(f"{port.device}  {known}")
+    say(f"{port.device}  {known}")
     if port.link:
-        _say(f"    {port.link}")
+        say(f"    {port.link}")
     if answer is None:
         if port.users:
-            _say(f"    in use by {', '.join(port.users)}")
+            say(f"    in use by {', '.join(port.users)}")
     elif answer["hello"] is None:
-        _say(f"    {answer['why']}")
+        say(f"    {answer['why']}")
     else:
         hello = answer["hello"]
-        _say(f"    DART firmware {hello['firmware']}, board {hello['board_id']}; "
+        say(f"    DART firmware {hello['firmware']}, board {hello['board_id']}; "
              f"dart-hal doctor --url '{url}'")
-
-
-def _say(line: str) -> None:
-    results.print(line, markup=False, highlight=False)

@@ -44,6 +44,11 @@ results = Console(file=output, soft_wrap=True, emoji=False)
 """What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
 
 
+def say(text: str, style: str | None = None) -> None:
+    """One line of what was asked for, as it is: no markup, no colours but ``style``."""
+    results.print(text, style=style, markup=False, highlight=False)
+
+
 def print_json(value: Any) -> None:
     """Print exactly one JSON object on standard output."""
     print(json.dumps(plain(value), indent=2, allow_nan=False), file=output, flush=True)
