@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
@@ -22,20 +23,20 @@ ARM_PATIENCE = 4.5
 log = logging.getLogger("dart_hal")
 
 
-class Arming(Recorded):
+class Arming(Recorded, ABC):
     """Arms and unlocks the car that inherits it."""
 
     files: CarFiles
     _told: set[str]
 
+    @abstractmethod
     def states(self, *, duration: float = inf, timeout: float = 0.5,
                every: int = 1) -> Iterator[State]:
         """The Car's."""
-        raise NotImplementedError
 
+    @abstractmethod
     def stop(self) -> Applied:
         """The Car's."""
-        raise NotImplementedError
 
     def arm(self, *, waive: Sequence[str] = ()) -> tuple[Caution, ...]:
         """Hold neutral for the ESC's start-up time, check everything, arm.

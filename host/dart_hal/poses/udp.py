@@ -6,6 +6,7 @@ the poll, up to 10 ms late, which the earliest arrivals make good.
 
 from __future__ import annotations
 
+import errno
 import socket
 import struct
 import sys
@@ -98,7 +99,7 @@ def _cannot(why: OSError, name: str) -> Exception:
     if isinstance(why, PermissionError):
         return PortDenied(f"{name}: this user may not listen there", found=str(why),
                           likely="a port below 1024", remedy="a port from 1024 on")
-    if why.errno == 98:
+    if why.errno == errno.EADDRINUSE:
         return PortBusy(f"{name}: the port is in use", found=str(why),
                         likely="another program listens there", remedy="another port, or end it")
     return PortMissing(f"{name}: cannot be listened at", found=str(why),
