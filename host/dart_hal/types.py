@@ -281,6 +281,10 @@ class State:
         return card("State", self.rows())
 
 
+NINETY = 1.645
+"""Half width of a 90 % interval of the normal distribution, in standard errors."""
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """A measured quantity: value, one sigma, unit."""

@@ -18,10 +18,10 @@ from dart_hal.config import CarFiles, Quantity
 from dart_hal.errors import CalibrationFailed
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-from .measured import Measured
+from .asking import Ask, Progress, agree, begin, silent
+from .measured import Measured, map_outdated
 from .runner import AskingCar, Runner
 from .sensor_log import SensorLog, WatchedCar
-from .steering import Ask, Progress, agree, silent
 
 PERIODS, CAPTURES = 250, 2
 """PWM periods of one capture, as many as the firmware takes, and captures one after the
@@ -36,6 +36,8 @@ UNKNOWN = 0.04
 """Relative error of an oscillator that nobody measured: 24 to 27 MHz are seen."""
 PLAUSIBLE = (0.9, 1.15)
 """Of the nominal 25 MHz."""
+CHANGED = 1e-3
+"""Relative; of a pulse of 1500 us it is 1.5 us, a third of the PCA9685's count."""
 
 
 class ClockCar(AskingCar, WatchedCar, Protocol):
@@ -58,9 +60,7 @@ def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = ag
     Errors: CalibrationFailed without the wire (with what to do instead), LinkLost, NotArmed.
     """
     files = car.files
-    if not ask(f"This {plan(files)}. Is the wire there?"):
-        raise CalibrationFailed("not started: it was not agreed to",
-                                remedy="agree once the wire is there; in a script: --yes")
+    begin(ask, plan(files), "the wire there", "the wire is there")
     log = SensorLog(car)
     try:
         with car.raw():
@@ -128,12 +128,9 @@ def _measured(files: CarFiles, source: str, hertz: Quantity, residual: str, dura
             likely=f"another PWM frequency than {files.config.pwm.frequency} Hz was measured, or "
                    "something else is wired to D8",
             remedy="[pwm] frequency in car.toml; the PWM frequency is pulses per second")
-    notes = [f"a pulse of 1500 us by the nominal clock is really "
-             f"{1500.0 * NOMINAL_HZ / hertz.value:.1f} us"]
-    old, cal = files.oscillator_hz, files.calibration
-    before = old.value if old else NOMINAL_HZ
-    if cal is not None and cal.steering.map and abs(hertz.value / before - 1.0) > 1e-3:
-        notes.append(f"caution: the steering map was measured with {before:.0f} Hz: dart-hal "
-                     "calibrate steering again")
+    before = files.oscillator_hz.value if files.oscillator_hz else NOMINAL_HZ
+    notes = (f"a pulse of 1500 us by the nominal clock is really "
+             f"{1500.0 * NOMINAL_HZ / hertz.value:.1f} us",
+             *map_outdated(files, abs(hertz.value / before - 1.0) > CHANGED, f"{before:.0f} Hz"))
     return Measured(files.config.name, source or files.config.name, "clock",
-                    {"pwm.oscillator_hz": hertz}, residual, duration, tuple(notes))
+                    {"pwm.oscillator_hz": hertz}, residual, duration, notes)

@@ -20,17 +20,16 @@ from dart_hal.config.quantity import Quantities
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.ring import LearntRing, RingLearner
 from dart_hal.ports import Workshop
-from dart_hal.types import State
+from dart_hal.ports.workshop import TAPE
+from dart_hal.types import NINETY, State
 
-from .measured import NINETY, Measured
+from .asking import Ask, Progress, agree, begin, silent
+from .measured import Measured, map_outdated
 from .runner import AskingCar, Runner
-from .steering import Ask, Progress, agree, silent
 from .straight import Rolled, roll
 
 DISTANCE, RUNS, SPEED = 3.0, 2, 0.4
 """m of each roll, rolls, m/s: 0.05 % of the travel, over a hundred turns of the ring."""
-TAPE = 0.002
-"""m, one sigma of a tape along the floor (``ports.Workshop``)."""
 IMPLAUSIBLE = 0.15
 """Share by which no tyre differs from the drawing; a distance in feet does."""
 DISAGREE = 4.0
@@ -71,9 +70,7 @@ def calibrate_encoder(car: AskingCar, workshop: Workshop, *, progress: Progress 
     Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     files = car.files
-    if not ask(f"This {plan(files, distance, runs)}. Is the floor free?"):
-        raise CalibrationFailed("not started: it was not agreed to",
-                                remedy="agree once the floor is free; in a script: --yes")
+    begin(ask, plan(files, distance, runs))
     learner = RingLearner()
     taped: list[Taped] = []
     for k in range(runs):
@@ -84,12 +81,14 @@ def calibrate_encoder(car: AskingCar, workshop: Workshop, *, progress: Progress 
         _plausible(taped[-1], files)
     metres, residual = travel_per_edge(taped)
     ring, notes = ring_table(learner, files.config.encoder.edges_per_rev)
+    old = files.metres_per_edge.value
+    changed = abs(metres.value - old) > 2.0 * NINETY * metres.std
     quantities: dict[str, Quantity | Quantities] = {"encoder.metres_per_edge": metres}
     if ring is not None:
         quantities["encoder.ring"] = ring
     return Measured(files.config.name, source or files.config.name, "encoder", quantities,
                     residual, sum(t.rolled.duration for t in taped),
-                    (*notes, *_depending(files, metres)))
+                    (*notes, *map_outdated(files, changed, f"{1e3 * old:.4f} mm per edge")))
 
 
 def _roll(car: AskingCar, distance: float, learner: RingLearner) -> Rolled:
@@ -196,14 +195,3 @@ def _plausible(taped: Taped, files: CarFiles) -> None:
                "of the ring are missing or counted twice",
         remedy="measure from chalk mark to chalk mark in metres and run it again; another wheel "
                "or ring: [encoder] metres_per_edge in car.toml first")
-
-
-def _depending(files: CarFiles, metres: Quantity) -> tuple[str, ...]:
-    """What was measured with another travel per edge, if it differs surely."""
-    old, cal = files.metres_per_edge, files.calibration
-    if cal is None or abs(metres.value - old.value) < 2.0 * NINETY * metres.std:
-        return ()
-    if cal.steering.map is None:
-        return ()
-    return (f"caution: the steering map was measured with {1e3 * old.value:.4f} mm per edge: "
-            "dart-hal calibrate steering again",)

@@ -15,11 +15,12 @@ from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
 from dart_hal.types import State
 
+from .asking import Ask, Progress, agree, begin, silent
 from .imu_fit import Still, Turn, axis_of, bias_of, still_of, yaw_of
-from .measured import Measured
+from .measured import Measured, map_outdated
 from .runner import AskingCar, Runner
 from .sensor_log import Sensed, SensorLog, WatchedCar
-from .steering import Ask, Progress, _standstill, agree, silent
+from .steering import standing_bias
 from .straight import rest, roll
 
 STANDING = 10.0
@@ -32,6 +33,8 @@ PULLS, PULL, PULLING = 3, 1.5, 0.8
 """Straight pulls, m and m/s: 1 m/s2 up and down for half a second each."""
 SILENT = 0.2
 """s without a sample of the IMU, twenty of them; the integral over a turn would miss them."""
+CHANGED = 0.003
+"""Relative; of the largest angle of a steering map, 0.4 rad, 0.07 deg."""
 LONGEST_TURN = 40.0
 """s for one turn; at walking pace it takes 9 s at full lock."""
 
@@ -57,9 +60,7 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
     also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     files = car.files
-    if not ask(f"This {plan(files, turns)}. Is the floor free?"):
-        raise CalibrationFailed("not started: it was not agreed to",
-                                remedy="agree once the floor is free; in a script: --yes")
+    begin(ask, plan(files, turns))
     log = SensorLog(car)
     progress(0.0, "standing still")
     still = _still(car, log)
@@ -76,6 +77,8 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
         pulls.append(_pull(car, log))
     bias = bias_of(still, tilted.axis)
     yaw = yaw_of(pulls, tilted, bias.value, files.config.imu.x)
+    cal = files.calibration
+    old = cal.imu.gyro_scale.value if cal and cal.imu.gyro_scale else 1.0
     turned = f"{len(done)} x {turns} turns"
     found = {"gyro_bias": (bias, f"standstill of {STANDING:.0f} s"),
              "gyro_scale": (tilted.scale, turned), "mount_yaw": (yaw, f"{PULLS} straight pulls"),
@@ -86,12 +89,13 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
         f"turns differ from the common scale by {100 * tilted.differs:.2f} % at most",
         sum(s.duration for s in (*(t.sensed for t in done), *pulls)) + STANDING,
         ("the bias changes with temperature; while the car stands it is learnt anew",
-         *_depending(files, tilted.scale.value)))
+         *map_outdated(files, abs(tilted.scale.value / old - 1.0) > CHANGED,
+                       f"a gyro scale of {old:.4f}")))
 
 
 def _still(car: ImuCar, log: SensorLog) -> Still:
     log.take()
-    _standstill(list(car.states(duration=STANDING)))
+    standing_bias(list(car.states(duration=STANDING)))
     return still_of(_sensed(log))
 
 
@@ -148,15 +152,3 @@ def _silent(found: str) -> CalibrationFailed:
     return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
                              likely="IMU unplugged, or reset by a voltage drop",
                              remedy="dart-hal doctor")
-
-
-def _depending(files: CarFiles, scale: float) -> tuple[str, ...]:
-    """What was measured with another gyro scale, if it differs by more than it may."""
-    cal = files.calibration
-    if cal is None or cal.steering.map is None:
-        return ()
-    old = cal.imu.gyro_scale.value if cal.imu.gyro_scale else 1.0
-    if abs(scale / old - 1.0) < 0.003:
-        return ()
-    return (f"caution: the steering map was measured with a gyro scale of {old:.4f}: dart-hal "
-            "calibrate steering again",)

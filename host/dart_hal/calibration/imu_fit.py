@@ -26,12 +26,11 @@ import numpy as np
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import QUANTUM
+from dart_hal.ports.workshop import SIGHT
 from dart_hal.types import Estimate, FloatArray
 
 from .sensor_log import Sensed
 
-SIGHT = math.radians(0.5)
-"""rad, one sigma of sighting along the car's side (``ports.Workshop``)."""
 STILL_PARTS = 10
 NOISE = 2.5e-4
 """rad/s/sqrt(Hz): 0.014 deg/s/sqrt(Hz), BNO055 data sheet."""

@@ -15,8 +15,6 @@ from dart_hal.config.quantity import Quantities
 
 from .result import number
 
-NINETY = 1.645
-"""Half width of a 90 % interval of the normal distribution, in standard errors."""
 UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
     "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
@@ -66,6 +64,15 @@ def write(files: CarFiles, measured: Measured) -> Measured:
                                   "duration_s": round(measured.duration, 2)}}
     new = msgspec.structs.replace(new, provenance=provenance)
     return replace(measured, written=str(save_calibration(new, files.folder)))
+
+
+def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[str, ...]:
+    """The caution that a car's steering map hangs on what has ``changed`` since."""
+    cal = files.calibration
+    if not changed or cal is None or cal.steering.map is None:
+        return ()
+    return (f"caution: the steering map was measured with {measured_with}: dart-hal calibrate "
+            "steering again",)
 
 
 def _rounded(q: Quantity | Quantities) -> Quantity | Quantities:

@@ -14,14 +14,13 @@ from dart_hal.report.figures import (
     BLUE,
     GREY,
     INK,
-    NINETY,
     ORANGE,
     band,
     finish,
     new_figure,
     save_figure,
 )
-from dart_hal.types import FloatArray
+from dart_hal.types import NINETY, FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering

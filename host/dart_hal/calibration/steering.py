@@ -9,7 +9,6 @@ least squares (``loop``). Works on every backend, in the car's own time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timezone
 
@@ -31,6 +30,7 @@ from dart_hal.identify.submodels.samples import Samples
 from dart_hal.identify.submodels.steering_map import fit_map
 from dart_hal.types import Estimate, FloatArray, State
 
+from .asking import Ask, Progress, agree, begin, silent
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
 from .result import SteeringResult
 from .route import Leg, Spot, waiting_time
@@ -62,18 +62,6 @@ WAIVED_BY_RAW = {
     "CALIBRATION_MISSING": "this car had no calibration.toml",
 }
 
-Progress = Callable[[float, str], None]
-Ask = Callable[[str], bool]
-
-
-def silent(fraction: float, text: str) -> None:
-    """The progress callback of a caller who does not want one."""
-
-
-def agree(question: str) -> bool:
-    """The ask callback of a caller who has agreed beforehand."""
-    return True
-
 
 def plan(files: CarFiles, *, levels: int = LEVELS,
          speeds: tuple[float, float] = SPEEDS) -> Plan:
@@ -98,9 +86,7 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
     """
     files = car.files
     route = plan(files, levels=levels, speeds=speeds)
-    if not ask(f"This {route}. Is the floor free?"):
-        raise CalibrationFailed("not started: it was not agreed to",
-                                remedy="agree once the floor is free; in a script: --yes")
+    begin(ask, route)
     waived = _waived(car)
     try:
         with car.raw():  # type: ignore[attr-defined]
@@ -119,7 +105,7 @@ def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Windo
     forth, back = route.forth, route.back
     progress(0.0, "standing still for the gyro")
     still = runner.hold(STANDSTILL, forth[0].pulse_us, 0.0)
-    bias = _standstill(still)
+    bias = standing_bias(still)
     progress(0.05, "starting")
     runner.start_moving(forth[0].pulse_us, forth[0].speed, bias.value, forth[0].command > 0.0)
     windows: list[Window] = []
@@ -191,7 +177,7 @@ def _std(speed: FloatArray, rate: FloatArray, wheelbase: float) -> float:
     return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
 
 
-def _standstill(states: list[State]) -> Estimate:
+def standing_bias(states: list[State]) -> Estimate:
     rates = np.array(yaw_rates(states[len(states) // 4:]))
     if len(rates) < 50:
         raise CalibrationFailed("no yaw rate at standstill",

@@ -12,9 +12,8 @@ import click
 from dart_hal.cli.output import console, notices
 from dart_hal.config import named_folders
 from dart_hal.errors import CalibrationFailed
+from dart_hal.ports.workshop import SCALE
 
-SCALE = 0.002
-"""kg, one sigma of a kitchen scale (``ports.Workshop``)."""
 Asked = Callable[[str], float]
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.imu import TURNS, calibrate_imu
-from dart_hal.calibration.measured import NINETY, UNITS, Measured, write
-from dart_hal.calibration.steering import Ask, Progress
+from dart_hal.calibration.measured import UNITS, Measured, write
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
@@ -22,6 +22,7 @@ from dart_hal.config import Quantity
 from dart_hal.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Workshop
+from dart_hal.types import NINETY
 
 Procedure = Callable[[Car, Workshop, Progress, Ask], Measured]
 

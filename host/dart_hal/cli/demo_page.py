@@ -17,7 +17,6 @@ from dart_hal.report.figures import (
     ABOVE,
     BLUE,
     INK,
-    NINETY,
     ORANGE,
     band,
     finish,
@@ -25,7 +24,7 @@ from dart_hal.report.figures import (
     new_figure,
 )
 from dart_hal.report.html import Html, el, join, table
-from dart_hal.types import FloatArray, State
+from dart_hal.types import NINETY, FloatArray, State
 
 
 @dataclass

@@ -19,8 +19,8 @@ from dart_hal.config.quantity import Quantities, Quantity
 from dart_hal.report import charts, page
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import significant
+from dart_hal.types import NINETY
 
-NINETY = 1.645  # standard errors of half a 90 % interval
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
          "imu": "imu", "latency": "latency"}
 """Of ``dart-hal calibrate``, by table of calibration.toml."""

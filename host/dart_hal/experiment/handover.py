@@ -17,6 +17,7 @@ from dart_hal.identify.runs import EVERY, FINE, MASS, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.ports import Workshop
+from dart_hal.ports.workshop import SCALE
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -31,8 +32,6 @@ MASS_STD = 0.02
 
 ONBOARD = "on-board sensors tell"
 """How identify's note on the tyres of runs begins; the ramps say it better."""
-SCALE_STD = 0.002
-"""kg, one sigma of a kitchen scale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,7 @@ def mass_of(files: CarFiles, kilograms: float | None = None, workshop: Workshop 
             ) -> Estimate:
     """The car's mass [kg]: as weighed, else on the workshop's scale, else car.toml's."""
     if kilograms is not None:
-        return Estimate(kilograms, SCALE_STD, "kg")
+        return Estimate(kilograms, SCALE, "kg")
     if workshop is not None:
         value, std = workshop.mass()
         return Estimate(value, std, "kg")

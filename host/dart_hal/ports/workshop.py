@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from math import radians
 from typing import Protocol
+
+TAPE = 0.002
+"""m, one sigma of a tape along the floor, with what the chalk is wide."""
+SIGHT = radians(0.5)
+"""rad, one sigma of sighting along the car's side."""
+SCALE = 0.002
+"""kg, one sigma of a kitchen scale: its last digit is a gram, and it repeats to two."""
 
 
 class Workshop(Protocol):
@@ -14,10 +22,10 @@ class Workshop(Protocol):
     def mark(self) -> None: ...
 
     def distance(self) -> float:
-        """Path rolled since the mark [m], forward positive, +- 2 mm."""
+        """Path rolled since the mark [m], forward positive, +- ``TAPE``."""
 
     def turns(self) -> float:
-        """Yaw since the mark [rad], left positive, full turns counted, +- 0.5 deg."""
+        """Yaw since the mark [rad], left positive, full turns counted, +- ``SIGHT``."""
 
     def mass(self) -> tuple[float, float]:
         """(reading, one sigma) of a kitchen scale under the car [kg]."""

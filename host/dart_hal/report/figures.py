@@ -24,7 +24,6 @@ ABOVE: dict[str, Any] = {"frameon": False, "loc": "lower center", "bbox_to_ancho
 """Where a legend stands that must not hide data."""
 PX_PER_INCH, LEAST_PX_PER_INCH = 88, 52
 """Size of a picture on a page, and the smallest with legible words: below it, it scrolls."""
-NINETY = 1.645  # standard errors of a 90 % interval
 DENSE = 400
 """Points; above it they are drawn small and pale."""
 

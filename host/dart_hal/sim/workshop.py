@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 
+from dart_hal.ports.workshop import SCALE, SIGHT, TAPE
 from dart_hal.sim.world import Truth, World
-
-TAPE = 0.002
-"""m, one sigma of a tape along the floor."""
-
-SIGHT = math.radians(0.5)
-"""rad, one sigma of sighting along the car's side."""
-
-
-SCALE = 0.002
-"""kg, one sigma of a kitchen scale."""
 
 
 class SimWorkshop:
