@@ -1,0 +1,74 @@
+"""A program that goes on commanding a car that tripped: the ESC's pin stays at neutral."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.actuation import ArmState
+from dart_hal.actuation.states import ENTRY
+from dart_hal.car import Car
+from dart_hal.errors import Disarmed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+NEUTRAL_US, NEAR_US = 1500.0, 5.0
+SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
+VALID = 0.2  # s
+
+
+def driven_on(again=False):
+    """Of a program that drives on: (pulses [us] at the ESC since its command expired, throttles
+    that States told since, number of commands refused). again: it arms once more.
+    """
+    backend, seen, told, refused = open_backend("sim://?nano=mock"), [], [], 0
+    world = world_of(backend)
+    world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
+    with Car.over(backend) as car:
+        car.arm()
+        car.on_state(lambda state: told.append((world.t, state.applied.throttle)))
+        car.drive(throttle=0.2, valid_for=VALID)
+        expired = world.t + VALID + SETTLED
+        for _ in car.states(duration=0.4):
+            pass
+        assert car.causes == ("COMMAND_EXPIRED",)
+        if again:
+            car.arm()
+        for _ in car.states(duration=0.6):
+            try:
+                car.drive(throttle=0.3)
+            except Disarmed:
+                refused += 1
+        ends = world.t
+    widths = [(fall - rise) * 1e6 for rise, fall in seen if expired < fall < ends]
+    said = [throttle for t, throttle in told if t > expired]
+    return widths, said, refused
+
+
+def stays_neutral(widths, said):
+    assert widths
+    assert max(abs(width - NEUTRAL_US) for width in widths) <= NEAR_US
+    assert set(said) == {0.0}
+
+
+def test_every_pulse_after_the_trip_is_neutral_and_every_command_refused():
+    widths, said, refused = driven_on()
+    stays_neutral(widths, said)
+    assert refused >= 55
+
+
+def test_a_program_that_arms_again_drives():
+    """Control: the pin is seen."""
+    widths, said, refused = driven_on(again=True)
+    assert refused == 0
+    with pytest.raises(AssertionError):
+        stays_neutral(widths, said)
+
+
+def test_a_trip_that_leaves_the_throttle_alive_is_seen(monkeypatch):
+    """Control: broken code."""
+    for state in (ArmState.TRIPPED, ArmState.DISARMED):
+        monkeypatch.setitem(ENTRY, state, ENTRY[ArmState.ARMED])
+    monkeypatch.setattr(Car, "_refuse_if_disarmed", lambda self: None)
+    widths, said, _ = driven_on()
+    with pytest.raises(AssertionError):
+        stays_neutral(widths, said)
