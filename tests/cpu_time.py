@@ -4,7 +4,8 @@ Counted are seconds of this process and its children, not of the wall: what
 else the machine does is no fault of the test. They are divided by how much
 slower than the reference a fixed loop runs here. Not charged to the test that
 happens to come first: fixtures that others share (``SHARED`` holds for each of
-them), and compiling kernels, whose libraries the next run finds.
+them), and what the next run finds made: compiled kernels, hypothesis's table of
+all characters.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ NOISE = 1.5
 time, with what caches hold and what the other core does."""
 LOOP, REFERENCE = 400_000, 0.021
 """Additions, and CPU s that they take on the machine whose seconds the limits mean."""
-KERNELS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dart-hal" / "kernels"
+CACHES = (Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dart-hal" / "kernels",
+          Path(".hypothesis/unicode_data"))
+"""Folders of what is made once."""
 
 
 def used() -> float:
@@ -33,9 +36,10 @@ def used() -> float:
     return t.user + t.system + t.children_user + t.children_system
 
 
-def compiled() -> int:
-    """A number that changes when a kernel is added to the cache."""
-    return KERNELS.stat().st_mtime_ns if KERNELS.is_dir() else 0
+def cached() -> int:
+    """A number that changes when something is added to a cache."""
+    folders = [f for cache in CACHES for f in (cache, *cache.glob("*/")) if f.is_dir()]
+    return sum(folder.stat().st_mtime_ns for folder in folders)
 
 
 def slowness() -> float:
@@ -60,13 +64,13 @@ class Watch:
     def __init__(self, limit: float, keep: Path | None = None) -> None:
         self._limit, self._keep = limit, keep
         self._slowness = slowness()
-        self._begin, self._compiled, self._shared = used(), compiled(), 0.0
+        self._begin, self._cached, self._shared = used(), cached(), 0.0
         self._seconds: dict[str, float] = {}
         self._late: list[tuple[float, float, str]] = []
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        self._begin, self._compiled, self._shared = used(), compiled(), 0.0
+        self._begin, self._cached, self._shared = used(), cached(), 0.0
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object],
@@ -86,7 +90,7 @@ class Watch:
         """(what took them, CPU s on the reference machine, CPU s that it may take)."""
         mark = item.get_closest_marker("cpu")
         allowed = max(limit, mark.args[0]) if mark else limit
-        if self._compiled != compiled() or any(map(item.get_closest_marker, ("more", "slow"))):
+        if self._cached != cached() or any(map(item.get_closest_marker, ("more", "slow"))):
             allowed = float("inf")
         late = seconds / self._slowness > NOISE * allowed
         if self._limit and late:  # a neighbour may have come since

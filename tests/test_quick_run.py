@@ -64,3 +64,19 @@ def test_a_case_that_is_not_there_is_said(tmp_path):
     done = run(tmp_path, SAMPLE.replace('"1*"', '"1", "x"'), "--collect-only")
     assert done.returncode != 0
     assert "'x'" in done.stdout + done.stderr
+
+
+@pytest.mark.more
+def test_the_table_of_all_characters_is_nobody_s_own(tmp_path):
+    """A new checkout has none, and hypothesis makes one for the first test that asks."""
+    sample = ("from hypothesis import given, strategies as st\n\n"
+              "@given(st.from_regex('[a-z]', fullmatch=True))\ndef test_any(c): pass\n")
+    options = ("--cpu-limit", "0.3")
+    assert run(tmp_path, sample, *options).returncode == 0
+    (tmp_path / "cpu_time.py").unlink()
+    shutil.rmtree(tmp_path / ".hypothesis")
+    old = Path(__file__).with_name("cpu_time.py").read_text().replace("unicode_data", "other")
+    (tmp_path / "cpu_time.py").write_text(old)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert "TOO SLOW" in done.stdout, "the negative control"
