@@ -60,7 +60,7 @@ def let_import(house: Path, room: str, other: str) -> None:
     ("vehicle", "wire"), ("report", "car"), ("sim", "calibration"), ("identify", "evaluate"),
     ("evaluate", "identify"), ("predict", "evaluate"),
 ])
-@pytest.mark.few("types-cli", "recording-links", "sim-calibration")
+@pytest.mark.few("types-cli", "recording-links")
 def test_an_import_up_or_sideways_would_be_seen(house, room, other):
     """The negative control."""
     let_import(house, room, other)

@@ -34,7 +34,7 @@ def test_nominal_car_has_the_papers_map(tmp_path):
 
 
 @pytest.mark.parametrize("seeds", [
-    pytest.param(range(1, 2), id="1 car", marks=pytest.mark.cpu(8)),
+    pytest.param(range(1, 2), id="1 car", marks=pytest.mark.more),
     pytest.param(range(1, 4), id="3 cars", marks=pytest.mark.more),
     pytest.param(range(1, 21), id="20 cars", marks=pytest.mark.slow),
     pytest.param(range(21, 41), id="20 other cars", marks=pytest.mark.slow),

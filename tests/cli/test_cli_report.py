@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -16,18 +17,25 @@ from dart_hal.config.quantity import Quantity
 CAR = "sim://?seed=3&nano=mock"
 
 
-@pytest.fixture
-def home(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
     """A folder with two runs, the second one newer and driven."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs").mkdir()
+    folder = tmp_path_factory.mktemp("driven")
     for name, throttle, age in (("stands", 0.0, 100), ("drives", 0.25, 50)):
-        path = tmp_path / "runs" / f"{name}.mcap"
+        path = folder / f"{name}.mcap"
         with Car.open(CAR, record=path) as car:
             car.arm()
             for _ in car.states(duration=2.0):
                 car.drive(throttle=throttle)
         os.utime(path, (1e9 - age, 1e9 - age))
+    return folder
+
+
+@pytest.fixture
+def home(driven, tmp_path, monkeypatch):
+    """A working folder of one's own with those runs."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(driven, tmp_path / "runs")
     return tmp_path
 
 

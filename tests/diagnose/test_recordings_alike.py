@@ -62,17 +62,20 @@ def names(recordings):
     return " ".join(r.name for r in recordings)
 
 
+@pytest.mark.more
 def test_one_car_on_one_floor_is_not_two(drive):
     same = [drive("same", PAPER, i) for i in range(4)]
     assert said(same[:3], same[3:]) == ""
 
 
+@pytest.mark.more
 def test_what_the_model_lacks_is_no_other_floor(drive):
     same = [drive("slack", SLACK, i) for i in range(4)]
     assert said(same[:3], same[3:]) == ""
 
 
 @pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
+@pytest.mark.few("other0-grip")
 def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
     ours = [drive("same", PAPER, i) for i in range(2)]
     theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]

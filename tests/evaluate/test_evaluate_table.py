@@ -128,6 +128,7 @@ def test_control_the_gate(small):
     assert changed
 
 
+@pytest.mark.more
 def test_the_form_of_the_slip_angles_decides_nothing_here(small):
     """The paper's form and ours differ below 0.2 m/s only; the worst row has 8 windows at 0.35."""
     paper_form = replace(PAPER, slip="paper")

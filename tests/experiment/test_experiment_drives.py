@@ -53,6 +53,7 @@ def plan(files):
     return make_plan("friction", files, Floor(8.0, 3.0), None)
 
 
+@pytest.mark.more
 def test_sound_car_drives_to_the_end(files, plan):
     car = Troubled(files)
     drive = run(car, plan)

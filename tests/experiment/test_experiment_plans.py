@@ -37,7 +37,7 @@ def test_floor_that_is_none_is_refused(text):
 @pytest.mark.parametrize(("name", "floor"), [
     ("friction", "8x2.5"), ("friction", "40x1"), ("motor", "7x3"), ("delay", "6x5.5"),
     ("tyres", "4.5")])
-@pytest.mark.few("tyres-4.5")
+@pytest.mark.more
 def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
     drive = run(PaperCar(files), plan)

@@ -29,6 +29,7 @@ def scanned(tmp_path, p, seed, names=None):
     return scan(evidence, point, names)
 
 
+@pytest.mark.more
 def test_nothing_hidden_is_quiet(tmp_path):
     assert scanned(tmp_path, PAPER, 11)[0].gain < QUIET
 

@@ -40,7 +40,7 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
 
 
 @pytest.mark.parametrize(("name", "parameter", "k"), CASES)
-@pytest.mark.few("rear_saturation-k-0.4", "motor_saturation-k-4.0")
+@pytest.mark.more
 def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
     q = next(q for q in catalogue()[name].parameters if q.name == parameter)
     found, truth = gains(tmp_path, name, {parameter: q.null + k})

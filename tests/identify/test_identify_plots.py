@@ -97,6 +97,7 @@ def test_a_curve_of_many_sessions_says_so(made):
     assert style.label(pooled) == "fit, mean of 10 sessions"
 
 
+@pytest.mark.more
 def test_only_what_was_fitted_is_drawn(made, tmp_path):
     pytest.importorskip("matplotlib")
     evidence = evidence_as_paper(made)

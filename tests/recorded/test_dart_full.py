@@ -41,6 +41,7 @@ def held_errors(g) -> list[tuple[float, ...]]:
     return errors
 
 
+@pytest.mark.more
 def test_all_83_files_read(recordings):
     found, skipped = read_all([recordings])
     assert not skipped

@@ -288,6 +288,7 @@ def test_what_was_done_is_said_in_sentences(cli, excerpt):
         assert word not in said
 
 
+@pytest.mark.more
 def test_every_kind_with_which_something_is_done_has_its_sentence(excerpt):
     found, _ = read_all([excerpt])
     done = {x.kind for r in found for x in check(r).findings if x.effect != "said"}

@@ -49,6 +49,7 @@ def when_counted(seen, edges):
 
 # -- command ------------------------------------------------------------------
 
+@pytest.mark.more
 def test_steering_delay_shifts_the_answer(pair):
     assert late(*pair("steering_delay:0.08", TURN)) == pytest.approx(0.08, abs=2e-3)
 
@@ -191,6 +192,7 @@ def test_mass_is_on_the_scale_and_in_the_start(pair):
     assert seen.covered(2.2, 3.0) < 0.92 * plain.covered(2.2, 3.0)
 
 
+@pytest.mark.more
 def test_a_weight_further_back_is_a_lighter_front_axle(pair):
     front = [c.car.backend.workshop.axle_loads()[0] for c in pair("centre_of_mass:-0.012", ROLL)]
     assert front[1] - front[0] == pytest.approx(-1.67 * 0.012 / 0.175, abs=0.008)
@@ -253,6 +255,7 @@ def test_encoder_scale_and_slip(pair):
     assert braking < 0.99
 
 
+@pytest.mark.more
 def test_encoder_latency_makes_every_edge_late_and_no_other_sensor(pair):
     plain, seen = pair("encoder_latency:0.06", TURN)
     edges = np.array([10.0, 200.0, 600.0])
@@ -261,6 +264,7 @@ def test_encoder_latency_makes_every_edge_late_and_no_other_sensor(pair):
     assert np.array_equal(seen.gyro, plain.gyro)
 
 
+@pytest.mark.more
 def test_a_clock_offset_is_of_all_sensors(pair):
     plain, seen = pair("clock_offset:0.06", TURN)
     assert late(plain, seen) == pytest.approx(0.06, abs=2e-3)

@@ -106,6 +106,7 @@ def test_nonsense_is_refused_in_words(text, kind, words):
         open_backend(f"{PLAIN}&effect={text}")
 
 
+@pytest.mark.more
 def test_effects_go_with_seeds_failures_and_models(driven):
     """A hidden car with two effects, whose IMU dies on the way."""
     url = f"{PLAIN}&seed=5&model=kinematic&effect=gyro_bias:0.2,encoder_scale:0.3&fail=imu:off@3"

@@ -75,7 +75,7 @@ def test_controls_of_unplugging(raw_car, cutoff):
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
 @pytest.mark.parametrize("boot", ["old", "optiboot"])
-@pytest.mark.few("optiboot-avr-mux", "old-mock-oe")
+@pytest.mark.few("old-mock-oe")
 def test_a_bootloader_passes_nothing(raw_car, nano, cutoff, boot):
     options = f"nano={nano}&cutoff={cutoff}&boot={boot}"
     assert not live_after(raw_car, options, "mcu:reset", 0.9)

@@ -56,6 +56,7 @@ def test_it_repeats_however_often_it_is_asked():
     assert not np.array_equal(table(rows(params)), table(rows(replace(params, dropout=0.0))))
 
 
+@pytest.mark.more
 def test_each_fault_shows_and_none_comes_by_itself():
     clean = table(rows(QUIET, 60.0))
     assert len(clean) == 6001

@@ -42,7 +42,7 @@ def test_two_delays_are_those_two_and_no_third(two):
         assert size_of(found, name) == pytest.approx(k, rel=0.2)
 
 
-@pytest.mark.few("gyro_latency")
+@pytest.mark.more
 @pytest.mark.parametrize("name", ["clock_offset", "gyro_latency"])
 def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and

@@ -57,6 +57,7 @@ def test_one_bad_file_does_not_change_the_fit(driven):
     assert files[dead.name].dropped == len(dead.messages)
 
 
+@pytest.mark.more
 def test_time_backwards_and_ten_rows(driven, tmp_path):
     text = driven[3].path.read_text().splitlines()
     swapped = tmp_path / "back.csv"

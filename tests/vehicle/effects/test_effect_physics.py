@@ -128,6 +128,7 @@ def test_a_larger_size_shows_more(name, base_drive):
         np.std(small - base_drive[channel]) + abs(np.mean(small - base_drive[channel])))
 
 
+@pytest.mark.more
 def test_all_at_once_is_still_a_car(base_drive):
     one = extended(PAPER, (applied(e, medium(e, 0)) for e in catalogue().values()))
     other = extended(PAPER, (applied(e, medium(e, 0)) for e in reversed(catalogue().values())))
