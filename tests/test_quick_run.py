@@ -40,9 +40,11 @@ LATE = "\ndef test_late(): work()\n"
 INI = "[pytest]\nmarkers =\n  cpu\n  more\n  few\n"
 
 
-def run(folder: Path, sample: str, *options: str) -> subprocess.CompletedProcess[str]:
+def run(folder: Path, sample: str, *options: str,
+        edit: tuple[str, str] = ("", "")) -> subprocess.CompletedProcess[str]:
+    """pytest on a sample, with this suite's hooks; ``edit``: (old, new) text in them."""
     for name in ("conftest.py", "cpu_time.py"):
-        shutil.copy(Path(__file__).with_name(name), folder)
+        (folder / name).write_text(Path(__file__).with_name(name).read_text().replace(*edit))
     (folder / "test_sample.py").write_text(sample)
     (folder / "pytest.ini").write_text(INI)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
@@ -73,10 +75,6 @@ def test_the_table_of_all_characters_is_nobody_s_own(tmp_path):
               "@given(st.from_regex('[a-z]', fullmatch=True))\ndef test_any(c): pass\n")
     options = ("--cpu-limit", "0.3")
     assert run(tmp_path, sample, *options).returncode == 0
-    (tmp_path / "cpu_time.py").unlink()
     shutil.rmtree(tmp_path / ".hypothesis")
-    old = Path(__file__).with_name("cpu_time.py").read_text().replace("unicode_data", "other")
-    (tmp_path / "cpu_time.py").write_text(old)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    done = run(tmp_path, sample, *options, edit=("unicode_data", "other"))
     assert "TOO SLOW" in done.stdout, "the negative control"
