@@ -10,7 +10,7 @@ import time
 from dart_hal.errors import EmulatorMissing
 from dart_hal.links.base import open_backend
 
-URLS = ("sim://?nano=mock", "sim://?nano=mock&seed=3", "sim://?nano=mock&model=kinematic",
+URLS = ("sim://?nano=mock", "sim://?nano=mock&seed=3", "sim://?nano=mock&physics=kinematic",
         "sim://?nano=avr&seed=3")
 SECONDS = 5.0
 COUNT_US = 4.88

@@ -12,7 +12,7 @@ from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import truth
 from dart_hal.types import Tracking
 
-URL = "sim://?seed=3&nano=mock&model=kinematic"
+URL = "sim://?seed=3&nano=mock&physics=kinematic"
 
 
 def drive(url, seconds, record=None):

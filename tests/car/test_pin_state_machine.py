@@ -69,7 +69,7 @@ class PinMachine(RuleBasedStateMachine):
     def open(self, data, boot, seed):
         self.cutoff = cutoff = data.draw(st.sampled_from(self.cutoffs))
         self.backend = open_backend(
-            f"sim://?nano={self.nano}&seed={seed}&cutoff={cutoff}&boot={boot}&model=kinematic")
+            f"sim://?nano={self.nano}&seed={seed}&cutoff={cutoff}&boot={boot}&physics=kinematic")
         self.world = world_of(self.backend)
         self.car = Car.over(self.backend, raise_on_trip=False)
         self.driver = self.car._engine.driver

@@ -56,7 +56,7 @@ def press(verb, monkeypatch, tmp_path):
     def interrupted():
         """As a terminal runs it; a worker of the tests may ignore Ctrl-C."""
         return verb("calibrate", "steering", "--yes", "--json", "--url",
-                    "sim://?nano=mock&model=kinematic", "--car", "mine", "--cars",
+                    "sim://?nano=mock&physics=kinematic", "--car", "mine", "--cars",
                     tmp_path / "cars")
 
     return run

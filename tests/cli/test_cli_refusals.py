@@ -233,8 +233,13 @@ def test_flash_that_fails_says_what_avrdude_said(verb, image, tmp_path):
     fake.write_text("#!/bin/sh\necho 'stk500_getsync(): not in sync' >&2\n"
                     "echo 'avrdude done.  Thank you.' >&2\nexit 1\n")
     fake.chmod(0o755)
-    (tmp_path / "port").touch()
-    error = verb("flash", image, "--port", tmp_path / "port", "--avrdude", fake, "--json").error
+    nano, port = os.openpty()
+    device = os.ttyname(port)
+    os.close(port)  # an open one is in use
+    try:
+        error = verb("flash", image, "--port", device, "--avrdude", fake, "--json").error
+    finally:
+        os.close(nano)
     assert "not in sync" in error["found"]
     assert error["code"] == "D-FLASH-01"
 
@@ -285,3 +290,27 @@ def test_the_bus_socket_takes_no_file_of_the_user(verb, tmp_path):
     error = verb("sim", "--url", MOCK, "--pty", "--bus", precious, "--json").error
     assert "not a socket" in error["what"]
     assert precious.read_text() == "mine"
+
+
+@pytest.mark.parametrize(("args", "what", "remedy"), [
+    (("doctor", "--url", ""), "URL of the car is empty", "leave it out"),
+    (("record", "--url", MOCK, "--out", "x.csv"), "x.csv: a recording is an MCAP file", "export"),
+    (("flash", "IMAGE", "--avrdude", "true", "--port", "/dev/null"), "is no serial port", "ttyUSB"),
+    (("record", "--url", "sim://?sed=1"), "has no option sed", "seed= for sed="),
+    (("record", "--url", "sim://?seed=-1"), "seed=-1 is no seed", "docs/reference/urls.md"),
+    (("record", "--url", "sim://?physics=none"), "physics='none'", "docs/reference/urls.md"),
+    (("record", "--url", "sim://?physics=dynamic&model=kinematic"), "given twice", ""),
+])
+def test_what_is_wrong_and_what_to_type(verb, tmp_path, args, what, remedy):
+    image = tmp_path / "dart_nano.hex"
+    image.write_text(":00000001FF\n")
+    done = verb(*(image if word == "IMAGE" else word for word in args), "--json")
+    assert what in done.error["what"]
+    assert remedy in done.error["try"]
+    assert not Path("x.csv").exists()
+
+
+def test_a_file_that_is_no_image_is_not_called_a_missing_emulator(verb):
+    failed = verb("doctor", "--url", "avr:///etc/passwd", "--json").json["checks"][0]
+    assert failed["found"].startswith("/etc/passwd: line 1 is no Intel hex record")
+    assert failed["try"] == "avr://default runs the firmware of this version"

@@ -27,17 +27,17 @@ def test_reveal_lists_the_effects(verb):
 def test_a_model_file_is_the_car(verb, tmp_path):
     path = tmp_path / "of me & you.toml"                # what a URL has to quote
     save_model(model_of(extended(UPSTREAM_2024, parse(EFFECTS))), path)
-    shown = verb("sim", "--reveal", "--model", path, "--json").json
+    shown = verb("sim", "--reveal", "--vehicle", path, "--json").json
     assert [e["name"] for e in shown["effects"]] == ["steering_lag", "encoder_ring"]
     assert shown["vehicle"]["name"] == UPSTREAM_2024.name
-    both = verb("sim", "--reveal", "--model", path, "--url", "sim://?seed=3&effect=mass:0.1",
+    both = verb("sim", "--reveal", "--vehicle", path, "--url", "sim://?seed=3&effect=mass:0.1",
                 "--json").json
     assert (both["seed"], both["effects"][0]["name"]) == (3, "steering_lag")
     assert "mass" in [e["name"] for e in both["effects"]]
 
 
 def test_every_number_of_a_set_without_bounds_is_json(verb):
-    shown = verb("sim", "--reveal", "--model", "paper", "--json").json
+    shown = verb("sim", "--reveal", "--vehicle", "paper", "--json").json
     assert shown["vehicle"]["tyres"]["rear_max"]["value"] is None      # it has no end
 
 
@@ -45,9 +45,9 @@ def test_every_number_of_a_set_without_bounds_is_json(verb):
     (["--url", "sim://?effect=mocap_yaw:0.01"], "motion capture"),
     (["--url", "sim://?effect=steering_lack:0.06"], "steering_lag"),
     (["--url", "sim://?effect=steering_lag:6"], "out of range"),
-    (["--model", "nothing.toml"], "no model is called"),
-    (["--model", "paper", "--url", "sim://?vehicle=paper"], "given twice"),
-    (["--url", "sim://?seed=-1"], "is not a number")])
+    (["--vehicle", "nothing.toml"], "no model is called"),
+    (["--vehicle", "paper", "--url", "sim://?vehicle=paper"], "given twice"),
+    (["--url", "sim://?seed=-1"], "is no seed")])
 def test_nonsense_is_refused_in_words(verb, arguments, words):
     done = verb("sim", "--reveal", "--json", *arguments)
     assert done.code == 2

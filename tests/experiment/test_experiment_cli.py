@@ -75,7 +75,7 @@ def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
 def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
     from dart_hal.config import load_model
     from dart_hal.config.model import plain
-    url = "sim://?seed=4&nano=mock&model=kinematic&tick=10"
+    url = "sim://?seed=4&nano=mock&physics=kinematic&tick=10"
     code, out, _ = run("friction", "--url", url, "--space", "9x3", "--out", "one.mcap", "--json",
                        "--out-model", "model.toml")
     told = json.loads(out)
@@ -108,7 +108,7 @@ def test_a_floor_too_short_to_coast_is_status_1(run):
 
 @pytest.mark.more
 def test_what_to_type_next_and_a_table_whose_columns_have_names(run):
-    code, out, err = run("friction", "--url", "sim://?seed=4&nano=mock&model=kinematic&tick=10",
+    code, out, err = run("friction", "--url", "sim://?seed=4&nano=mock&physics=kinematic&tick=10",
                          "--space", "9x3", "--out", "one.mcap")
     assert code == 0
     assert "next: dart-hal identify friction one.mcap --out model.toml" in err

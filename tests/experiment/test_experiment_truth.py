@@ -26,7 +26,7 @@ from dart_hal.vehicle.load import find_model
 
 WAIT = 0.0119
 """s from a command to the end of its pulse: half a PWM frame in the mean, then 1.9 ms."""
-QUICK = "mock&model=kinematic&tick=10"
+QUICK = "mock&physics=kinematic&tick=10"
 """A car without tyres, in ticks of 10 ms: half the time; the campaign has the whole one."""
 FAR = 3.0
 """standard errors: one in 400 by chance; the campaign counts 90 % intervals."""

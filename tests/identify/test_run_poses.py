@@ -35,7 +35,7 @@ def drive(url, path, seconds):
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "run.mcap"
-    return path, drive("sim://?seed=3&nano=mock&model=kinematic&mocap=1", path, 10.0)
+    return path, drive("sim://?seed=3&nano=mock&physics=kinematic&mocap=1", path, 10.0)
 
 
 @pytest.mark.cpu(6)
@@ -92,7 +92,7 @@ def test_it_is_evaluated_and_its_marker_found(seen):
 @pytest.mark.cpu(4)
 def test_a_run_without_poses_is_refused_with_the_way_to_get_them(tmp_path):
     path = tmp_path / "run.mcap"
-    drive("sim://?seed=3&nano=mock&model=kinematic", path, 2.0)
+    drive("sim://?seed=3&nano=mock&physics=kinematic", path, 2.0)
     with pytest.raises(RecordingError) as refused:
         prepare([read_run(path)])
     assert "mocap=1" in refused.value.remedy

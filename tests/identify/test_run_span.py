@@ -17,7 +17,7 @@ from dart_hal.types import SAMPLE
 def jumping(tmp_path_factory):
     """A run whose throttle goes up and down every 30 ms."""
     path = tmp_path_factory.mktemp("run") / "jumping.mcap"
-    with Car.open("sim://?seed=3&nano=mock&model=kinematic&tick=10", record=path) as car:
+    with Car.open("sim://?seed=3&nano=mock&physics=kinematic&tick=10", record=path) as car:
         car.arm()
         for k, _ in enumerate(car.states(duration=3.0)):
             car.drive(throttle=0.2 + 0.05 * (k // 3 % 2))

@@ -77,7 +77,7 @@ def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
 @pytest.mark.more
 def test_pwm_quantisation_makes_stairs(driven):
     """Two commands within one step of 0.2 turn the same circle."""
-    circles = [driven(f"sim://?nano=mock&model=kinematic{effect}", ((s, 0.3, 1.5),))
+    circles = [driven(f"sim://?nano=mock&physics=kinematic{effect}", ((s, 0.3, 1.5),))
                for effect in ("", "&effect=pwm_quantisation:0.2") for s in (0.45, 0.55)]
     plain, finer, one, same = (np.mean(c.gyro[-20:]) for c in circles)
     assert one == pytest.approx(same, abs=3e-3)
@@ -89,7 +89,7 @@ def test_pwm_quantisation_makes_stairs(driven):
 def step(pair, effect, size, share):
     """Lateness of the answer of a rolling car without slip to a step of the steering."""
     plan = (STEADY, (STRAIGHT + size, 0.3, 1.0))
-    pair = pair(effect, plan, "&nano=mock&model=kinematic")
+    pair = pair(effect, plan, "&nano=mock&physics=kinematic")
     return late(*pair, share, BEGIN + 8.0)
 
 
@@ -111,7 +111,7 @@ def test_steering_rate_limit_takes_longer_for_a_large_step(pair, size):
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.more
 def test_steering_trim_turns_a_straight_drive(pair, nano):
-    plain, seen = pair("steering_trim:0.02", ROLL, f"&model=kinematic&nano={nano}")
+    plain, seen = pair("steering_trim:0.02", ROLL, f"&physics=kinematic&nano={nano}")
     end = seen.t > seen.t[-1] - 0.2
     speed = np.mean(seen.speed[-20:])
     assert abs(np.mean(plain.gyro[end])) < 0.02
@@ -122,7 +122,7 @@ def test_steering_trim_turns_a_straight_drive(pair, nano):
 @pytest.mark.more
 def test_steering_backlash_remembers_the_side_it_came_from(driven):
     def split(effect):
-        url = f"sim://?nano=mock&model=kinematic{effect}"
+        url = f"sim://?nano=mock&physics=kinematic{effect}"
         left, right = (driven(url, ((side, 0.3, 1.0), (STRAIGHT, 0.3, 0.8)))
                        for side in (0.7, -0.7))
         speed = np.mean(left.speed[-20:])
@@ -147,7 +147,7 @@ def test_motor_saturation_gives_no_more_for_more(driven):
 def test_battery_fade_is_of_the_time_in_the_world(driven):
     """The same start from standstill, at once and after 20 s: 0.9 of the force."""
     def later(effect):
-        url = f"sim://?nano=mock&model=kinematic{effect}"
+        url = f"sim://?nano=mock&physics=kinematic{effect}"
         soon = driven(url, ((STRAIGHT, 0.3, 1.0),)).covered(0.0, 60.0)
         return driven(url, ((STRAIGHT, 0.0, 20.0), (STRAIGHT, 0.3, 1.0))).covered(0.0, 60.0) / soon
 

@@ -77,7 +77,7 @@ def test_no_motion_capture_no_effect_on_it(name):
     and catalogue()[n].stage in ("force", "motion")])
 def test_tyres_are_nothing_to_a_car_without_slip(name):
     with pytest.raises(UsageError, match="without slip"):
-        open_backend(f"{PLAIN}&model=kinematic&effect={large(name)}")
+        open_backend(f"{PLAIN}&physics=kinematic&effect={large(name)}")
 
 
 @pytest.mark.few("mass", "gyro_bias")
@@ -85,7 +85,7 @@ def test_tyres_are_nothing_to_a_car_without_slip(name):
     "mass", "quadratic_drag", "rolling_resistance", "steering_trim", "steering_lag",
     "motor_gain", "encoder_ring", "gyro_bias", "throttle_delay"])
 def test_the_rest_acts_without_slip_as_well(driven, name):
-    kinematic = f"{PLAIN}&model=kinematic"
+    kinematic = f"{PLAIN}&physics=kinematic"
     plan = PLAN[:2]
     found = differences(driven(f"{kinematic}&effect={large(name)}", plan), driven(kinematic, plan))
     assert any(found[c] > NOISE[c] for c in NOISE), found
@@ -109,8 +109,8 @@ def test_nonsense_is_refused_in_words(text, kind, words):
 @pytest.mark.more
 def test_effects_go_with_seeds_failures_and_models(driven):
     """A hidden car with two effects, whose IMU dies on the way."""
-    url = f"{PLAIN}&seed=5&model=kinematic&effect=gyro_bias:0.2,encoder_scale:0.3&fail=imu:off@3"
-    seen, base = driven(url, PLAN), driven(f"{PLAIN}&seed=5&model=kinematic", PLAN)
+    url = f"{PLAIN}&seed=5&physics=kinematic&effect=gyro_bias:0.2,encoder_scale:0.3&fail=imu:off@3"
+    seen, base = driven(url, PLAN), driven(f"{PLAIN}&seed=5&physics=kinematic", PLAN)
     before = seen.between(2.5, 2.9)
     assert np.mean(seen.gyro[before] - base.gyro[before]) == pytest.approx(0.2, abs=2e-3)
     assert seen.covered(0, 9) == pytest.approx(1.3 * base.covered(0, 9), rel=0.01)

@@ -70,7 +70,7 @@ def test_gyro_and_accelerometer_agree_with_the_motion(raw_car):
 
 
 def test_kinematic_car_follows_its_wheels(raw_car):
-    car = raw_car("sim://?nano=mock&model=kinematic").armed().drive(0.5, 0.25, 2.0)
+    car = raw_car("sim://?nano=mock&physics=kinematic").armed().drive(0.5, 0.25, 2.0)
     truth = car.truth
     assert truth.yaw_rate == pytest.approx(truth.v_x * math.tan(truth.steering) / 0.175, abs=1e-9)
 

@@ -21,7 +21,7 @@ from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
-from dart_hal.car.misuse import check_times, check_url, shut
+from dart_hal.car.misuse import check_record, check_times, check_url, shut
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
@@ -94,6 +94,8 @@ class Car(Arming, Shown):
         folders = [cars] if cars else None
         named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
         try:
+            if record:
+                check_record(record)
             if backend.car_toml is not None:
                 files = parse_car(backend.car_toml, backend.url.text, folders,
                                   named_only=backend.simulated)

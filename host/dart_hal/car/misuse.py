@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from dart_hal.errors import LinkLost, UsageError
 
 
-def check_url(url: str | None) -> None:
-    """None is the default car. Raises UsageError for an empty one."""
+def check_url(url: str | None) -> str | None:
+    """The URL; None is the default car. Raises UsageError for an empty one."""
     if url is not None and not url.strip():
         raise UsageError("the URL of the car is empty", found=repr(url),
                          expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
                          remedy="leave it out for the default car")
+    return url
+
+
+TABLES = (".csv", ".parquet", ".json", ".bag", ".db3")
+"""Suffixes of what a recording is not, but can be exported to or be taken for."""
+
+
+def check_record(path: str | Path) -> None:
+    """Raises UsageError for a file whose name promises another format than MCAP."""
+    if Path(path).suffix.lower() in TABLES:
+        raise UsageError(f"{path}: a recording is an MCAP file", found=Path(path).name,
+                         expected="a name that ends in .mcap",
+                         remedy="record to .mcap; afterwards: dart-hal export")
 
 
 def check_times(**seconds: float) -> None:

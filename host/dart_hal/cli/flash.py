@@ -17,7 +17,7 @@ from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.links.image import find_image
-from dart_hal.links.serial_port import holders
+from dart_hal.links.serial_port import holders, is_port
 
 BAUDS = (115_200, 57_600)
 """Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""
@@ -40,6 +40,8 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
     device = port or _only_port()
     if not Path(device).exists():
         raise PortMissing(f"there is no port {device}", found=_present())
+    if not is_port(device):
+        raise PortMissing(f"{device} is no serial port", found=_present())
     for pid, name in holders(device):
         raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",
                           remedy="close that program, then flash again")

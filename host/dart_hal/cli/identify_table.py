@@ -118,7 +118,7 @@ def quality(outcome: Identification) -> list[dict[str, str]]:
              "rmse": f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
              **({"paper's": f"{papers[name]:.5f}" if name in papers else ""} if papers else {}),
              "loss": f"{fit.loss:.6g}" if fit.n else "-",
-             "sound": "yes" if fit.sound else "NO", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
+             "fit ok": "yes" if fit.sound else "NO", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
             for name, fit in fits.items()]
 
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from dart_hal.car.misuse import check_url
 from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Reference
 
@@ -20,6 +21,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def url_option(command: F) -> F:
     """``--url``: which car; the default is $DART_HAL_URL, then the emulated car."""
     return click.option("--url", default=None, envvar="DART_HAL_URL", metavar="URL",
+                        callback=lambda _context, _option, url: check_url(url),
                         help="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, replay://run.mcap "
                              "(default: $DART_HAL_URL, then sim://)")(command)
 

@@ -9,6 +9,7 @@ from urllib.parse import urlencode
 
 import click
 
+from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.options import cars_option, json_option, url_option
 from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.config import cars_home
@@ -25,8 +26,9 @@ LOOK_EVERY = 0.5
 
 @click.command("sim")
 @url_option
-@click.option("--model", default=None, metavar="M",
+@click.option("--vehicle", default=None, metavar="M",
               help="true model of the car: a model.toml, with its effects, or a shipped set")
+@click.option("--model", default=None, hidden=True, help="old name of --vehicle")
 @click.option("--fail", "fail", multiple=True, metavar="F",
               help="a failure on a timetable, target:kind[=value]@start[+duration], as in "
                    "imu:stuck@3s+1s or enc:wrong=0.5@2s; again for more; a wrong one lists all")
@@ -38,8 +40,9 @@ LOOK_EVERY = 0.5
               help="symbolic link to the serial port, as udev makes (with --pty)")
 @cars_option
 @json_option
-def command(url: str | None, model: str | None, fail: tuple[str, ...], show: bool, pty: bool,
-            bus: Path | None, link: Path | None, cars: Path | None, as_json: bool) -> None:
+def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple[str, ...],
+            show: bool, pty: bool, bus: Path | None, link: Path | None, cars: Path | None,
+            as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving leaves the car's file in the folder of the cars, so that other
@@ -48,7 +51,12 @@ def command(url: str | None, model: str | None, fail: tuple[str, ...], show: boo
     """
     for text in fail:
         parse_failure(text)  # at once, not when the car is opened
-    parsed = Url.parse(_with(_with(url or "sim://", "vehicle", model), "fail", ",".join(fail)))
+    if model:
+        notices(("--model is now called --vehicle; the next version no longer knows it",))
+    text = url or DEFAULT_URL
+    for option, value in (("vehicle", vehicle), ("vehicle", model), ("fail", ",".join(fail))):
+        text = _with(text, option, value)
+    parsed = Url.parse(text)
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
     if show == pty or ((bus or link) and not pty):

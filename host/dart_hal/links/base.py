@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
 from dart_hal.ports import Bus, Clock, Link, PoseSource, Workshop
+
+URLS = "what each option means: docs/reference/urls.md"
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,16 @@ class Url:
                              expected="every option once")
         return cls(text, parts.scheme, parts.netloc + parts.path, options)
 
-    def known(self, *names: str) -> None:
-        """Refuse options that the backend does not have (raises UsageError)."""
-        unknown = sorted(set(self.options) - set(names))
+    def known(self, *names: str, old: tuple[str, ...] = ()) -> None:
+        """Refuse options that the backend does not have; ``old`` names still pass.
+
+        Raises UsageError."""
+        unknown = sorted(set(self.options) - {*names, *old})
         if unknown:
+            near = get_close_matches(unknown[0], names, n=1)
             raise UsageError(f"{self.scheme}:// has no option {', '.join(unknown)}",
-                             found=self.text, expected=", ".join(names) or "no options")
+                             found=self.text, expected=", ".join(names) or "no options",
+                             remedy=f"{near[0]}= for {unknown[0]}=" if near else URLS)
 
 
 @dataclass

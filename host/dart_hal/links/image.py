@@ -36,6 +36,9 @@ _DATA_SPACE = 0x800000
 class ImageError(EmulatorMissing, ValueError):
     """A file that is no image for this flash; the message says where and why."""
 
+    likely_default = "another file than a firmware image"
+    remedy_default = "avr://default runs the firmware of this version"
+
 
 class _Flash:
     """Bytes that a file placed, 0xFF elsewhere."""

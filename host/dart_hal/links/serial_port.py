@@ -16,6 +16,7 @@ import fcntl
 import os
 import re
 import select
+import stat
 import termios
 import time
 from collections.abc import Callable, Iterator
@@ -140,6 +141,13 @@ def _settle(fd: int, *, simulated: bool) -> None:
     if not simulated:
         with contextlib.suppress(OSError):
             fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def is_port(device: str) -> bool:
+    """Whether it may be a serial port, by what can be seen without opening it: opening resets
+    the Nano. Memory devices (/dev/null, /dev/zero: major number 1, Linux devices.txt) are none."""
+    found = os.stat(device)
+    return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) != 1
 
 
 def holders(device: str) -> Iterator[tuple[int, str]]:

@@ -38,13 +38,13 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "model", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
+OPTIONS = ("seed", "nano", "physics", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
            "vehicle", "effect", "mocap", "pace")
 
 
 def open_sim(url: Url) -> Backend:
     """Open a simulated car. Raises UsageError, EmulatorMissing (nano=avr only)."""
-    url.known(*OPTIONS)
+    url.known(*OPTIONS, old=("model",))
     if url.target not in ("", "/"):
         raise UsageError("sim:// takes options only", found=url.text,
                          expected="sim://?seed=1&nano=mock")
@@ -113,7 +113,7 @@ def _tick(url: Url, model: str) -> float:
     tick = choice(url, "tick", "1", "10") or "1"
     if tick == "10" and model != "kinematic":
         raise UsageError("tick=10 is too coarse for tyres at walking pace", found=url.text,
-                         expected="model=kinematic with it")
+                         expected="physics=kinematic with it")
     return int(tick) * 1e-3
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from dart_hal.errors import UsageError
-from dart_hal.links.base import Url
+from dart_hal.links.base import URLS, Url
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.true_car import only_mocap, with_effects, with_vehicle
 from dart_hal.vehicle import PAPER, Body
@@ -36,13 +36,24 @@ def car_of(url: Url) -> Drawn:
     if named is not None:
         p = find_model(named)[1]
         car = with_vehicle(car, p)
-    model = url.options.get("model", p.kind if p else "dynamic")
+    model, renamed = _physics(url, p.kind if p else "dynamic")
     of_file = p.effects if p else ()
     unseen = tuple(a.name for a in of_file if only_mocap(a))
     effects = _effects(url, tuple(a for a in of_file if not only_mocap(a)))
-    notices = (f"sim:// has no motion capture: the car is without {', '.join(unseen)} of {named}",)
+    lacking = (f"sim:// has no motion capture: the car is without {', '.join(unseen)} of {named}",)
     return Drawn(car, with_effects(car, effects, model), effects, model,
-                 p.body if p else PAPER.body, notices if unseen else ())
+                 p.body if p else PAPER.body, renamed + (lacking if unseen else ()))
+
+
+def _physics(url: Url, usual: str) -> tuple[str, tuple[str, ...]]:
+    """How the car moves, and the notice that its option is still called as in version 0.1."""
+    old = "model" in url.options
+    if old and "physics" in url.options:
+        raise UsageError("physics is given twice", found=url.text,
+                         expected="physics=; model= is its old name")
+    name = "model" if old else "physics"
+    notice = ("model= is now called physics=; the next version no longer knows it",)
+    return choice(url, name, "dynamic", "kinematic") or usual, notice if old else ()
 
 
 def _effects(url: Url, of_file: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect, ...]:
@@ -59,8 +70,8 @@ def _effects(url: Url, of_file: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect,
 def _seed(url: Url) -> int:
     text = url.options.get("seed", "0")
     if not text.isascii() or not text.isdigit():
-        raise UsageError(f"seed={text!r} is not a number", found=url.text,
-                         expected="a whole number >= 0")
+        raise UsageError(f"seed={text} is no seed", found=url.text,
+                         expected="a whole number from 0 up", remedy=URLS)
     return int(text)
 
 
@@ -68,5 +79,6 @@ def choice(url: Url, name: str, *allowed: str) -> str | None:
     """The value of an option, None without it. Raises UsageError for another value."""
     value = url.options.get(name)
     if value is not None and value not in allowed:
-        raise UsageError(f"{name}={value!r}", found=url.text, expected=" or ".join(allowed))
+        raise UsageError(f"{name}={value!r}", found=url.text, expected=" or ".join(allowed),
+                         remedy=URLS)
     return value

@@ -103,8 +103,8 @@ def _refuse(base: Vehicle, a: ActiveEffect, model: str) -> None:
                          remedy=f"give {a.name} the other sign, or leave it out")
     if model == "kinematic" and not _acts_without_slip(base, a):
         raise UsageError(f"{a.name} changes nothing in a car without slip",
-                         found="model=kinematic", expected="model=dynamic",
-                         remedy="leave model=kinematic out")
+                         found="physics=kinematic", expected="physics=dynamic",
+                         remedy="leave physics=kinematic out")
 
 
 def _acts_without_slip(base: Vehicle, a: ActiveEffect) -> bool:
