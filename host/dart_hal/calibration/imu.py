@@ -35,6 +35,8 @@ SILENT = 0.2
 """s without a sample of the IMU, twenty of them; the integral over a turn would miss them."""
 CHANGED = 0.003
 """Relative; of the largest angle of a steering map, 0.4 rad, 0.07 deg."""
+FLOOR = (3.0, 2.5)
+"""m: a pull and its way to stop; two circles at full lock beside each other."""
 LONGEST_TURN = 40.0
 """s for one turn; at walking pace it takes 9 s at full lock."""
 
@@ -48,8 +50,8 @@ def plan(files: CarFiles, turns: int = TURNS) -> str:
     seconds = STANDING + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
     return (f"stands {STANDING:.0f} s, circles {turns} times to the left and {turns} times to "
             f"the right, then pulls away straight {PULLS} times, to measure bias, scale and "
-            f"mounting of the gyro: about {seconds:.0f} s, a level floor of 3 m x 2.5 m, chalk "
-            "and a protractor (or a line to come back to)")
+            f"mounting of the gyro: about {seconds:.0f} s, a level floor of {FLOOR[0]:g} m x "
+            f"{FLOOR[1]:g} m, chalk and a protractor (or a line to come back to)")
 
 
 def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silent,

@@ -10,7 +10,8 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.config import Calibration, CarFiles, Quantity, save_calibration
+from dart_hal.config import CarFiles, Quantity, save_calibration
+from dart_hal.config.folders import calibration_in
 from dart_hal.config.quantity import Quantities
 
 from .result import number
@@ -57,10 +58,12 @@ def write(files: CarFiles, measured: Measured) -> Measured:
     The file before goes to history/; what other procedures measured stays.
     Errors: ConfigError, OSError.
     """
-    old = files.calibration or Calibration(car=files.config.name)
+    old = calibration_in(files.folder, files.config.name)
     new = old.with_quantities({name: _rounded(q) for name, q in measured.quantities.items()})
-    provenance = {**old.provenance, "when": datetime.now(timezone.utc).replace(microsecond=0),
-                  measured.verb: {"source": measured.source, "residual": measured.residual,
+    now = datetime.now(timezone.utc).replace(microsecond=0)
+    provenance = {**old.provenance, "when": now,
+                  measured.verb: {"when": now, "source": measured.source,
+                                  "residual": measured.residual,
                                   "duration_s": round(measured.duration, 2)}}
     new = msgspec.structs.replace(new, provenance=provenance)
     return replace(measured, written=str(save_calibration(new, files.folder)))

@@ -271,8 +271,9 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
         backlash=None if backlash is None else Quantity(backlash.value, backlash.std,
                                                         "difference of the two approaches"),
         residual_rms_rad=result.residual_rms)
-    provenance = {**old.provenance, "when": datetime.now(timezone.utc).replace(microsecond=0),
-                  "steering": {"source": str(result.source), "n": result.n,
+    now = datetime.now(timezone.utc).replace(microsecond=0)
+    provenance = {**old.provenance, "when": now,
+                  "steering": {"when": now, "source": str(result.source), "n": result.n,
                                "duration_s": round(result.duration, 2)}}
     new = msgspec.structs.replace(old, steering=steering, provenance=provenance)
     return replace(result, written=str(save_calibration(new, files.folder)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import click
 from rich.table import Table
@@ -18,13 +19,14 @@ from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
 from dart_hal.cli.options import F, Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.config import Quantity
+from dart_hal.config import CarFiles, Quantity
 from dart_hal.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import Workshop
 from dart_hal.types import NINETY
 
-Procedure = Callable[[Car, Workshop, Progress, Ask], Measured]
+T = TypeVar("T")
+Procedure = Callable[[Car, Workshop, Progress, Ask], T]
 
 
 def measuring(command: F) -> F:
@@ -102,10 +104,27 @@ def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
 
-def measure(procedure: Procedure, url: str | None, car_name: str, cars: Path | None,
+def measure(procedure: Procedure[Measured], url: str | None, car_name: str, cars: Path | None,
             dry_run: bool, yes: bool, as_json: bool) -> None:
-    """Run a procedure with a bar, show what it found, ask, write."""
+    """Run a procedure, show what it found, ask, write."""
     backend = open_backend(url or DEFAULT_URL)
+    simulated = backend.workshop is not None
+    found, files = run(procedure, backend, car_name, cars, yes)
+    if not as_json:
+        show(found)
+    if not dry_run and may_write(files, yes, simulated):
+        found = write(files, found)
+        say_where_used(backend.url.text, found.written, cars)
+    if as_json:
+        print_json(found.to_json())
+        return
+    console.print(f"written: {found.written}" if found.written else "nothing written",
+                  markup=False)
+
+
+def run(procedure: Procedure[T], backend: Backend, car_name: str, cars: Path | None, yes: bool
+        ) -> tuple[T, CarFiles]:
+    """(what a procedure found, the car's files) with a bar; the person beside the car is asked."""
     simulated = backend.workshop is not None
     with Car.over(backend, car=car_name, cars=cars) as car:
         notices(car.notices)
@@ -123,19 +142,13 @@ def measure(procedure: Procedure, url: str | None, car_name: str, cars: Path | N
                 bar.start()
                 return True
 
-            found = procedure(car, workshop, progress, ask)
-        files = car.files
-    if not as_json:
-        show(found)
-    if not dry_run and _agreed(f"This would go to {files.folder / 'calibration.toml'}; the "
-                               "file before is kept in history/.", yes, simulated, "write"):
-        found = write(files, found)
-        say_where_used(car.url, found.written, cars)
-    if as_json:
-        print_json(found.to_json())
-        return
-    console.print(f"written: {found.written}" if found.written else "nothing written",
-                  markup=False)
+            return procedure(car, workshop, progress, ask), car.files
+
+
+def may_write(files: CarFiles, yes: bool, simulated: bool) -> bool:
+    """Whether what was shown is to go to calibration.toml."""
+    return _agreed(f"This would go to {files.folder / 'calibration.toml'}; the "
+                   "file before is kept in history/.", yes, simulated, "write")
 
 
 def _agreed(question: str, yes: bool, simulated: bool, prompt: str) -> bool:

@@ -1,0 +1,139 @@
+"""``dart-hal calibrate all``: every procedure that is due, in order, each written as it ends."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from dart_hal.calibration import order
+from dart_hal.calibration.measured import write as write_measured
+from dart_hal.calibration.result import SteeringResult
+from dart_hal.calibration.steering import write as write_steering
+from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
+from dart_hal.cli.bench import say_where_used
+from dart_hal.cli.calibrate_measured import may_write, measuring, run
+from dart_hal.cli.calibrate_measured import show as show_measured
+from dart_hal.cli.options import Number
+from dart_hal.cli.output import console, notices, print_json, results
+from dart_hal.cli.steering_table import show as show_steering
+from dart_hal.config import CarFiles
+from dart_hal.config.folders import calibration_in
+from dart_hal.errors import CalibrationFailed
+from dart_hal.links.base import open_backend
+
+
+@click.command("all")
+@measuring
+@click.option("--floor", nargs=2, type=Number(1.0, 100.0), default=None, metavar="LENGTH WIDTH",
+              help="m of free floor; what has no room in it is said before anything moves")
+@click.option("--skip", multiple=True, type=click.Choice(order.VERBS), help="leave this one out")
+@click.option("--again", is_flag=True, help="measure also what was measured in the last 12 hours")
+def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+               floor: tuple[float, float] | None, skip: tuple[str, ...], again: bool,
+               as_json: bool) -> None:
+    """Every procedure, in the order in which each needs the others.
+
+    What one measures is written as it ends, and the next one uses it. Broken off, or stopped
+    by something to mend, the same command goes on where it was left.
+    """
+    url = url or DEFAULT_URL
+    found: dict[str, order.Found] = {}
+    with _home(url, car_name, cars, dry_run) as (files, home):
+        steps = order.steps_of(files, floor, skip)
+        left = steps if again else order.due(steps, calibration_in(files.folder, files.config.name))
+        announce(steps, left)
+        for step in left:
+            result = _measured(step, url, car_name, home, yes, dry_run, as_json)
+            if result is not None:
+                found[step.verb] = result
+    if as_json:
+        print_json({"car": files.config.name, "steps": order.to_json(steps, left),
+                    "found": {verb: result.to_json() for verb, result in found.items()},
+                    "duration_s": sum(result.duration for result in found.values())})
+        return
+    show(files, left, found)
+    written = next((r.written for r in found.values() if r.written), None)
+    say_where_used(url, written, cars)
+
+
+@contextmanager
+def _home(url: str, car_name: str, cars: Path | None, dry_run: bool
+          ) -> Iterator[tuple[CarFiles, Path]]:
+    """(files of the car, folder of cars in which each step finds what the one before wrote)."""
+    with Car.over(open_backend(url), car=car_name, cars=cars) as car:
+        files = car.files
+    if not dry_run:
+        yield files, files.folder.parent
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        mine = Path(folder) / files.config.name
+        mine.mkdir()
+        for name in ("car.toml", "calibration.toml", "model.toml"):
+            if (files.folder / name).is_file():
+                shutil.copy(files.folder / name, mine)
+        if Path(files.origin).is_file():  # the example's car.toml lies in the package
+            shutil.copy(files.origin, mine / "car.toml")
+        yield files, Path(folder)
+
+
+def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
+    """What each step does and needs, and which are done already; nothing has moved yet."""
+    for step in steps:
+        kept = "" if step in left else " [measured already; --again measures it anew]"
+        console.print(f"{step.verb}{kept}: {step.plan}", markup=False, highlight=False)
+
+
+def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
+              as_json: bool) -> order.Found | None:
+    """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
+    backend = open_backend(url)
+    simulated = backend.workshop is not None
+    console.print(f"\n{step.verb}", style="bold")
+    try:
+        found, files = run(step.run, backend, car_name, home, yes)
+    except CalibrationFailed as error:
+        if not step.optional:
+            console.print("what was measured before this is written: once it is mended, the same "
+                          "command goes on here")
+            raise
+        notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))
+        return None
+    if not as_json:
+        _show(found)
+    if not (dry_run or may_write(files, yes, simulated)):
+        raise CalibrationFailed(f"{step.verb} is not to be written, and what follows needs it",
+                                remedy=f"dart-hal calibrate all --skip {step.verb}")
+    written = write(files, found)
+    return replace(written, written=None) if dry_run else written
+
+
+def write(files: CarFiles, found: order.Found) -> order.Found:
+    """Into calibration.toml. Errors: ConfigError, OSError."""
+    if isinstance(found, SteeringResult):
+        return write_steering(files, found)
+    return write_measured(files, found)
+
+
+def _show(found: order.Found) -> None:
+    if isinstance(found, SteeringResult):
+        show_steering(found, outcome=False)
+    else:
+        show_measured(found)
+
+
+def show(files: CarFiles, left: Sequence[order.Step], found: Mapping[str, order.Found]) -> None:
+    """The last word: what was measured, how long the car drove, where it is written."""
+    missed = [s.verb for s in left if s.verb not in found]
+    seconds = sum(result.duration for result in found.values())
+    results.print(f"{files.config.name}: {', '.join(found) or 'nothing'} measured in "
+                  f"{seconds / 60.0:.1f} min of the car's time"
+                  + (f"; not {', '.join(missed)}" if missed else ""), markup=False)
+    written = next((r.written for r in found.values() if r.written), None)
+    console.print(f"written: {written}" if written else "nothing written", markup=False)
