@@ -1,9 +1,11 @@
 """Unmodified emulated cars, each with its own identified model: is anything called wrong?
 
-    python tests/hidden/any_car.py --cars 30 --first-seed 100 --jobs 2
+    python tests/hidden/any_car.py --cars 30 --first-seed 100 --jobs 2 [--calibrate] [--poses]
 
-A first drive gives each car its model, as ``dart-hal diagnose --out`` does; two more, by
-other draws, are diagnosed with it. Right is silence, or parameters alone. One line a car.
+With ``--calibrate`` the car is measured as ``dart-hal calibrate all`` does. A first drive gives
+each car its model, as ``dart-hal diagnose --out`` does; two more, by other draws, are diagnosed
+with it. ``--poses``: motion capture sees the drives. Right is silence, or parameters alone. One
+line a car.
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from dart_hal.calibration import order
+from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
+from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.config import save_model
 from dart_hal.diagnose import diagnose
@@ -29,6 +34,7 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.runs import read_run
+from dart_hal.links.base import open_backend
 from dart_hal.process.jobs import each
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
@@ -59,14 +65,17 @@ class Answer:
                 "seconds": round(self.seconds, 1)}
 
 
-def asked(seed: int, options: str = "") -> Answer:
+def asked(seed: int, options: str = "", calibrate: bool = False, poses: bool = False) -> Answer:
     """Drive a car of a seed, identify it, drive on and diagnose; options: more of its URL."""
+    seen = "&mocap=1" if poses else ""
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         runs = {name: home / f"{name}.mcap" for name in DRIVES}
+        if calibrate:
+            calibrated(f"sim://?seed={seed}&nano=mock", home)
         for draw, (name, seconds) in enumerate(DRIVES.items()):
-            drive(f"sim://?seed={seed}{options if name != 'first' else ''}", runs[name], seconds,
-                  np.random.default_rng([draw, 7]))
+            drive(f"sim://?seed={seed}{options if name != 'first' else ''}{seen}", runs[name],
+                  seconds, np.random.default_rng([draw, 7]), cars=home)
         model = own_model(runs["first"], home / "own.toml")
         began = time.process_time()
         file, p = find_model(model)
@@ -75,9 +84,21 @@ def asked(seed: int, options: str = "") -> Answer:
                       time.process_time() - began)
 
 
-def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: float = 2.0) -> None:
+def calibrated(url: str, cars: Path) -> None:
+    """All that ``calibrate all`` measures, written below the folder ``cars``."""
+    with Car.open(url, cars=cars) as car:
+        steps = order.steps_of(car.files)
+    for step in steps:
+        backend = open_backend(url)
+        assert backend.workshop is not None
+        with Car.over(backend, cars=cars) as car:
+            write(car.files, step.run(car, backend.workshop, silent, agree))
+
+
+def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: float = 2.0,
+          cars: Path | None = None) -> None:
     """Steps of steering (each at most ``held`` [s]) and throttle, after three s of standing."""
-    with Car.open(url, record=run) as car:
+    with Car.open(url, cars=cars, record=run) as car:
         for _ in car.states(duration=3.0):
             pass
         car.arm()
@@ -109,16 +130,19 @@ def main() -> int:
     parser.add_argument("--cars", type=int, default=30)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--options", default="", help="of the later drives' URL: &effect=grip:-0.2")
+    parser.add_argument("--calibrate", action="store_true", help="measure the car first")
+    parser.add_argument("--poses", action="store_true", help="motion capture sees the drives")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     seeds = range(given.first_seed, given.first_seed + given.cars)
-    right = sum(_shown(a) for a in answers(seeds, given.options, given.jobs))
+    right = sum(_shown(a) for a in answers(seeds, given.jobs, options=given.options,
+                                            calibrate=given.calibrate, poses=given.poses))
     print(f"{right} of {given.cars} silent or parameters only")
     return 0
 
 
-def answers(seeds: range, options: str, jobs: int) -> Iterator[Answer]:
-    return each(partial(asked, options=options), seeds, jobs, parts=len(seeds))
+def answers(seeds: range, jobs: int, **given: Any) -> Iterator[Answer]:
+    return each(partial(asked, **given), seeds, jobs, parts=len(seeds))
 
 
 def _shown(answer: Answer) -> bool:

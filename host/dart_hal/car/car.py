@@ -18,6 +18,7 @@ from dart_hal.actuation.limits import number, validity
 from dart_hal.car.arming import Arming
 from dart_hal.car.engine import Engine
 from dart_hal.car.exit_signals import stop_on_signals
+from dart_hal.car.files import files_of
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
@@ -27,7 +28,7 @@ from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
-from dart_hal.config import CarFiles, left_aside, load_car, parse_car
+from dart_hal.config import CarFiles
 from dart_hal.control.speed import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
@@ -38,7 +39,6 @@ from dart_hal.types import SAMPLE, Applied, State
 from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
-DEFAULT_CAR = "dart-01"
 
 
 class Car(Arming, Shown):
@@ -91,23 +91,10 @@ class Car(Arming, Shown):
              record: str | Path | None = None, poses: str | PoseSource | None = None,
              raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
-        folders = [cars] if cars else None
-        named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
         try:
             if record:
                 check_record(record)
-            if backend.car_toml is not None:
-                files = parse_car(backend.car_toml, backend.url.text, folders,
-                                  named_only=backend.simulated)
-                if backend.simulated and left_aside(files):
-                    backend.notices += (f"what was measured in {files.folder} is not used: "
-                                        f"{backend.url.text} is the same on every computer, "
-                                        "unless --cars or $DART_CARS names a folder",)
-                if named not in (DEFAULT_CAR, files.config.name):
-                    backend.notices += (f"{backend.url.text} is the car {files.config.name}; "
-                                        f"the files of {named} are not used",)
-            else:
-                files = load_car(backend.car or named, folders)
+            files = files_of(backend, car, cars)
             give_poses(backend, poses)
             own_actuator(backend, files)
             if record and backend.bus is not None:

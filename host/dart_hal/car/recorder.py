@@ -64,9 +64,11 @@ def keep_old(path: str | Path) -> Path | None:
 
 def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWriter:
     """Begin an MCAP file of this run; ``engine`` writes into it from now on."""
-    texts = {name: (files.folder / name).read_text(encoding="utf-8")
-             for name in FILES if (files.folder / name).is_file()} if not left_aside(files) else {}
     backend = engine.backend
+    texts = dict(backend.measured)
+    if not texts and not left_aside(files):
+        texts = {name: (files.folder / name).read_text(encoding="utf-8")
+                 for name in FILES if (files.folder / name).is_file()}
     if backend.car_toml is not None:
         texts["car.toml"] = backend.car_toml
     Path(path).parent.mkdir(parents=True, exist_ok=True)

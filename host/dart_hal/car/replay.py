@@ -170,4 +170,5 @@ def open_replay(url: Url) -> Backend:
     return Backend(
         url=url, link=ReplayLink(recording, clock), clock=clock, bus=None, virtual=True,
         car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
+        measured={n: t for n, t in recording.files.items() if n != "car.toml"},
         notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None)

@@ -14,10 +14,11 @@ from rich.table import Table
 
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
+from dart_hal.car.files import files_of
 from dart_hal.cli.drive import WAIVE
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.config import CarFiles, load_car, parse_car
+from dart_hal.config import CarFiles
 from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
@@ -80,7 +81,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     backend = open_backend(url or DEFAULT_URL)
     try:  # before anything is recorded or asked
         simulated = backend.url.scheme == "sim"
-        files = _files(backend, car_name, cars)
+        files = files_of(backend, car_name, cars)
         plan = make_plan(submodel, files, _floor(backend, space, submodel), speed)
         weighed = mass_of(files, mass, backend.workshop)
     except BaseException:
@@ -104,15 +105,6 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         show(out, drive, outcome, model)
     if drive.stopped or (outcome is not None and outcome.empty):
         sys.exit(1)
-
-
-def _files(backend: Backend, car_name: str, cars: Path | None) -> CarFiles:
-    """The files that the Car will have. Raises ConfigError."""
-    folders = [cars] if cars else None
-    if backend.car_toml is not None:
-        return parse_car(backend.car_toml, backend.url.text, folders,
-                         named_only=backend.simulated)
-    return load_car(backend.car or car_name, folders)
 
 
 def _floor(backend: Backend, space: str | None, submodel: str) -> Floor:

@@ -7,7 +7,7 @@ Searched in this order: the folders given by the caller (``--cars``),
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,6 +110,24 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
                       expected=f"{name}/car.toml in {searched}",
                       remedy=f"mkdir -p {home} ; cp {example} {home} ; then edit its name and what "
                       "differs, or name another folder with --cars")
+
+
+def parse_run_car(text: str, origin: str, measured: Mapping[str, str],
+                  cars_dirs: Folders | None = None) -> CarFiles:
+    """The car of a recorded run: its texts ``measured`` (calibration.toml, model.toml) count.
+
+    Files of that car below ``cars_dirs`` replace them: the run, read by what is known today.
+    Raises as ``load_car``, also for each of the texts alone.
+    """
+    config = parse_config(text, origin)
+    for folder in cars_dirs or ():
+        if (Path(folder) / config.name).is_dir():
+            return _with_measurements(config, Path(folder) / config.name, origin, config.name)
+    name, cal, model = config.name, measured.get("calibration.toml"), measured.get("model.toml")
+    return CarFiles(config,
+                    parse_calibration(cal, f"calibration.toml in {origin}", name) if cal else None,
+                    parse_model(model, f"model.toml in {origin}") if model else None,
+                    cars_home(cars_dirs) / name, origin)
 
 
 def parse_car(text: str, origin: str, cars_dirs: Folders | None = None, *,

@@ -7,7 +7,7 @@ this file knows whether the car is real, emulated or recorded.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -65,6 +65,7 @@ class Backend:
     ``simulated``: what is driven is a world of this program, in whatever time.
     ``car``: name of the car this backend is (``sim-7``), None = the caller's.
     ``car_toml``: text of a car file that comes with the backend.
+    ``measured``: texts of its calibration.toml and model.toml as a run recorded them.
     ``bus`` None: commands are accepted and reported as not sent (replay).
     ``notices``: sentences the user must see once (for example: mock in use).
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
@@ -81,6 +82,7 @@ class Backend:
     simulated: bool = False
     car: str | None = None
     car_toml: str | None = None
+    measured: Mapping[str, str] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
     resets: bool = True
     closers: tuple[Callable[[], None], ...] = ()

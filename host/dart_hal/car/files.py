@@ -1,0 +1,47 @@
+"""Whose files an opened backend drives by."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from dart_hal.config import CarFiles, left_aside, load_car, parse_car
+from dart_hal.config.folders import Folders, parse_run_car
+from dart_hal.errors import ConfigError
+from dart_hal.links.base import Backend
+
+DEFAULT_CAR = "dart-01"
+
+
+def files_of(backend: Backend, car: str | None, cars: str | Path | None) -> CarFiles:
+    """The files of the car behind ``backend``; what is not used of them becomes a notice.
+
+    A simulated car brings its car.toml, a recorded run all that it was driven by; any other is
+    ``car``, None: $DART_HAL_CAR, then dart-01, below ``cars``. Raises as ``config.load_car``.
+    """
+    folders = [cars] if cars else None
+    named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
+    if backend.car_toml is None:
+        return load_car(backend.car or named, folders)
+    url = backend.url.text
+    files = (parse_car(backend.car_toml, url, folders, named_only=True) if backend.simulated
+             else _of_run(backend, backend.car_toml, folders))
+    if backend.simulated and left_aside(files):
+        backend.notices += (f"what was measured in {files.folder} is not used: {url} is the same "
+                            "on every computer, unless --cars or $DART_CARS names a folder",)
+    if named not in (DEFAULT_CAR, files.config.name):
+        backend.notices += (f"{url} is the car {files.config.name}; the files of {named} are not "
+                            "used",)
+    return files
+
+
+def _of_run(backend: Backend, car_toml: str, folders: Folders | None) -> CarFiles:
+    """A run outlives the version that wrote it: what this one cannot read becomes a notice."""
+    url, measured = backend.url.text, dict(backend.measured)
+    for name, text in backend.measured.items():
+        try:
+            parse_run_car(car_toml, url, {name: text})
+        except ConfigError as error:
+            del measured[name]
+            backend.notices += (f"{name} in {url} is not used: {error.what}",)
+    return parse_run_car(car_toml, url, measured, folders)
