@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import time
@@ -10,6 +11,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.timing import LoopTimer
+from dart_hal.cli.main import main
 from dart_hal.errors import Disarmed, UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.links.paced import PacedLink
@@ -61,6 +63,20 @@ def test_a_loop_at_a_lower_rate_has_its_own_period_to_work(caplog):
         timer.asked(10, armed=True, waits=False)
         assert timer.late == late
     assert "they come each 100 ms" in caplog.text
+
+
+@pytest.mark.parametrize(("verb", "waits", "said"), [
+    ("drive", True, True), ("experiment", True, False), ("experiment", False, True)])
+def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, waits, said, capsys):
+    wall = Wall()
+    timer = LoopTimer(wall)
+    with contextlib.suppress(SystemExit):
+        main([verb, "--help"])
+    capsys.readouterr()
+    timer.give()
+    wall.t += 0.1
+    timer.asked(1, armed=True, waits=waits)
+    assert ("the loop took 100 ms" in capsys.readouterr().err) == said
 
 
 def test_nobody_is_late_for_a_car_that_is_not_armed(caplog):

@@ -92,7 +92,7 @@ class LoopTimer:
             if self.late == 1:
                 log.warning("the loop took %.0f ms for one State, and they come each %.0f ms: %s; "
                             "car.timing counts the late rounds", 1e3 * work, 1e3 * period,
-                            WAITED if waits else DROVE_ON)
+                            WAITED if waits else DROVE_ON, extra={"waits": waits})
 
     def quantiles(self) -> tuple[float, float, float]:
         """p50, p99, max [s]; NaN before two States."""

@@ -77,11 +77,13 @@ def main(args: list[str] | None = None) -> None:
     """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
     argv = sys.argv[1:] if args is None else args
     as_json = "--json" in argv
-    logging.getLogger("dart_hal").addHandler(_Notices())
+    verb = next((word for word in argv if word in VERBS), "")
+    logger = logging.getLogger("dart_hal")
+    logger.handlers = [h for h in logger.handlers if not isinstance(h, _Notices)]
+    logger.addHandler(_Notices(verb))
     try:
         sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
     except DartHalError as error:
-        verb = next((word for word in argv if word in VERBS), "")
         if verb and error.remedy == UsageError.remedy_default:
             error.remedy = f"dart-hal {verb} --help"
         _fail(error, as_json)
@@ -100,6 +102,14 @@ def main(args: list[str] | None = None) -> None:
 
 class _Notices(logging.Handler):
     """What the library warns of, such as at arm(), as every other notice."""
+
+    def __init__(self, verb: str) -> None:
+        super().__init__()
+        self._verb = verb
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """That a simulated car waited for the loop is news to who wrote the loop alone."""
+        return self._verb == "drive" or not getattr(record, "waits", False)
 
     def emit(self, record: logging.LogRecord) -> None:
         notices((record.getMessage(),))
