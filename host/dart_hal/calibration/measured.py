@@ -20,6 +20,7 @@ UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
     "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
     "imu.mount_pitch": "rad", "imu.mount_roll": "rad",
+    "mocap.marker_x": "m", "mocap.marker_y": "m", "mocap.marker_yaw": "rad", "mocap.latency": "s",
 }
 """Of the quantities that these procedures measure."""
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
-from dart_hal.calibration import clock, encoder, imu, steering
+from dart_hal.calibration import clock, encoder, imu, mocap, steering
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.measured import Measured
+from dart_hal.calibration.mocap_fit import NAMES
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.car import Car
 from dart_hal.config import Calibration, CarFiles
@@ -27,7 +28,7 @@ ROLL_OUT = 1.0
 
 Found = Measured | SteeringResult
 Run = Callable[[Car, Workshop, Progress, Ask], Found]
-VERBS = ("clock", "encoder", "imu", "steering")
+VERBS = ("clock", "encoder", "imu", "steering", "mocap")
 """All there are, in the order in which they are run."""
 
 
@@ -48,9 +49,11 @@ class Step:
     optional: bool = False
 
 
-def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Sequence[str] = ()
-             ) -> tuple[Step, ...]:
+def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Sequence[str] = (),
+             poses: bool = False) -> tuple[Step, ...]:
     """The procedures for this car but ``skip``, in order, within ``floor`` (length, width) [m].
+
+    poses: there is a source of poses from outside, whose marker is to be measured.
 
     Errors: CalibrationFailed where one has no room, naming each that has none.
     """
@@ -66,8 +69,11 @@ def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Se
              ("clock", "encoder"), imu.FLOOR),
         Step("steering", str(route), _steering, ("steering.map",), ("clock", "encoder", "imu"),
              (2.0 * route.radius, 2.0 * route.radius)),
+        Step("mocap", mocap.plan(files), _mocap, tuple(f"mocap.{n}" for n in NAMES),
+             ("clock", "encoder", "imu"), mocap.FLOOR),
     )
-    steps = tuple(s for s in every if s.verb not in skip)
+    left_out = {*skip, *(() if poses else ("mocap",))}
+    steps = tuple(s for s in every if s.verb not in left_out)
     if floor is not None:
         _fit(steps, floor)
     return steps
@@ -135,6 +141,10 @@ def _imu(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
 def _steering(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
     return steering.calibrate_steering(car, progress=progress, ask=ask, source=car.url,
                                        dry_run=True)
+
+
+def _mocap(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
+    return mocap.calibrate_mocap(car, progress=progress, ask=ask, source=car.url)
 
 
 def to_json(steps: Sequence[Step], left: Sequence[Step]) -> list[dict[str, Any]]:

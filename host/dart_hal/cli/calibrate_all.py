@@ -45,8 +45,8 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     """
     url = url or DEFAULT_URL
     found: dict[str, order.Found] = {}
-    with _home(url, car_name, cars, dry_run) as (files, home):
-        steps = order.steps_of(files, floor, skip)
+    with _home(url, car_name, cars, dry_run) as (files, home, poses):
+        steps = order.steps_of(files, floor, skip, poses)
         left = steps if again else order.due(steps, calibration_in(files.folder, files.config.name))
         announce(steps, left)
         for step in left:
@@ -65,12 +65,14 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
 
 @contextmanager
 def _home(url: str, car_name: str, cars: Path | None, dry_run: bool
-          ) -> Iterator[tuple[CarFiles, Path]]:
-    """(files of the car, folder of cars in which each step finds what the one before wrote)."""
-    with Car.over(open_backend(url), car=car_name, cars=cars) as car:
-        files = car.files
+          ) -> Iterator[tuple[CarFiles, Path, bool]]:
+    """(files of the car, folder of cars in which each step finds what the one before wrote,
+    whether something outside tells its pose)."""
+    backend = open_backend(url)
+    with Car.over(backend, car=car_name, cars=cars) as car:
+        files, poses = car.files, backend.poses is not None
     if not dry_run:
-        yield files, files.folder.parent
+        yield files, files.folder.parent, poses
         return
     with tempfile.TemporaryDirectory() as folder:
         mine = Path(folder) / files.config.name
@@ -80,7 +82,7 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool
                 shutil.copy(files.folder / name, mine)
         if Path(files.origin).is_file():  # the example's car.toml lies in the package
             shutil.copy(files.origin, mine / "car.toml")
-        yield files, Path(folder)
+        yield files, Path(folder), poses
 
 
 def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:

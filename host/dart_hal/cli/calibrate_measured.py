@@ -1,4 +1,4 @@
-"""``dart-hal calibrate clock | encoder | imu``: procedures that end in quantities, not in a map."""
+"""``dart-hal calibrate clock | encoder | imu | mocap``: what ends in quantities, not in a map."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import UNITS, Measured, write
+from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
@@ -100,6 +101,22 @@ def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
         return calibrate_imu(car, workshop, progress=progress, ask=ask, source=car.url,
                              turns=turns)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("mocap")
+@measuring
+def mocap(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+          as_json: bool) -> None:
+    """Where the marker sits on the car, and how late the poses from outside come.
+
+    Slow and fast circles to both sides, about a minute. $DART_HAL_POSES names the source. Poses
+    of another body, other units and frames that are left-handed or not z-up are named, with the
+    option that mends them.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_mocap(car, progress=progress, ask=ask, source=car.url)
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 

@@ -93,6 +93,16 @@ class LatencyCalibration(Table, frozen=True, kw_only=True):
     sensor_to_host: Quantity | None = None
 
 
+class MocapCalibration(Table, frozen=True, kw_only=True):
+    """Marker frame on the car: marker_x, marker_y [m] from the rear axle, marker_yaw [rad] to be
+    added to its yaw; latency [s] of a pose beyond what its stamp and the promptest arrivals say."""
+
+    marker_x: Quantity | None = None
+    marker_y: Quantity | None = None
+    marker_yaw: Quantity | None = None
+    latency: Quantity | None = None
+
+
 class Calibration(Table, frozen=True, kw_only=True):
     """All that was measured on the car ``car``; ``provenance`` is free text and hashes."""
 
@@ -104,6 +114,7 @@ class Calibration(Table, frozen=True, kw_only=True):
     encoder: EncoderCalibration = EncoderCalibration()
     imu: ImuCalibration = ImuCalibration()
     latency: LatencyCalibration = LatencyCalibration()
+    mocap: MocapCalibration = MocapCalibration()
     provenance: dict[str, Any] = msgspec.field(default_factory=dict)
 
     def with_quantities(self, values: dict[str, Quantity | Quantities]) -> Calibration:
@@ -144,13 +155,14 @@ class Calibration(Table, frozen=True, kw_only=True):
         return tuple(names)
 
 
-TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency")
+TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency", "mocap")
 QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
               "throttle.saturation_us", "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
-              "latency.sensor_to_host")
+              "latency.sensor_to_host", "mocap.marker_x", "mocap.marker_y", "mocap.marker_yaw",
+              "mocap.latency")
 """Names of the measured quantities, as the verbs print them."""
 
 MAX_ANGLE = 0.8

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.estimation.clock import edge_under_middle, lower_hull
-from dart_hal.recording.dart import Messages, Mocap, Note, Recording, fit_reference
+from dart_hal.config import Calibration
+from dart_hal.estimation.source_clock import car_time
+from dart_hal.recording.dart import Messages, Mocap, Note, Recording, Reference, fit_reference
 from dart_hal.recording.dart.mocap import EPOCH_FROM
 from dart_hal.recording.dart.mocap import mocap as read_mocap
 from dart_hal.recording.dart.model import freeze
 from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS
 from dart_hal.recording.dart.schema import MOCAP
-from dart_hal.types import ExternalPose, FloatArray
+from dart_hal.types import ExternalPose
 
 
 def mocap_of(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] | None:
@@ -27,29 +28,27 @@ def mocap_of(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] |
     if len(poses) < MIN_MOCAP_ROWS:
         return None
     stamp = np.array([p.stamp for p in poses])
-    t, notes = car_time(stamp, np.array([p.arrival for p in poses]))
+    t, anew = car_time(stamp, np.array([p.arrival for p in poses]))
+    notes = [Note(anew, kind="mocap_time_back")] if anew else []
     rows = (t, *np.array([(p.x, p.y, p.yaw) for p in poses]).T)
     mocap, _, more = read_mocap(dict(zip(MOCAP, rows, strict=True)))
     epoch = float(stamp[0]) if stamp[0] > EPOCH_FROM else None
     return replace(mocap, epoch=epoch), float(t[0]), notes + more
 
 
-def car_time(stamp: FloatArray, arrival: FloatArray) -> tuple[FloatArray, list[Note]]:
-    """Stamps (n,) of a source on the car's clock [s], by offset and rate of the lower hull."""
-    since = stamp - stamp[0]
-    newest = np.maximum.accumulate(since)
-    ahead = np.concatenate([[True], newest[1:] > newest[:-1]])
-    if np.any(newest - since > 1.0):
-        return arrival, [Note("the source of the poses began anew: told by their arrival",
-                              kind="mocap_time_back")]
-    pairs = list(zip(since[ahead].tolist(), arrival[ahead].tolist(), strict=True))
-    (xa, ya), (xb, yb) = edge_under_middle(lower_hull(pairs))
-    return ya + (yb - ya) / (xb - xa) * (since - xa), []
-
-
 def on_clock(messages: Messages, start: float) -> Messages:
     """Messages whose arrival is told on the clock of a mocap that starts at ``start`` [s]."""
     return replace(messages, arrival=freeze(messages.t - start))
+
+
+def calibrated(calibration: Calibration | None) -> tuple[Reference, float] | None:
+    """(marker frame, latency [s] of the poses) as ``calibrate mocap`` has measured them."""
+    table = calibration.mocap if calibration else None
+    if table is None or not (table.marker_x and table.marker_y and table.marker_yaw):
+        return None
+    marker = Reference(table.marker_x.value, table.marker_yaw.value, table.marker_y.value,
+                       "calibrate mocap")
+    return marker, table.latency.value if table.latency else 0.0
 
 
 def marked(recording: Recording) -> Recording:

@@ -21,8 +21,8 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
-from dart_hal.identify.run_poses import marked, mocap_of, on_clock
-from dart_hal.recording.dart import RUN, Messages, Note, Recording, read
+from dart_hal.identify.run_poses import calibrated, marked, mocap_of, on_clock
+from dart_hal.recording.dart import RUN, Messages, Note, Recording, Reference, read
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
@@ -58,9 +58,11 @@ def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Rec
     if seen is not None:
         mocap, start, more = seen
         notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *lost, *more]
-        return marked(note_false_lock(Recording(
-            path, RUN, on_clock(run.moments, start), mocap, "ok", None, digest, tuple(notes),
-            mass=_weighed(path))))
+        marker, late = run.marker or (None, 0.0)
+        seen_run = note_false_lock(Recording(
+            path, RUN, on_clock(run.moments, start - late), mocap, "ok", None, digest,
+            tuple(notes), mass=_weighed(path), marker=marker))
+        return seen_run if marker else marked(seen_run)
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
                                                        else "all used")), *lost]
     messages = run.messages[every] if every in run.messages else _messages(
@@ -71,13 +73,15 @@ def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Rec
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What is kept of a run: messages by the frames that each is made of, and of the moment."""
+    """What is kept of a run: messages by the frames that each is made of, and of the moment;
+    marker: where it sat on the car, and latency [s] of its poses, where that was calibrated."""
 
     frames: int
     lost: int
     messages: Mapping[int, Messages]
     moments: Messages
     poses: tuple[ExternalPose, ...]
+    marker: tuple[Reference, float] | None
 
 
 @lru_cache(maxsize=KEPT)
@@ -86,7 +90,8 @@ def _replayed(path: Path, digest: str) -> _Run:
     states, files = _states(path)
     return _Run(len(states), states[-1].health.lost,
                 {every: _messages(states, files, every) for every in (EVERY, FINE)},
-                _moments(states, files), tuple(RunReader(path).poses()))
+                _moments(states, files), tuple(RunReader(path).poses()),
+                calibrated(files.calibration))
 
 
 def _states(path: Path) -> tuple[list[State], CarFiles]:

@@ -1,0 +1,62 @@
+"""Marker frame and latency out of what car and source told, on motions made here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dart_hal.calibration.mocap_fit import NAMES, Track, fit_marker
+from dart_hal.errors import CalibrationFailed
+from dart_hal.types import NINETY
+
+TRUE = {"marker_x": 0.102, "marker_y": -0.006, "marker_yaw": 0.021, "latency": 0.012}
+SLIP = 0.034
+
+
+def track(seed: int, rate: float = 100.0) -> Track:
+    """Slow and fast circles both ways; gyro and wheels 0.1 % off, a slipping rear axle."""
+    rng = np.random.default_rng(seed)
+    dt, t = 0.01, np.arange(0.0, 52.0, 0.01)
+    leg = (t // 6.5).astype(int)
+    v = np.where(leg % 4 < 2, 0.4, 0.8)
+    omega = np.convolve(np.where(leg % 2 == 0, 1.0, -1.0) * v / 0.55, np.ones(30) / 30, "same")
+    yaw = 0.3 + np.cumsum(omega) * dt
+    moved = (v - 1j * SLIP * v**2 * omega) * np.exp(1j * yaw) * dt
+    place = np.cumsum(moved) + (TRUE["marker_x"] + 1j * TRUE["marker_y"]) * np.exp(1j * yaw)
+    at = np.arange(1.0, 51.0, 1.0 / rate)
+    when = at - TRUE["latency"]
+    seen = np.column_stack([np.interp(when, t, place.real), np.interp(when, t, place.imag),
+                            np.interp(when, t, yaw) - TRUE["marker_yaw"]])
+    seen = seen + rng.normal(size=seen.shape) * (5e-4, 5e-4, 1e-3) + (1.0, -2.0, 0.0)
+    noisy = omega * 1.001 + 5e-4 + 0.01 * rng.normal(size=len(t))
+    told = np.cumsum(noisy) * dt
+    step = 0.999 * v * dt * np.exp(1j * told)
+    car = np.column_stack([np.cumsum(step).real, np.cumsum(step).imag, told])
+    return Track(t, car, v, at, seen)
+
+
+@pytest.mark.parametrize("rate", [100.0, 10.0])
+def test_the_intervals_hold_the_truth(rate):
+    errors = []
+    for seed in range(4):
+        found = fit_marker(track(seed, rate)).found
+        errors += [(found[n].value - TRUE[n]) / found[n].std for n in NAMES]
+        assert found["marker_x"].std < 1e-3
+        assert found["latency"].std < 4e-3
+    assert np.mean(np.abs(errors) < NINETY) >= 0.75
+    assert np.max(np.abs(errors)) < 4.0
+
+
+def test_poses_of_another_drive_are_refused():
+    mine, other = track(1), track(2)
+    wrong = replace(mine, seen=other.seen[::-1])
+    with pytest.raises(CalibrationFailed, match="do not fit"):
+        fit_marker(wrong)
+
+
+def test_a_source_that_saw_next_to_nothing_is_refused():
+    mine = track(1)
+    with pytest.raises(CalibrationFailed, match="too few"):
+        fit_marker(replace(mine, t_seen=mine.t_seen[:300], seen=mine.seen[:300]))
