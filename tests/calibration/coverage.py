@@ -1,6 +1,6 @@
 """How often the 90 % intervals of the measuring procedures hold the hidden truth.
 
-    python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu]
+    python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu] [esc] ...
 
 Slow (1 to 10 s a car and verb). Prints one row per quantity: how many intervals
 hold it, rms of error by standard error, worst error. The clock's intervals are wide
@@ -18,17 +18,19 @@ import numpy as np
 
 from dart_hal.calibration.clock import calibrate_clock
 from dart_hal.calibration.encoder import calibrate_encoder
+from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import calibrate_imu
-from dart_hal.calibration.measured import NINETY, Measured
+from dart_hal.calibration.measured import Measured
 from dart_hal.car import Car
 from dart_hal.config import Quantity
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Workshop
 from dart_hal.sim.truth import reveal
+from dart_hal.types import NINETY
 
 VERBS: dict[str, Callable[[Car, Workshop], Measured]] = {
     "clock": lambda car, workshop: calibrate_clock(car),
-    "encoder": calibrate_encoder, "imu": calibrate_imu}
+    "encoder": calibrate_encoder, "imu": calibrate_imu, "esc": calibrate_esc}
 
 
 def errors(verb: str, seed: int) -> dict[str, tuple[float, float]]:

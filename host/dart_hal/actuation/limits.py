@@ -14,6 +14,8 @@ LONGEST_VALIDITY = 0.5
 """s that one command may hold the car, whatever its sender asks for."""
 LONGEST_RAW = 0.2
 """s that raw pulses may hold the car: nobody calibrates at less than 10 Hz."""
+SILENT_US = 1000.0
+"""us; in the place of a missing pulse where its distance from neutral is asked for."""
 WILD = 10.0
 """rad, and times full throttle: beyond it a controller has diverged or speaks of
 degrees and per cent. Below, what is out of range is clipped and said."""
@@ -35,7 +37,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Pulses:
-    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us]."""
+    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us].
+
+    ``throttle_us`` 0.0: none at all, what the ESC of a broken wire gets.
+    """
 
     steering_us: float
     throttle_us: float
@@ -85,6 +90,18 @@ def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> f
         raise BadCommand(f"valid_for of {of} must be positive", found=repr(seconds),
                          expected=f"above 0, at most {longest} s")
     return min(seconds, longest)
+
+
+def silence(lifted: bool) -> float:
+    """A pulse [us] that stands for none: away from neutral, so that its end is a trip.
+
+    An ESC without pulses may hold its throttle for a second. Raises BadCommand on the floor.
+    """
+    if not lifted:
+        raise BadCommand("the ESC may be left without pulses with lifted wheels alone",
+                         found="throttle_us=None", expected="a pulse of 1000 to 2000 us",
+                         remedy="with car.raw(lifted=True): car.pulses(...)")
+    return SILENT_US
 
 
 class Arbiter:

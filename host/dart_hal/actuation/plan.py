@@ -179,6 +179,9 @@ class Planner:
         if self.raw.shortened:
             why.append(Limit.VALIDITY.value)
         servo, esc = self._raw_range()
+        if self.raw.throttle_us == 0.0:
+            held = clip(self.raw.steering_us, *servo)
+            return Plan(held, 0.0, self._map.angle(held), 0.0, True, tuple(why))
         steering_us, bounded = clip(self.raw.steering_us, *servo), clip(self.raw.throttle_us, *esc)
         if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):
             why.append(Limit.RANGE.value)

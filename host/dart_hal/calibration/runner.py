@@ -28,12 +28,17 @@ MOVES = 0.1  # m/s
 TURNS = 0.12  # rad/s at full lock: a tenth of what 0.35 m/s gives
 
 
-class DrivableCar(Protocol):
+class StatedCar(Protocol):
+    """A car that tells its State."""
+
+    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
+
+
+class DrivableCar(StatedCar, Protocol):
     """What the procedure needs of a Car."""
 
     files: CarFiles
 
-    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
     def stop(self) -> object: ...
     def refusals(self) -> tuple[str, ...]: ...

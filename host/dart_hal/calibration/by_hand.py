@@ -1,0 +1,60 @@
+"""Before a motor runs: do the wheels turn by hand, and does the encoder count it?
+
+A wheel that is blocked, an encoder that is unplugged and a battery that is empty all look alike
+to the throttle. Turned by hand they do not.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from dart_hal.config import CarFiles
+from dart_hal.errors import CalibrationFailed
+from dart_hal.ports import Workshop
+
+from .runner import StatedCar
+
+ROLLS_OUT = 1.5
+"""s: a push of the hand, and the wheels at rest again."""
+FEW = 5
+"""Edges; a hand turns the wheel by a turn of the ring or more, 20 of them."""
+
+
+class PushedCar(StatedCar, Protocol):
+    """What this needs of a Car."""
+
+    files: CarFiles
+
+    def stop(self) -> object: ...
+
+
+def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
+    """Have the wheels turned. Errors: CalibrationFailed that names a blocked wheel or the encoder."""
+    before = next(iter(car.states())).ticks
+    free = workshop.push()
+    edges = [state.ticks for state in car.states(duration=ROLLS_OUT)][-1] - before
+    if not free:
+        raise CalibrationFailed("a wheel is blocked", found="the wheels do not turn by hand",
+                                expected="wheels that turn freely",
+                                likely="a cable or a stone in a wheel, a gear without play",
+                                remedy="free it; then run it again")
+    if edges < FEW:
+        raise CalibrationFailed(
+            "the encoder does not count", found=f"{edges} edges while the wheels were turned by "
+            "hand", expected=f"{car.files.config.encoder.edges_per_rev} and more",
+            likely="unplugged, or its sensor too far from the ring",
+            remedy="turn a wheel by hand and watch dart-hal doctor")
+
+
+def name_silence(car: PushedCar, workshop: Workshop, found: str) -> CalibrationFailed:
+    """Why no edge came of a throttle: wheel, encoder or, what is left, the motor.
+
+    Stops the car first. Errors: CalibrationFailed for the first two.
+    """
+    car.stop()
+    turn_by_hand(car, workshop)
+    return CalibrationFailed(
+        "the motor does not answer", found=found, expected="wheels that turn",
+        likely="no battery or an empty one, the ESC switched off or not armed (it needs 2 s of "
+               "neutral after power-on), or a lead of the motor loose",
+        remedy="charge the battery, switch the ESC on; run it again")
