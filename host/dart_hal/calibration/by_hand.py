@@ -12,10 +12,12 @@ from dart_hal.config import CarFiles
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
 
-from .runner import StatedCar
+from .runner import AskingCar, NotSeen, StatedCar
 
 ROLLS_OUT = 1.5
 """s: a push of the hand, and the wheels at rest again."""
+PULL, PULLED = 0.3, 0.6
+"""Throttle that moves every car, and s for which it is tried."""
 FEW = 5
 """Edges; a hand turns the wheel by a turn of the ring or more, 20 of them."""
 
@@ -44,6 +46,33 @@ def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
             "hand", expected=f"{car.files.config.encoder.edges_per_rev} and more",
             likely="unplugged, or its sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
+
+
+def name_standstill(car: AskingCar, workshop: Workshop, seen: NotSeen) -> CalibrationFailed:
+    """The same on the floor, where the throttle of ``seen`` was a speed law's.
+
+    A motor that answers after all leaves ``seen`` as it was said. Errors: as ``name_silence``.
+    """
+    car.stop()
+    turn_by_hand(car, workshop)
+    return seen if _answers(car) else name_silence(car, workshop, seen.found or "no edges")
+
+
+def _answers(car: AskingCar) -> bool:
+    """Whether a pull of the motor makes edges; it ends with the first few."""
+    files = car.files
+    pull = files.neutral_us + PULL * files.config.throttle.span_us
+    try:
+        with car.raw():
+            before: int | None = None
+            for state in car.states(duration=PULLED):
+                before = state.ticks if before is None else before
+                if state.ticks - before >= FEW:
+                    return True
+                car.pulses(steering_us=files.config.steering.center_us, throttle_us=pull)
+    finally:
+        car.stop()
+    return False
 
 
 def name_silence(car: PushedCar, workshop: Workshop, found: str) -> CalibrationFailed:

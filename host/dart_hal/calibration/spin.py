@@ -50,9 +50,7 @@ class Spin:
     """One pulse held: ``pulse_us`` (0.0: none); edges of the ring, every second one.
 
     t [s] of the Nano's clock, since ``began``, the State before the first whose pins carried the
-    pulse; x [m] of the tread, unsigned; ``ended`` [s] as t.
-    Of two edges one is the rise of a mark and one its fall: counted in pairs, the width of the
-    marks drops out.
+    pulse; x [m] of the tread, unsigned, as ``places`` has them; ``ended`` [s] as t.
     """
 
     pulse_us: float
@@ -154,18 +152,28 @@ class Spinner:
         carried = (k for k, (_, s) in enumerate(pairs)
                    if abs(s.applied.throttle_us - pulse_us) < 0.5 * self.count)
         pairs = pairs[max(next(carried, 0) - 1, 0):]
+        t, x = places([sample for sample, _ in pairs], self._metres)
         began = pairs[0][0].t_dev
-        t, x = [], []
-        last = pairs[0][0].ticks
-        for sample, _ in pairs:
-            ticks, at = sample.ticks, sample.edge_t
-            if ticks % 2:
-                ticks, at = ticks - 1, at - sample.edge_dt if sample.edge_dt else -np.inf
-            if ticks > last and at > began:
-                t.append(at - began)
-                x.append((ticks - pairs[0][0].ticks) * self._metres)
-                last = ticks
-        return Spin(pulse_us, np.array(t), np.array(x), began, pairs[-1][0].t_dev - began)
+        return Spin(pulse_us, t, x, began, pairs[-1][0].t_dev - began)
+
+
+def places(samples: Sequence[Sample], metres_per_edge: float) -> tuple[FloatArray, FloatArray]:
+    """(t [s] of the Nano's clock since the first sample, way [m]) of every second edge seen.
+
+    Of two edges one is the rise of a mark and one its fall: counted in pairs, the width of the
+    marks drops out.
+    """
+    first = samples[0]
+    t, x, last = [], [], first.ticks
+    for sample in samples:
+        ticks, at = sample.ticks, sample.edge_t
+        if ticks % 2:
+            ticks, at = ticks - 1, at - sample.edge_dt if sample.edge_dt else -np.inf
+        if ticks > last and at > first.t_dev:
+            t.append(at - first.t_dev)
+            x.append((ticks - first.ticks) * metres_per_edge)
+            last = ticks
+    return np.array(t), np.array(x)
 
 
 @contextmanager
