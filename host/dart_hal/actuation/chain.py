@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import cast
 
-from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, number, silence, validity
+from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
-from dart_hal.actuation.plan import RAW_HIGH_US, RAW_LOW_US, Output, Plan, Planner
+from dart_hal.actuation.plan import Output, Plan, Planner
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
@@ -151,17 +151,8 @@ class Actuator:
         self._planner.obey(self.demand())
         with self._tripping():
             self._in_order(now)
-            asked = silence(self.demand().full_range) if throttle_us is None else throttle_us
-            steering, throttle = (number(name, pulse, "raw") for name, pulse in (
-                ("steering_us", steering_us), ("throttle_us", asked)))
-            for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
-                if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
-                    raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
-                                     expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
-            seconds = validity(valid_for, "raw", LONGEST_RAW)
-            self._planner.raw = Pulses(steering, 0.0 if throttle_us is None else throttle,
-                                       throttle - self.neutral_us,
-                                       now + seconds, shortened=seconds < valid_for)
+            self._planner.raw = raw_pulses(steering_us, throttle_us, self.neutral_us,
+                                           self.demand().full_range, now, valid_for)
             plan = self._planner.plan(now, "raw")
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 

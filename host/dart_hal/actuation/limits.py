@@ -14,8 +14,8 @@ LONGEST_VALIDITY = 0.5
 """s that one command may hold the car, whatever its sender asks for."""
 LONGEST_RAW = 0.2
 """s that raw pulses may hold the car: nobody calibrates at less than 10 Hz."""
-SILENT_US = 1000.0
-"""us; in the place of a missing pulse where its distance from neutral is asked for."""
+RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
+"""What an ESC or a servo may be asked for at all: the range of every RC pulse."""
 WILD = 10.0
 """rad, and times full throttle: beyond it a controller has diverged or speaks of
 degrees and per cent. Below, what is out of range is clipped and said."""
@@ -92,16 +92,27 @@ def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> f
     return min(seconds, longest)
 
 
-def silence(lifted: bool) -> float:
-    """A pulse [us] that stands for none: away from neutral, so that its end is a trip.
+def raw_pulses(steering_us: object, throttle_us: object, neutral_us: float, lifted: bool,
+               now: float, valid_for: float) -> Pulses:
+    """Pulses [us] that servo and ESC can have; ``throttle_us`` None: none for the ESC.
 
-    An ESC without pulses may hold its throttle for a second. Raises BadCommand on the floor.
+    Without them an ESC may hold its throttle for a second, so that the wheels must be
+    ``lifted``; the end of the silence trips as that of a throttle does. Raises BadCommand.
     """
-    if not lifted:
+    if throttle_us is None and not lifted:
         raise BadCommand("the ESC may be left without pulses with lifted wheels alone",
                          found="throttle_us=None", expected="a pulse of 1000 to 2000 us",
                          remedy="with car.raw(lifted=True): car.pulses(...)")
-    return SILENT_US
+    asked = RAW_LOW_US if throttle_us is None else throttle_us
+    steering, throttle = number("steering_us", steering_us, "raw"), number("throttle_us", asked,
+                                                                           "raw")
+    for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
+        if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
+            raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
+                             expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
+    seconds = validity(valid_for, "raw", LONGEST_RAW)
+    return Pulses(steering, 0.0 if throttle_us is None else throttle, throttle - neutral_us,
+                  now + seconds, shortened=seconds < valid_for)
 
 
 class Arbiter:

@@ -31,7 +31,7 @@ class PushedCar(StatedCar, Protocol):
 
 
 def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
-    """Have the wheels turned. Errors: CalibrationFailed that names a blocked wheel or the encoder."""
+    """Have the wheels turned. Errors: CalibrationFailed, a blocked wheel or the encoder by name."""
     before = next(iter(car.states())).ticks
     free = workshop.push()
     edges = [state.ticks for state in car.states(duration=ROLLS_OUT)][-1] - before

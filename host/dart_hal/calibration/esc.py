@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dart_hal.actuation.plan import RAW_HIGH_US
+from dart_hal.actuation.limits import RAW_HIGH_US
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
@@ -69,10 +69,10 @@ class Found:
 
 def plan(files: CarFiles) -> str:
     """What is coming, in one sentence: purpose, time, space, tools."""
-    return ("spins the wheels in the air, forward, at the brake, in reverse and for 8 s up to full "
-            "throttle, then leaves the ESC without pulses, to measure neutral, dead band, end of "
-            "the throttle, brake and signal loss: about 80 s, a bench; a stand under the chassis, "
-            "all four wheels free, fingers and cables away")
+    return ("spins the wheels in the air, forward, at the brake, in reverse and for 13 s up to "
+            "full throttle, then leaves the ESC without pulses, to measure neutral, dead band, end "
+            "of the throttle, brake and signal loss: about 80 s, a bench; a stand under the "
+            "chassis, all four wheels free, fingers and cables away")
 
 
 def calibrate_esc(car: LiftedCar, workshop: Workshop, *, progress: Progress = silent,
@@ -166,7 +166,8 @@ def _brake(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progres
             notes.append(f"the first pull below neutral {'brakes' if hard else 'only coasts'}: "
                          f"from {before:.1f} m/s of the tread to rest in {took:.2f} s")
     if reverse != "never" and workshop.wheels_turned() > 0:
-        raise CalibrationFailed("the wheels never turn backward", found="forward, below neutral too",
+        raise CalibrationFailed("the wheels never turn backward",
+                                found="forward, below neutral too",
                                 expected="backward after the brake",
                                 likely="pulses above and below neutral act alike: the ESC is set "
                                        "to one direction, or to a boat's or a plane's mode",

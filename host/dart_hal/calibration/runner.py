@@ -72,8 +72,8 @@ class Runner:
              throttle_us: float | None = None) -> list[State]:
         """Keep the steering pulse and a speed [m/s] for car time ``seconds``; 0 = standstill.
 
-        throttle_us: this pulse, whatever the speed becomes. Errors: CalibrationFailed at the first doubt about the speed, LinkLost and
-        what else the Car raises.
+        throttle_us: this pulse, whatever the speed becomes. Errors: CalibrationFailed at the
+        first doubt about the speed, LinkLost and what else the Car raises.
         """
         seen: list[State] = []
         start: float | None = None

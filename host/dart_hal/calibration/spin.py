@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 
 from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
-from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, CalibrationFailed
 from dart_hal.estimation.frames import Sample
 from dart_hal.ports import Workshop

@@ -1,8 +1,9 @@
 """``calibrate throttle``: the pulse that holds a speed, straight ahead.
 
 The car is brought to one speed after the other. Then its pulse is frozen, so that the unevenness
-of the ring moves nothing, and what is left of an acceleration is taken off with the motor's pull. Along a straight line as far as the floor allows; without one in a circle,
-where the tyres take some of the pull, which is taken off too and makes the result less exact.
+of the ring moves nothing, and what is left of an acceleration is taken off with the motor's pull.
+Along a straight line as far as the floor allows; without one in a circle, where the tyres take
+some of the pull, which is taken off too and makes the result less exact.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ NUDGE, NUDGED = 0.4, 1.0
 """m/s and s of the first pull, which shows which way the car goes."""
 FELT = 0.5
 """Share of the change of speed that the accelerometer must confirm: mount, tilt, filter."""
-PULL_STD, TURN_STD = 0.1, 0.5
+PULL_STD, TURN_STD = 0.1, 0.3
 """Relative errors of the paper's motor (of what takes off an acceleration) and of what its tyres
 take in a circle."""
 AVERAGED = 40
@@ -82,7 +83,8 @@ class Held:
 def floor_for(speed: float) -> float:
     """m of straight floor for one speed [m/s], from rest to rest."""
     measured = min(max(MEASURE / speed, MEASURE), LONGEST)
-    return speed * (PULLS_UP + SETTLE + TRIAL + 2.0 * LATE + measured) + speed**2 / (2.0 * ROLLS_OUT) + MARGIN
+    held = PULLS_UP + SETTLE + TRIAL + 2.0 * LATE + measured
+    return speed * held + speed**2 / (2.0 * ROLLS_OUT) + MARGIN
 
 
 def speeds_in(room: float) -> tuple[float, ...]:

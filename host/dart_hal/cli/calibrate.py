@@ -13,7 +13,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.bench import agreed, say_where_used
-from dart_hal.cli.calibrate_measured import clock, encoder, imu
+from dart_hal.cli.calibrate_measured import clock, encoder, esc, imu, throttle
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.session import opened
@@ -30,9 +30,8 @@ def command() -> None:
     """Measure this car and write calibration.toml."""
 
 
-command.add_command(clock)
-command.add_command(encoder)
-command.add_command(imu)
+for verb in (clock, esc, throttle, encoder, imu):
+    command.add_command(verb)
 
 
 @command.command("steering")

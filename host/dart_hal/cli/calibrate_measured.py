@@ -1,4 +1,4 @@
-"""``dart-hal calibrate clock | encoder | imu``: procedures that end in quantities, not in a map."""
+"""``dart-hal calibrate clock | esc | throttle | encoder | imu``: they end in quantities."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from rich.table import Table
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
+from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import UNITS, Measured, write
+from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
 from dart_hal.cli.options import F, Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.config import Quantity
+from dart_hal.config import DriveTable, Quantity
 from dart_hal.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Workshop
@@ -102,6 +104,40 @@ def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
 
+@click.command("esc")
+@measuring
+def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+        as_json: bool) -> None:
+    """Neutral, dead band, brake, reverse and end of the throttle; wheels lifted.
+
+    The car stands on a stand and spins its wheels, up to full throttle; you turn
+    a wheel by hand and say which way they turned. Measure the clock first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_esc(car, workshop, progress=progress, ask=ask, source=car.url)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("throttle")
+@measuring
+@click.option("--room", type=Number(0.0, 30.0), default=ROOM, show_default=True, metavar="METRES",
+              help="straight floor; more of it reaches faster speeds, below 2.5 m the car circles "
+                   "on 3 m x 3 m")
+def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+             room: float, as_json: bool) -> None:
+    """Which pulse holds which speed, for drive_speed's feed-forward.
+
+    The car drives from rest to rest at one speed after the other; you put it back
+    to the start. Measure esc and encoder first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_throttle(car, workshop, progress=progress, ask=ask, source=car.url,
+                                  room=room)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
 def measure(procedure: Procedure, url: str | None, car_name: str, cars: Path | None,
             dry_run: bool, yes: bool, as_json: bool) -> None:
     """Run a procedure with a bar, show what it found, ask, write."""
@@ -111,7 +147,7 @@ def measure(procedure: Procedure, url: str | None, car_name: str, cars: Path | N
         notices(car.notices)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)
-            workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
+            workshop: Workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
 
             def progress(fraction: float, text: str) -> None:
                 bar.update(task, completed=fraction, description=text)
@@ -162,6 +198,14 @@ def show(found: Measured) -> None:
             low, high = min(quantity.value), max(quantity.value)
             table.add_row(name, f"{len(quantity.value)} from {low:.3f} to {high:.3f}",
                           "per value (--json)", "")
+    for name, other in found.others.items():
+        if isinstance(other, DriveTable):
+            rows = zip(other.speed, other.pulse_us, other.std_us, strict=True)
+            for speed, pulse, std in rows:
+                table.add_row(f"{name} at {speed:.2f} m/s", f"{pulse:.2f} us", f"{std:.2g} us",
+                              f"{pulse - NINETY * std:.2f} to {pulse + NINETY * std:.2f}")
+        else:
+            table.add_row(name, other.replace("_", " "), "", "")
     results.print(table)
     results.print(f"{found.residual}, {found.duration:.0f} s of the car's time", markup=False)
     for note in found.notes:

@@ -33,8 +33,8 @@ from dart_hal.config.write import dump, save
 
 __all__ = [
     "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "DriveTable", "EffectEntry", "ModelFile",
-    "PaperForm", "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders", "cars_home",
-    "check_calibration", "dump", "left_aside", "load_car", "load_model", "named_folders",
-    "parse_calibration", "parse_car", "parse_config", "parse_model", "plain", "save",
-    "save_calibration", "save_model",
+    "PaperForm", "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders",
+    "cars_home", "check_calibration", "dump", "left_aside", "load_car", "load_model",
+    "named_folders", "parse_calibration", "parse_car", "parse_config", "parse_model", "plain",
+    "save", "save_calibration", "save_model",
 ]

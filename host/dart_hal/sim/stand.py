@@ -1,4 +1,4 @@
-"""A car on a stand: the ground carries no wheel, so that they spin against the drive train alone."""
+"""A car on a stand: no wheel touches the ground, all spin against the drive train alone."""
 
 from __future__ import annotations
 

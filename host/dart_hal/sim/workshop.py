@@ -1,4 +1,4 @@
-"""Chalk, tape, scale and hands in the virtual world: what a person could measure, as well as one can."""
+"""Chalk, tape, scale and hands in the virtual world: what a person could measure and do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from dart_hal.ports.workshop import SCALE, SIGHT, TAPE
 from dart_hal.sim.world import Truth, World
-
 
 PUSH_CAR, PUSH_WHEEL, PUSHES = 4.0, 2.5, 0.3
 """N, and s: the car rolls by about 0.1 m, a wheel by about a turn."""
