@@ -32,6 +32,8 @@ LAW = 0.05
 per cent."""
 FEW = 8
 """Points of a stretch that say something about its curvature."""
+VAGUE = 2.5
+"""us, half a count of the PCA9685: known less well, a neutral is no better than 1500."""
 SHARP = 5.0
 """us, one sigma of a knee that counts as found."""
 PLATEAU = 3
@@ -57,7 +59,7 @@ class Force:
 
 
 def pull_begins(spins: Sequence[Spin], neutral: float) -> Force:
-    """Fit the stretches of one direction. Errors: CalibrationFailed without enough of them.
+    """Fit the stretches of one direction. Errors: CalibrationFailed where they say too little.
 
     The standard error is a jackknife over stretches: friction differs from one to the next.
     """
@@ -76,6 +78,12 @@ def pull_begins(spins: Sequence[Spin], neutral: float) -> Force:
     n = len(parts)
     std = math.sqrt((n - 1) / n * float(np.sum((left - left.mean()) ** 2)))
     away = 100.0 if reference > neutral else -100.0
+    if 100.0 * std > VAGUE or whole[1] <= 0.0:
+        raise CalibrationFailed(
+            "the wheels do not speed up and slow down alike from one time to the next",
+            found=f"the motor begins to pull within {100.0 * std:.1f} us (one sigma), friction "
+                  f"{whole[1]:.1f} m/s2", expected=f"{VAGUE} us, a friction that slows down", likely="the encoder loses edges, a wheel rubs, or the "
+            "battery is nearly empty", remedy="dart-hal doctor; run it again")
     begin = Estimate(reference + away * whole[0], math.hypot(100.0 * std, LAW), "us")
     return Force(begin, whole[1], whole[2], rms)
 

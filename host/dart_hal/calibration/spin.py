@@ -134,18 +134,24 @@ class Spinner:
             change = abs(state.speed - first.speed)
             if change > SPEEDS_UP and abs(felt) > FELT * change:
                 raise _on_the_floor(f"the car sped up by {abs(felt):.1f} m/s with its wheels")
-            self._send(pulse_us)
+            self._send(pulse_us, state)
             if state.t - start >= seconds:
                 break
         return self._log.pairs()
 
-    def _send(self, pulse_us: float | None) -> None:
+    def _send(self, pulse_us: float | None, state: State) -> None:
         try:
             self._car.pulses(steering_us=self._center, throttle_us=pulse_us)
         except BadCommand as error:
-            if "CAR_MOVES" in self._car.causes:
-                raise _on_the_floor("the IMU moves") from error
-            raise
+            if "CAR_MOVES" not in self._car.causes:
+                raise
+            if state.accel_x is None:
+                raise CalibrationFailed(
+                    "no data of the IMU", found="its samples are not valid",
+                    expected="100 samples per second: they show that the car stays on its stand",
+                    likely="IMU unplugged, or reset by a voltage drop", remedy="dart-hal doctor"
+                ) from error
+            raise _on_the_floor("the IMU moves") from error
 
     def _spin(self, pulse_us: float, pairs: Sequence[tuple[Sample, State]]) -> Spin:
         carried = (k for k, (_, s) in enumerate(pairs)
