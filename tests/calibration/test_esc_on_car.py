@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hidden_errors import errors
 
-from dart_hal.calibration import esc_fit
+from dart_hal.calibration import esc, esc_fit
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.esc_fit import knee, pull_begins
 from dart_hal.calibration.measured import write
@@ -132,6 +132,15 @@ def test_more_hidden_escs(seed):
             if (z := abs(e) / std) > 3.5} == {}
 
 
+@pytest.mark.more
+@pytest.mark.emulator
+def test_the_firmware_counts_as_well(tmp_path):
+    result = Watched("sim://?nano=avr&seed=3", tmp_path).calibrate()
+    true = reveal(3)["sensors"]
+    assert set(result.quantities) == QUANTITIES
+    assert all(abs(q.value - true[n]) < 3.5 * q.std for n, q in result.quantities.items())
+
+
 @pytest.mark.slow
 def test_intervals_of_30_hidden_cars_hold_the_truth():
     rows = [errors("esc", seed) for seed in range(1, 31)]
@@ -168,6 +177,14 @@ class NoReverse(Esc):
         self._set(type(self.mode).BRAKING, 0.0, level)
 
 
+class DragBrake(Esc):
+    """It brakes a little at neutral."""
+
+    def _neutral(self, t: float) -> None:
+        super()._neutral(t)
+        self.brake = 0.1
+
+
 def as_esc(kind, **params):
     def alter(world):
         world.esc = kind(replace(world.esc.params, **params))
@@ -178,7 +195,7 @@ def as_esc(kind, **params):
 @pytest.mark.parametrize(("kind", "params", "reverse", "absent"), [
     (AtOnce, {}, "at_once", {"reverse_rest"}),
     (NoReverse, {}, "never", {"reverse_rest", "neutral_us", "deadband_forward_us",
-                              "deadband_reverse_us"}),
+                              "deadband_reverse_us", "saturation_us"}),
     (Esc, {"reverse_gap": 0.3}, "after_brake", set()),
     (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
     (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
@@ -192,6 +209,19 @@ def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
         assert found is None or abs(found.value - value) < 3.0 * found.std
     if absent - {"reverse_rest"}:
         assert any(note.startswith("caution:") for note in result.notes)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("taken_off", [True, False])
+def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
+    """Control: not taken off, it moves neutral by 4 us, for the motor pulls less in reverse."""
+    if not taken_off:
+        monkeypatch.setattr(esc, "DRAG", float("inf"))
+    result = Watched(f"{URL}5", tmp_path, as_esc(DragBrake)).calibrate()
+    q, true = result.quantities["throttle.neutral_us"], reveal(5)["sensors"]["throttle.neutral_us"]
+    assert (abs(q.value - true) < 3.5 * q.std) == taken_off
+    assert (abs(q.value - true) > 3.0) != taken_off
+    assert any("brakes at neutral" in note for note in result.notes) == taken_off
 
 
 def test_a_knee_that_is_not_there_is_not_found():

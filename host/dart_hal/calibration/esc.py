@@ -11,11 +11,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec import structs
 
 from dart_hal.actuation.limits import RAW_HIGH_US
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
+from dart_hal.types import Estimate
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import turn_by_hand
@@ -53,17 +55,25 @@ WRITTEN = 0.002
 """s from the State to the write that answers it: 44 bytes on the line, and the bus."""
 APART = 4
 """Frames between the two edges of a speed: over 40 ms the places of the marks count little."""
+TIMED = 0.01
+"""Share of the friction that the timing of one roll leaves: 2 ms of 0.2 s."""
+DRAG = 0.05
+"""Share of the friction from which a brake at neutral is believed."""
 HARD = 0.6
 """Share of the time of coasting in which wheels that are braked are at rest."""
 
 
 @dataclass
 class Found:
-    """What came out so far."""
+    """What came out so far: the forces either way, the end of the throttle [us], what of the
+    friction is a brake at neutral [m/s2]."""
 
-    neutral: float = 0.0
-    quantities: dict[str, Quantity] = field(default_factory=dict)
+    forward: Force
+    backward: Force | None = None
+    end: Estimate | None = None
+    drag: Estimate | None = None
     reverse: str = "never"
+    quantities: dict[str, Quantity] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -92,18 +102,19 @@ def calibrate_esc(car: LiftedCar, workshop: Workshop, *, progress: Progress = si
         progress(0.0, "turning a wheel by hand")
         turn_by_hand(car, workshop)
         forward, first = _forward(car, workshop, log, progress)
-        found = Found()
+        found = Found(forward)
         found.reverse = _brake(car, workshop, log, progress, first, forward, found.notes)
-        _onsets(car, workshop, log, progress, first, forward, found)
+        _backward(car, workshop, log, progress, first, found)
         with spinning(car, workshop, log) as spin:
             progress(0.75, "up to full throttle")
             _full(spin, first, found)
         with spinning(car, workshop, log) as spin:
             progress(0.92, "without pulses")
-            _lost(spin, first, forward, found)
+            _lost(spin, first, found)
     finally:
         car.stop()
         workshop.set_down()
+    _conclude(found, files)
     return Measured(
         files.config.name, source or files.config.name, "esc",
         {f"throttle.{name}": q for name, q in found.quantities.items()},
@@ -173,8 +184,8 @@ def _brake(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progres
                                        "to one direction, or to a boat's or a plane's mode",
                                 remedy="set the ESC to forward, brake, reverse")
     if reverse == "never":
-        notes.append(f"caution: no reverse, even {RESTED:.0f} s after the brake; neutral and the "
-                     "dead band behind it are not known without it")
+        notes.append(f"caution: no reverse, even {RESTED:.0f} s after the brake; neutral and what "
+                     "is measured from it are not known without it")
     return reverse
 
 
@@ -182,9 +193,9 @@ def _mirrored(spin: Spinner, first: float) -> float:
     return spin.whole(2.0 * spin.neutral - first - LEVELS[-1])
 
 
-def _onsets(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progress, first: float,
-            forward: Force, found: Found) -> None:
-    """Dead band both ways, and neutral in its middle."""
+def _backward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progress,
+              first: float, found: Found) -> None:
+    """The rest before reverse, and the force behind."""
     if found.reverse == "never":
         return
     with spinning(car, workshop, log) as spin:
@@ -194,18 +205,7 @@ def _onsets(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progre
         spin.hold(RESTED, spin.neutral)
         progress(0.58, "in reverse")
         behind = _first_motion(spin, -1.0)
-        backward = pull_begins(_levels(spin, behind, -1.0), spin.neutral)
-    ahead, back = forward.begin, backward.begin
-    middle, half = 0.5 * (ahead.value + back.value), 0.5 * (ahead.value - back.value)
-    spread = 0.5 * math.hypot(ahead.std, back.std)
-    clock = _clock(car.files)
-    found.neutral = middle
-    levels = f"{len(ORDER)} stretches each way, wheels lifted"
-    found.quantities |= {
-        "neutral_us": Quantity(middle, math.hypot(spread, middle * clock), levels),
-        "deadband_forward_us": Quantity(half, math.hypot(spread, half * clock), levels),
-        "deadband_reverse_us": Quantity(half, math.hypot(spread, half * clock), levels)}
-    found.notes.append("neutral is the middle between where the motor begins to pull either way")
+        found.backward = pull_begins(_levels(spin, behind, -1.0), spin.neutral)
 
 
 def _rest(spin: Spinner, first: float) -> Quantity:
@@ -233,27 +233,22 @@ def _rest(spin: Spinner, first: float) -> Quantity:
 
 def _full(spin: Spinner, first: float, found: Found) -> None:
     """Where more pulse gives no more speed."""
-    neutral = found.neutral or spin.neutral
-    low, high = neutral + FULL[0], min(neutral + FULL[1], RAW_HIGH_US - spin.count)
+    low = spin.neutral + FULL[0]
+    high = min(spin.neutral + FULL[1], RAW_HIGH_US - spin.count)
     pulses = [spin.whole(p) for p in np.arange(low, high, STEP)]
     spin.hold(HELD, first + LEVELS[-1], turns=True)
     spin.hold(HELD, pulses[0], turns=True)
     up, down = ([spin.hold(FULL_HELD, p, turns=True).speed(0.5 * FULL_HELD) for p in way]
                 for way in (pulses, pulses[::-1]))
-    end = knee(np.array(pulses), 0.5 * (np.array(up) + np.array(down[::-1])))
-    if end is None:
+    found.end = knee(np.array(pulses), 0.5 * (np.array(up) + np.array(down[::-1])))
+    if found.end is None:
         found.notes.append(f"caution: the wheels still speed up at {pulses[-1]:.0f} us; the end of "
                            "the throttle is not measured")
-        return
-    at = found.quantities.get("neutral_us")
-    std = math.hypot(end.std, at.std if at else 0.0)
-    found.quantities["saturation_us"] = Quantity(end.value - neutral, std,
-                                                 f"{len(pulses)} pulses, wheels lifted")
 
 
-def _lost(spin: Spinner, first: float, forward: Force, found: Found) -> None:
-    """How long the motor pulls on when the pulses end."""
-    seconds, kinds = [], []
+def _lost(spin: Spinner, first: float, found: Found) -> None:
+    """How long the motor pulls on when the pulses end, and how the wheels roll out then."""
+    seconds, drags = [], []
     for _ in range(LOSSES):
         before = spin.hold(2.0 * HELD, first + LEVELS[QUICK], turns=True).speed(0.2)
         gone = spin.hold(0.5 * LONGEST_LOSS, None)
@@ -266,25 +261,32 @@ def _lost(spin: Spinner, first: float, forward: Force, found: Found) -> None:
             seconds.append(0.5 * LONGEST_LOSS)
         else:
             seconds.append(0.0)
-        after, hard = _let_go(gone, forward)
+        after, drag = _let_go(gone, found.forward)
         seconds[-1] += after - WRITTEN + 0.5 * FRAME
-        kinds.append(hard)
+        drags.append(drag)
         spin.hold(RESTED, spin.neutral)
     found.quantities["signal_loss"] = Quantity(
         float(np.mean(seconds)), max(LOST_STD, float(np.ptp(seconds)) / 2.0) / math.sqrt(LOSSES),
         f"{LOSSES} times without pulses, wheels lifted")
-    found.notes.append(f"without pulses the ESC {'brakes' if all(kinds) else 'lets the car roll'}")
+    rolls = [drag for drag in drags if drag is not None]
+    found.notes.append(f"without pulses the ESC {'lets the car roll' if rolls else 'brakes'}")
+    if len(rolls) == LOSSES:
+        found.drag = Estimate(float(np.mean(rolls)), max(
+            float(np.std(rolls, ddof=1)), TIMED * found.forward.a) / math.sqrt(LOSSES), "m/s2")
 
 
-def _let_go(gone: Spin, forward: Force) -> tuple[float, bool]:
-    """(s from the order to where the wheels begin to slow down, whether they are braked)."""
+def _let_go(gone: Spin, forward: Force) -> tuple[float, float | None]:
+    """(s from the order to where the wheels begin to slow down, what of the friction at neutral
+    is gone then [m/s2], None: they are braked)."""
     x, t = gone.x, gone.t
     speeds = (x[APART:] - x[:-APART]) / (t[APART:] - t[:-APART])
     middles, before = 0.5 * (t[APART:] + t[:-APART]), float(np.max(speeds))
-    three, two = (_crossing(middles, speeds, share * before) for share in (0.75, 0.5))
-    hard = two - three < HARD * forward.coasting(0.75 * before, 0.5 * before)
-    back = two - three if hard else forward.coasting(before, 0.75 * before)
-    return three - back, hard
+    fast, slow = 0.75 * before, 0.35 * before
+    begin, end = (_crossing(middles, speeds, level) for level in (fast, slow))
+    if end - begin < HARD * forward.coasting(fast, slow):
+        return begin - (end - begin) * (before - fast) / (fast - slow), None
+    drag = forward.drag(fast, slow, end - begin)
+    return begin - forward.coasting(before, fast, drag), drag
 
 
 def _crossing(t: np.ndarray, speeds: np.ndarray, level: float) -> float:
@@ -294,6 +296,31 @@ def _crossing(t: np.ndarray, speeds: np.ndarray, level: float) -> float:
         return float(t[-1])
     share = (speeds[last] - level) / (speeds[last] - speeds[last + 1])
     return float(t[last] + share * (t[last + 1] - t[last]))
+
+
+def _conclude(found: Found, files: CarFiles) -> None:
+    """Neutral and what is measured from it; a brake at neutral is taken off."""
+    forward, backward, drag = found.forward, found.backward, found.drag
+    if backward is None:
+        return
+    ahead, back = forward.begin, backward.begin
+    if drag and drag.value > max(3.0 * drag.std, DRAG * forward.a):
+        ahead, back = forward.without(drag), backward.without(drag)
+        found.notes.append(f"the ESC brakes at neutral, {drag.value:.1f} of {forward.a:.1f} m/s2: "
+                           "taken off by how the wheels roll without pulses")
+    middle, half = 0.5 * (ahead.value + back.value), 0.5 * (ahead.value - back.value)
+    spread = 0.5 * math.hypot(ahead.std, back.std)
+    clock = _clock(files)
+    neutral = Quantity(middle, math.hypot(spread, middle * clock),
+                       f"{len(ORDER)} stretches each way, wheels lifted")
+    band = structs.replace(neutral, value=half, std=math.hypot(spread, half * clock))
+    found.quantities |= {"neutral_us": neutral, "deadband_forward_us": band,
+                         "deadband_reverse_us": band}
+    found.notes.append("neutral is the middle between where the motor begins to pull either way")
+    if found.end is not None:
+        found.quantities["saturation_us"] = Quantity(
+            found.end.value - middle, math.hypot(found.end.std, spread),
+            "pulses up to 500 us from neutral, wheels lifted")
 
 
 def _clock(files: CarFiles) -> float:

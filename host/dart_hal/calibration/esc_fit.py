@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import curve_fit
+from scipy.optimize import brentq, curve_fit
 
 from dart_hal.errors import CalibrationFailed
 from dart_hal.types import Estimate, FloatArray
@@ -44,18 +44,29 @@ PLATEAU = 3
 class Force:
     """Where the pull begins [us] of one direction; friction a [m/s2] and c [1/s] of the wheels.
 
-    rms [m] of what is left.
+    pull [m/s2 per us], against neutral negative; rms [m] of what is left.
     """
 
     begin: Estimate
+    pull: float
     a: float
     c: float
     rms: float
 
-    def coasting(self, fast: float, slow: float) -> float:
-        """s from one speed [m/s] to another without a pull."""
-        c = max(self.c, 1e-6)
-        return math.log((self.a + c * fast) / (self.a + c * slow)) / c
+    def coasting(self, fast: float, slow: float, drag: float = 0.0) -> float:
+        """s from one speed [m/s] to another without a pull, and without a ``drag`` [m/s2] of a."""
+        c, a = max(self.c, 1e-6), self.a - drag
+        return math.log((a + c * fast) / (a + c * slow)) / c
+
+    def drag(self, fast: float, slow: float, seconds: float) -> float:
+        """How much of a [m/s2] is missing where that took so many s instead."""
+        return float(brentq(lambda drag: self.coasting(fast, slow, drag) - seconds,
+                            -3.0 * self.a, 0.95 * self.a))
+
+    def without(self, drag: Estimate) -> Estimate:
+        """Where the pull begins if ``drag`` of the friction was a brake at neutral."""
+        return Estimate(self.begin.value + drag.value / self.pull,
+                        math.hypot(self.begin.std, drag.std / self.pull), self.begin.unit)
 
 
 def pull_begins(spins: Sequence[Spin], neutral: float) -> Force:
@@ -82,10 +93,12 @@ def pull_begins(spins: Sequence[Spin], neutral: float) -> Force:
         raise CalibrationFailed(
             "the wheels do not speed up and slow down alike from one time to the next",
             found=f"the motor begins to pull within {100.0 * std:.1f} us (one sigma), friction "
-                  f"{whole[1]:.1f} m/s2", expected=f"{VAGUE} us, a friction that slows down", likely="the encoder loses edges, a wheel rubs, or the "
-            "battery is nearly empty", remedy="dart-hal doctor; run it again")
+                  f"{whole[1]:.1f} m/s2",
+            expected=f"{VAGUE} us, and a friction that slows down",
+            likely="the encoder loses edges, a wheel rubs, or the battery is nearly empty",
+            remedy="dart-hal doctor; run it again")
     begin = Estimate(reference + away * whole[0], math.hypot(100.0 * std, LAW), "us")
-    return Force(begin, whole[1], whole[2], rms)
+    return Force(begin, whole[3] / away, whole[1], whole[2], rms)
 
 
 def _rows(spin: Spin, neutral: float, reference: float) -> tuple[FloatArray, FloatArray] | None:
@@ -114,15 +127,15 @@ def _rows(spin: Spin, neutral: float, reference: float) -> tuple[FloatArray, Flo
     return columns - q @ (q.T @ columns), x - q @ (q.T @ x)
 
 
-def _solve(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[tuple[float, float, float],
-                                                                   float]:
-    """((P from the reference [100 us, away from neutral], A, C), rms [m])."""
+def _solve(parts: Sequence[tuple[FloatArray, FloatArray]]
+           ) -> tuple[tuple[float, float, float, float], float]:
+    """((P from the reference [100 us, away from neutral], A, C, K [per 100 us]), rms [m])."""
     columns = np.concatenate([c for c, _ in parts])
     travel = np.concatenate([x for _, x in parts])
     scale = np.linalg.norm(columns, axis=0)
     found = np.linalg.lstsq(columns / scale, travel, rcond=None)[0] / scale
     rms = float(np.sqrt(np.mean((travel - columns @ found) ** 2)))
-    return (float(found[1] / found[0]), float(found[4]), float(found[5])), rms
+    return (float(found[1] / found[0]), float(found[4]), float(found[5]), float(found[0])), rms
 
 
 def knee(pulses: FloatArray, speeds: FloatArray) -> Estimate | None:
