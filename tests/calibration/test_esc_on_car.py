@@ -197,6 +197,7 @@ def as_esc(kind, **params):
     (NoReverse, {}, "never", {"reverse_rest", "neutral_us", "deadband_forward_us",
                               "deadband_reverse_us", "saturation_us"}),
     (Esc, {"reverse_gap": 0.3}, "after_brake", set()),
+    (Esc, {"reverse_gap": 0.8}, "after_brake", set()),
     (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
     (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
 def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
@@ -253,6 +254,13 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
     assert not list(tmp_path.rglob("calibration.toml"))
     assert watched.pulled_after(watched.world.t) < -0.4
     assert watched.world.stand is None
+
+
+def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
+    watched = Watched(f"{URL}5", tmp_path)
+    watched.backend.workshop.wheels_turned = lambda: 0
+    with watched.car, pytest.raises(CalibrationFailed, match="counts wheels that stand"):
+        watched.calibrate()
 
 
 def test_nothing_turns_unless_it_was_agreed(tmp_path):

@@ -37,11 +37,10 @@ HELD = 0.6
 """s of each; the wheels go half of the way in 0.15 s."""
 QUICK = 1
 """Index of the level from which is braked."""
-BRAKES, RESTS, RESTED = 0.6, 25, 1.0
-"""s of a pull below neutral; PWM frames of neutral between two pulls, at most (0.5 s), and s of
-it after which every ESC reverses that does so at all."""
 FRAME = 0.02
 """s of a PWM frame."""
+BRAKES, RESTED = 0.6, 1.0
+"""s of a pull below neutral; s of neutral after which every ESC reverses that does so at all."""
 TURNING = 0.15
 """m/s of wheels that turn at the end of a stretch."""
 FULL, STEP, FULL_HELD = (300.0, 500.0), 10.0, 0.3
@@ -133,7 +132,13 @@ def _forward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progr
         progress(0.05, "looking for the first motion")
         first = _first_motion(spin, 1.0)
         spin.hold(HELD, first + LEVELS[QUICK], turns=True)
-    if workshop.wheels_turned() < 0:
+    turned = workshop.wheels_turned()
+    if turned == 0:
+        raise CalibrationFailed(
+            "the encoder counts wheels that stand", found=f"{FIRST} edges and more",
+            expected="none", likely="a loose cable, light or a magnet at the sensor",
+            remedy="shade the sensor, shorten its wires; dart-hal doctor")
+    if turned < 0:
         raise CalibrationFailed(
             "a pulse above neutral turns the wheels backward",
             found=f"backward at {first:.0f} us", expected="forward",
@@ -214,7 +219,7 @@ def _rest(spin: Spinner, first: float) -> Quantity:
     m frames of neutral hold m - 1 periods between their first pulse and their last.
     """
     fast, back = spin.whole(first + LEVELS[QUICK]), _mirrored(spin, first)
-    short, long = 0, RESTS
+    short, long = 0, round(RESTED / FRAME)
     while long - short > 1:
         frames = (short + long) // 2
         spin.hold(0.5 * HELD, fast)
