@@ -41,14 +41,16 @@ LEAN = 0.3
 ROOM, LEAST_ROOM = 4.0, 2.5
 """m of straight floor; with less than that a circle tells more."""
 REPEATS = 2
-PULLS_UP, SETTLE = 0.5, 0.8
-"""s until a speed is reached, and s until the loop is quiet."""
+PULLS_UP, SETTLE = (0.3, 0.35), 0.8
+"""s, and s for each m/s, until a speed is reached; s until the loop is quiet."""
 MEASURE, LONGEST, CIRCLING = 0.8, 2.0, 2.5
 """m (at least s) of a measurement, at most s; s of one in a circle."""
 ROLLS_OUT, MARGIN = 1.05, 0.2
 """m/s2 of the friction, at least; m of floor behind it."""
-NUDGE, NUDGED = 0.4, 1.0
-"""m/s and s of the first pull, which shows which way the car goes."""
+NUDGE, NUDGED = 0.4, 4.0
+"""m/s, and s at most, of the first pull, which shows which way the car goes."""
+UNSETTLED = 0.8
+"""m/s2 that no frozen pulse leaves of a settled speed: 25 us of it."""
 FELT = 0.5
 """Share of the change of speed that the accelerometer must confirm: mount, tilt, filter."""
 PULL_STD, TURN_STD = 0.1, 0.3
@@ -80,10 +82,15 @@ class Held:
     taken_us: float
 
 
+def _pulls_up(speed: float) -> float:
+    """s until it is reached."""
+    return PULLS_UP[0] + PULLS_UP[1] * speed
+
+
 def floor_for(speed: float) -> float:
     """m of straight floor for one speed [m/s], from rest to rest."""
     measured = min(max(MEASURE / speed, MEASURE), LONGEST)
-    held = PULLS_UP + SETTLE + TRIAL + 2.0 * LATE + measured
+    held = _pulls_up(speed) + SETTLE + TRIAL + 2.0 * LATE + measured
     return speed * held + speed**2 / (2.0 * ROLLS_OUT) + MARGIN
 
 
@@ -149,7 +156,7 @@ def _nudge(car: ThrottleCar) -> None:
             still = runner.hold(0.3, center, 0.0)
             offset = float(np.mean([s.accel_x or 0.0 for s in still]))
             felt, seen = 0.0, still[-1:]
-            while seen[-1].t - seen[0].t < 4.0 * NUDGED and abs(seen[-1].speed) < NUDGE:
+            while seen[-1].t - seen[0].t < NUDGED and abs(seen[-1].speed) < NUDGE:
                 seen += runner.hold(0.0, center, NUDGE)
                 felt += 0.01 * ((seen[-1].accel_x or 0.0) - offset)
             if seen[-1].ticks == seen[0].ticks:
@@ -187,7 +194,7 @@ def _straight(car: ThrottleCar, workshop: Workshop, log: SensorLog, room: float,
                 runner = Runner(car)
                 here = rest(runner, car.files.config.steering.center_us)
                 keep = _along(runner, Straight(car.files, here.pose), speed, here)
-                keep(PULLS_UP, None)
+                keep(_pulls_up(speed), None)
                 held.append(_measure(keep, log, speed, car.files,
                                      min(max(MEASURE / speed, MEASURE), LONGEST)))
         finally:
@@ -218,7 +225,7 @@ def _circle(car: ThrottleCar, log: SensorLog, progress: Progress) -> list[Held]:
         runner.start_moving(pulse, CIRCLE[0], 0.0, True)
         for k, speed in enumerate(order):
             progress(0.1 + 0.9 * k / len(order), f"{speed} m/s in a circle")
-            runner.hold(PULLS_UP, pulse, speed)
+            runner.hold(_pulls_up(speed), pulse, speed)
             held.append(_measure(_round(runner, pulse, speed), log, speed, car.files, CIRCLING))
     return held
 
@@ -258,6 +265,12 @@ def _moved(log: SensorLog, target: float, seconds: float, files: CarFiles) -> tu
                       likely="battery low, something in the way, or a loose wire",
                       remedy="charge the battery; dart-hal doctor")
     acceleration, speed, _ = np.polyfit(t - t.mean(), x, 2) * (2.0, 1.0, 1.0)
+    if abs(acceleration) > UNSETTLED:
+        raise CalibrationFailed(f"the car does not keep {target} m/s at a steady pulse",
+                                found=f"{acceleration:+.2f} m/s2 at {speed:.2f} m/s",
+                                expected=f"at most {UNSETTLED} m/s2",
+                                likely="the floor slopes, a wheel spins, or edges are lost",
+                                remedy="a level floor with grip; dart-hal doctor")
     return float(speed), float(acceleration)
 
 
