@@ -72,7 +72,9 @@ def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, ins
     dry = verb(*where, "--dry-run", "--json").json
     assert dry["written"] is None
     assert not list(tmp_path.rglob("calibration.toml"))
-    result = verb(*where)
+    picture = tmp_path / "throttle.png"
+    result = verb(*where, *(["--plot", str(picture)] if name == "throttle" else []))
+    assert picture.is_file() == (name == "throttle")
     text = (tmp_path / "sim-5" / "calibration.toml").read_text()
     assert f"{inside} = " in text
     assert f"{name} = {{source" in text

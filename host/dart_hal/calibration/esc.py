@@ -27,8 +27,6 @@ from .measured import Measured
 from .sensor_log import SensorLog
 from .spin import LiftedCar, Spin, Spinner, spinning
 
-SEARCH, FIRST = 200.0, 6
-"""us from neutral at which every ESC has begun to pull, and edges that show it."""
 LEVELS = (12.0, 25.0, 40.0, 60.0)
 """us beyond the first motion: 1 to 3 m/s of the tread."""
 ORDER = (3, 1, 2, 0, None, 2, 0, 3, None, 1, 3, 0, 1, None, 3, None)
@@ -130,12 +128,12 @@ def _forward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progr
     """(force ahead, pulse of the first motion [us])."""
     with spinning(car, workshop, log) as spin:
         progress(0.05, "looking for the first motion")
-        first = _first_motion(spin, 1.0)
+        first = spin.first_motion(1.0)
         spin.hold(HELD, first + LEVELS[QUICK], turns=True)
     turned = workshop.wheels_turned()
     if turned == 0:
         raise CalibrationFailed(
-            "the encoder counts wheels that stand", found=f"{FIRST} edges and more",
+            "the encoder counts wheels that stand", found=f"edges at {first:.0f} us",
             expected="none", likely="a loose cable, light or a magnet at the sensor",
             remedy="shade the sensor, shorten its wires; dart-hal doctor")
     if turned < 0:
@@ -147,11 +145,6 @@ def _forward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progr
     with spinning(car, workshop, log) as spin:
         progress(0.15, "forward")
         return pull_begins(_levels(spin, first, 1.0), spin.neutral), first
-
-
-def _first_motion(spin: Spinner, sign: float) -> float:
-    return spin.rise(spin.neutral + sign * 2.0 * spin.count, spin.neutral + sign * SEARCH,
-                     spin.count, 6, FIRST)
 
 
 def _levels(spin: Spinner, first: float, sign: float) -> list[Spin]:
@@ -209,7 +202,7 @@ def _backward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Prog
             found.quantities["reverse_rest"] = _rest(spin, first)
         spin.hold(RESTED, spin.neutral)
         progress(0.58, "in reverse")
-        behind = _first_motion(spin, -1.0)
+        behind = spin.first_motion(-1.0)
         found.backward = pull_begins(_levels(spin, behind, -1.0), spin.neutral)
 
 

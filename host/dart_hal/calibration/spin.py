@@ -25,6 +25,9 @@ SILENCE = 0.3
 """s without an edge of wheels that have to turn."""
 STANDS = 0.3
 """s of neutral from which the accelerometer's offset is taken."""
+SEARCH, STEP, FIRST = 200.0, 0.055, 6
+"""us from neutral at which every ESC has begun to pull, s of each count until there (three PWM
+frames), and edges that show it."""
 SPEEDS_UP, FELT = 0.3, 0.5
 """m/s by which the wheels change their speed until it is asked whether that was felt, and the
 share of it that is: lifted wheels give nothing, on the floor it is all of it."""
@@ -85,6 +88,7 @@ class Spinner:
         self._center = files.config.steering.center_us
         self._frames = iter(car.states())
         self.neutral = self.whole(files.neutral_us)
+        self._offset = 0.0
         still = self._run(STANDS, self.neutral, False)
         felt = [s.accel_x for _, s in still if s.accel_x is not None]
         self._offset = float(np.mean(felt)) if felt else 0.0
@@ -101,21 +105,19 @@ class Spinner:
         """
         return self._spin(pulse_us or 0.0, self._run(seconds, pulse_us, turns))
 
-    def rise(self, start: float, end: float, step_us: float, frames: int, edges: int) -> float:
-        """Go from pulse to pulse in steps of so many frames until so many edges have come.
+    def first_motion(self, sign: float) -> float:
+        """Go away from neutral, count by count, until the first edges come; that pulse [us].
 
-        Returns the pulse. Errors: NoEdges at the end, as ``hold``.
+        Errors: NoEdges where every ESC has begun to pull, else as ``hold``.
         """
-        sign = 1.0 if end > start else -1.0
-        step = max(round(step_us / self.count), 1) * self.count
-        pulse, seen = self.whole(start), 0
-        while sign * (end - pulse) > 0.0:
-            ran = self._run(0.01 * (frames - 0.5), pulse, False)
+        seen = 0
+        for counts in range(2, round(SEARCH / self.count)):
+            pulse = self.neutral + sign * counts * self.count
+            ran = self._run(STEP, pulse, False)
             seen += ran[-1][0].ticks - ran[0][0].ticks
-            if seen >= edges:
+            if seen >= FIRST:
                 return pulse
-            pulse += sign * step
-        raise NoEdges(f"{seen} edges up to {abs(end - self.neutral):.0f} us from neutral")
+        raise NoEdges(f"{seen} edges up to {SEARCH:.0f} us from neutral")
 
     def _run(self, seconds: float, pulse_us: float | None, turns: bool
              ) -> list[tuple[Sample, State]]:
@@ -130,7 +132,7 @@ class Spinner:
                 edge, edge_t = state.ticks, state.t
             if turns and state.t - edge_t > SILENCE:
                 raise NoEdges(f"no edge for {SILENCE} s at {pulse_us or 0.0:.0f} us")
-            felt += 0.01 * ((state.accel_x or 0.0) - getattr(self, "_offset", 0.0))
+            felt += 0.01 * ((state.accel_x or 0.0) - self._offset)
             change = abs(state.speed - first.speed)
             if change > SPEEDS_UP and abs(felt) > FELT * change:
                 raise _on_the_floor(f"the car sped up by {abs(felt):.1f} m/s with its wheels")

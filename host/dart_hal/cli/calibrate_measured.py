@@ -14,6 +14,7 @@ from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import UNITS, Measured, write
+from dart_hal.calibration.plot_throttle import plot_throttle
 from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
@@ -124,16 +125,23 @@ def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
 @click.option("--room", type=Number(0.0, 30.0), default=ROOM, show_default=True, metavar="METRES",
               help="straight floor; more of it reaches faster speeds, below 2.5 m the car circles "
                    "on 3 m x 3 m")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="picture of the pulses beside the model's")
 def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
-             room: float, as_json: bool) -> None:
+             room: float, plot: Path | None, as_json: bool) -> None:
     """Which pulse holds which speed, for drive_speed's feed-forward.
 
     The car drives from rest to rest at one speed after the other; you put it back
     to the start. Measure esc and encoder first.
     """
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
-        return calibrate_throttle(car, workshop, progress=progress, ask=ask, source=car.url,
-                                  room=room)
+        found = calibrate_throttle(car, workshop, progress=progress, ask=ask, source=car.url,
+                                   room=room)
+        table = found.others["throttle.drive"]
+        if plot is not None and isinstance(table, DriveTable):
+            plot_throttle(table, car.files, plot)
+            console.print(f"picture: {plot}")
+        return found
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
