@@ -109,7 +109,7 @@ def test_control_the_papers_car_would_be_off():
 
 
 @pytest.mark.more
-@pytest.mark.parametrize(("seed", "verb"), [(1, "throttle"), (2, "circle"), (4, "circle")])
+@pytest.mark.parametrize(("seed", "verb"), [(1, "throttle"), (2, "circle"), (21, "circle")])
 def test_more_hidden_cars(seed, verb):
     assert all(abs(e) < 3.5 * std for e, std in errors(verb, seed).values())
 

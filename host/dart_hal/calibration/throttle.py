@@ -15,7 +15,6 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
 from dart_hal.config import CarFiles, DriveTable
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
@@ -40,6 +39,8 @@ LEAN = 0.3
 """Of the steering command: 0.17 rad of road wheel by the paper's map, a radius of 1 m."""
 ROOM, LEAST_ROOM = 4.0, 2.5
 """m of straight floor; with less than that a circle tells more."""
+CIRCLE_SETTLES = 2.5
+"""s at a new speed of a circle, from above as well: a second of integral twice over."""
 REPEATS = 2
 PULLS_UP, SETTLE = (0.3, 0.35), 0.8
 """s, and s for each m/s, until a speed is reached; s until the loop is quiet."""
@@ -103,7 +104,7 @@ def plan(files: CarFiles, room: float = ROOM) -> str:
     """What is coming, in one sentence: purpose, time, space, tools."""
     speeds = speeds_in(room)
     if not speeds:
-        seconds = 2 * len(CIRCLE) * (SETTLE + CIRCLING) + 20.0
+        seconds = 2 * len(CIRCLE) * (CIRCLE_SETTLES + SETTLE + TRIAL + CIRCLING) + 15.0
         return (f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
                 f"speed: about {seconds:.0f} s, a level floor of 3 m x 3 m; no tools")
     seconds = REPEATS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
@@ -225,7 +226,7 @@ def _circle(car: ThrottleCar, log: SensorLog, progress: Progress) -> list[Held]:
         runner.start_moving(pulse, CIRCLE[0], 0.0, True)
         for k, speed in enumerate(order):
             progress(0.1 + 0.9 * k / len(order), f"{speed} m/s in a circle")
-            runner.hold(_pulls_up(speed), pulse, speed)
+            runner.hold(CIRCLE_SETTLES, pulse, speed)
             held.append(_measure(_round(runner, pulse, speed), log, speed, car.files, CIRCLING))
     return held
 
@@ -238,11 +239,9 @@ def _round(runner: Runner, steering_us: float, speed: float) -> Keep:
 def _measure(keep: Keep, log: SensorLog, target: float, files: CarFiles,
              seconds: float) -> Held:
     settled = keep(SETTLE, None)[-AVERAGED:]
-    count = count_us(prescale_for(files.config.pwm.frequency),
-                     files.oscillator_hz.value if files.oscillator_hz else NOMINAL_HZ)
     pulse = float(np.mean([s.applied.throttle_us for s in settled]))
     for stretch in (TRIAL, seconds):  # the second from where the first one had no acceleration
-        frozen = count * round(pulse / count)
+        frozen = pulse
         keep(LATE, frozen)
         log.pairs()
         states = keep(stretch, frozen)
