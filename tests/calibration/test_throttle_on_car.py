@@ -115,7 +115,7 @@ def test_more_hidden_cars(seed, verb):
 
 
 @pytest.mark.more
-@pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.7)])
+@pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.6)])
 def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
     watched = Watched(f"{URL}6", tmp_path)
     far = []

@@ -106,7 +106,7 @@ def plan(files: CarFiles, room: float = ROOM) -> str:
     if not speeds:
         seconds = 2 * len(CIRCLE) * (CIRCLE_SETTLES + SETTLE + TRIAL + CIRCLING) + 15.0
         return (f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
-                f"speed: about {seconds:.0f} s, a level floor of 3 m x 3 m; no tools")
+                f"speed: about {seconds:.0f} s, a level floor of 3.5 m x 3.5 m; no tools")
     seconds = REPEATS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
     return (f"drives straight {REPEATS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s to "
             f"measure which pulse holds which speed: about {seconds:.0f} s without carrying it "

@@ -124,7 +124,7 @@ def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
 @measuring
 @click.option("--room", type=Number(0.0, 30.0), default=ROOM, show_default=True, metavar="METRES",
               help="straight floor; more of it reaches faster speeds, below 2.5 m the car circles "
-                   "on 3 m x 3 m")
+                   "on 3.5 m x 3.5 m")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of the pulses beside the model's")
 def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
