@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from dart_hal.types import NEUTRAL, Applied, Health, Pose, State
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
+
+sys.path.append(str(Path(__file__).parent))  # hidden_errors
 
 CAR_TOML = """
 schema = "dart-hal/car/1"

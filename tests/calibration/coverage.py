@@ -1,6 +1,7 @@
 """How often the 90 % intervals of the measuring procedures hold the hidden truth.
 
     python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu]
+        [esc] [throttle] [circle]
 
 Slow (1 to 10 s a car and verb). Prints one row per quantity: how many intervals
 hold it, rms of error by standard error, worst error. The clock's intervals are wide
@@ -10,35 +11,12 @@ here: the crystal of a simulated host has no error.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections import defaultdict
-from collections.abc import Callable
 
 import numpy as np
+from tests.calibration.hidden_errors import VERBS, errors
 
-from dart_hal.calibration.clock import calibrate_clock
-from dart_hal.calibration.encoder import calibrate_encoder
-from dart_hal.calibration.imu import calibrate_imu
-from dart_hal.calibration.measured import NINETY, Measured
-from dart_hal.car import Car
-from dart_hal.config import Quantity
-from dart_hal.links.base import open_backend
-from dart_hal.ports import Workshop
-from dart_hal.sim.truth import reveal
-
-VERBS: dict[str, Callable[[Car, Workshop], Measured]] = {
-    "clock": lambda car, workshop: calibrate_clock(car),
-    "encoder": calibrate_encoder, "imu": calibrate_imu}
-
-
-def errors(verb: str, seed: int) -> dict[str, tuple[float, float]]:
-    """(error, standard error) of each scalar quantity of one hidden car."""
-    backend = open_backend(f"sim://?seed={seed}&nano=mock")
-    with tempfile.TemporaryDirectory() as folder, Car.over(backend, cars=folder) as car:
-        found = VERBS[verb](car, backend.workshop)
-    true = reveal(seed)["sensors"]
-    return {name: (q.value - true[name], q.std) for name, q in found.quantities.items()
-            if isinstance(q, Quantity)}
+from dart_hal.types import NINETY
 
 
 def main() -> None:
@@ -55,7 +33,7 @@ def main() -> None:
     for name, pairs in rows.items():
         error, std = np.array(pairs).T
         z = error / std
-        print(f"{name:26s} {int(np.sum(np.abs(z) < NINETY)):3d} of {len(z)} inside 90 %, "
+        print(f"{name:34s} {int(np.sum(np.abs(z) < NINETY)):3d} of {len(z)} inside 90 %, "
               f"z rms {np.sqrt(np.mean(z**2)):.2f}, worst {np.max(np.abs(z)):.1f} sigma, "
               f"worst error {np.max(np.abs(error)):.3g}")
 

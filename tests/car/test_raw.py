@@ -147,3 +147,26 @@ def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, 
         pass
     assert "CAR_MOVES" in refused.value.reasons
     assert bench.car.mode == "DISARMED"
+
+
+def test_no_pulse_at_all_is_for_lifted_wheels(bench):
+    """On the floor it is refused; on the stand a loop that stalls gets its neutral back."""
+    with bench.car.raw():
+        with pytest.raises(BadCommand, match="lifted wheels"):
+            bench.spin(0.1, throttle_us=None)
+        bench.car.stop()
+    bench.backend.workshop.lift()
+    with bench.car.raw(lifted=True):
+        bench.spin(0.3)
+        bench.spin(0.3, throttle_us=None)
+        applied = next(iter(bench.car.states())).applied
+        assert (applied.throttle, applied.throttle_us) == (0.0, 0.0)
+        quiet = bench.car._engine.now
+        assert bench.pulses[-1][0] < quiet - 0.2
+        for _ in bench.car.states(duration=0.4):
+            pass
+        assert bench.car.mode == "DISARMED"
+        assert "COMMAND_EXPIRED" in bench.car.causes
+    back = [(end, width) for end, width in bench.pulses if end > quiet]
+    assert back[0][0] < quiet + 0.3
+    assert max(abs(width - NEUTRAL_US) for _, width in back) < 5.0

@@ -35,6 +35,10 @@ def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
             AskedWorkshop().mark()
         with pytest.raises(CalibrationFailed, match="no terminal"):
             AskedWorkshop().distance()
+        with pytest.raises(CalibrationFailed, match="no terminal"):
+            AskedWorkshop().lift()
+        with pytest.raises(CalibrationFailed, match="no terminal"):
+            AskedWorkshop().push()
         assert agreed("This drives.", yes=True)
 
 
@@ -48,3 +52,38 @@ def test_encoder_writes_unless_it_is_a_dry_run(verb, tmp_path, dry):
     assert len(found["quantities"]["encoder.ring"]["value"]) == 20
     files = list(tmp_path.rglob("calibration.toml"))
     assert [str(f) for f in files] == ([] if dry else [found["written"]])
+
+
+@pytest.mark.parametrize(("act", "typed", "meant"), [
+    ("push", "yes", True), ("push", "no", False), ("wheels_turned", "backward", -1),
+    ("wheels_turned", "what\nforward", 1), ("lift", "", None)])
+def test_what_eyes_and_hands_find_is_chosen(monkeypatch, capsys, act, typed, meant):
+    said = iter([*typed.split("\n")])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("click.termui.visible_prompt_func", lambda prompt: next(said))
+    assert getattr(AskedWorkshop(), act)() == meant
+    assert ("not one of" in capsys.readouterr().err) == ("what" in typed)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("name", "inside"), [("esc", "neutral_us"), ("throttle", "drive")])
+def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, inside):
+    where = ("calibrate", name, "--url", "sim://?seed=5&nano=mock", "--cars", str(tmp_path))
+    dry = verb(*where, "--dry-run", "--json").json
+    assert dry["written"] is None
+    assert not list(tmp_path.rglob("calibration.toml"))
+    picture = tmp_path / "throttle.png"
+    result = verb(*where, *(["--plot", str(picture)] if name == "throttle" else []))
+    assert picture.is_file() == (name == "throttle")
+    text = (tmp_path / "sim-5" / "calibration.toml").read_text()
+    assert f"{inside} = " in text
+    assert f"{name} = {{source" in text
+    assert f"throttle.{inside}" in result.out
+    assert {**dry["quantities"], **dry["others"]}[f"throttle.{inside}"]
+
+
+def test_a_failure_is_one_error_object_and_writes_nothing(verb, tmp_path):
+    ran = verb("calibrate", "esc", "--url", "sim://?seed=5&nano=mock&fail=wheel:stuck@0", "--json",
+               "--cars", str(tmp_path))
+    assert ran.error["what"] == "a wheel is blocked"
+    assert not list(tmp_path.rglob("calibration.toml"))

@@ -101,6 +101,29 @@ def test_a_map_of_unequal_columns_is_refused() -> None:
     assert "angle_rad" in refused(calibration, MAP.format("[1, 2, 3]", "[1, 2]")).what
 
 
+@pytest.mark.parametrize(("speed", "pulse", "std", "key"), [
+    ("[0.5]", "[1600]", "[0.2]", "drive.speed"),
+    ("[0.5, 1.0]", "[1600]", "[0.2, 0.2]", "drive.pulse_us"),
+    ("[0.5, 1.0]", "[1600, 1610]", "[0.2, 0.0]", "drive.std_us"),
+    ("[-0.5, 1.0]", "[1600, 1610]", "[0.2, 0.2]", "drive.speed"),
+    ("[0.5, 1.0]", "[0.16, 0.17]", "[0.2, 0.2]", "drive.pulse_us")])
+def test_a_drive_table_that_cannot_be_is_refused_by_its_key(speed, pulse, std, key) -> None:
+    text = f'car = "a"\n[throttle.drive]\nspeed = {speed}\npulse_us = {pulse}\nstd_us = {std}'
+    assert key in refused(calibration, text).what
+
+
+def test_a_drive_table_that_turns_back_is_refused() -> None:
+    text = ('car = "a"\n[throttle.drive]\nspeed = [0.5, 1.0]\npulse_us = [1610, 1600]\n'
+            'std_us = [1, 1]')
+    assert "drive.pulse_us" in refused(calibration, text, NotMonotone).what
+
+
+def test_a_neutral_that_is_no_pulse_and_a_behaviour_that_is_none_are_refused() -> None:
+    neutral = 'car = "a"\n[throttle]\nneutral_us = { value = 1.5, std = 0.001 }'
+    assert "throttle.neutral_us" in refused(calibration, neutral).what
+    assert "reverse" in refused(calibration, 'car = "a"\n[throttle]\nreverse = "maybe"').what
+
+
 def test_another_cars_calibration_is_refused() -> None:
     error = refused(calibration, 'car = "b"', OtherCar)
     assert (error.found, error.expected) == ("b", "a")

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.car import Car
-from dart_hal.control.reversal import AT_REST, BRAKE, LEAST_BRAKE_S, MOST_BRAKE_S, REST_S, Reversal
+from dart_hal.control.measured import REST_S
+from dart_hal.control.reversal import AT_REST, BRAKE, LEAST_BRAKE_S, MOST_BRAKE_S, Reversal
 
 URL = "sim://?seed={}&nano=mock"
 DT = 0.01

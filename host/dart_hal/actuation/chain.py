@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import cast
 
-from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, number, validity
+from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
-from dart_hal.actuation.plan import RAW_HIGH_US, RAW_LOW_US, Output, Plan, Planner
+from dart_hal.actuation.plan import Output, Plan, Planner
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
@@ -141,24 +141,18 @@ class Actuator:
         self.counters.overridden += any(name.startswith("OVERRIDDEN") for name in plan.limited)
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 
-    def pulses(self, steering_us: float, throttle_us: float, now: float,
+    def pulses(self, steering_us: float, throttle_us: float | None, now: float,
                valid_for: float = LONGEST_RAW) -> Applied:
         """Pulses for calibration, for at most 0.2 s; they act while the output is raw.
 
+        throttle_us None: no pulse for the ESC, with the wheels off the ground alone.
         Raises BadCommand outside 1000 to 2000 us; the throttle is neutral then.
         """
         self._planner.obey(self.demand())
         with self._tripping():
             self._in_order(now)
-            steering, throttle = (number(name, pulse, "raw") for name, pulse in (
-                ("steering_us", steering_us), ("throttle_us", throttle_us)))
-            for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
-                if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
-                    raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
-                                     expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
-            seconds = validity(valid_for, "raw", LONGEST_RAW)
-            self._planner.raw = Pulses(steering, throttle, throttle - self.neutral_us,
-                                       now + seconds, shortened=seconds < valid_for)
+            self._planner.raw = raw_pulses(steering_us, throttle_us, self.neutral_us,
+                                           self.demand().full_range, now, valid_for)
             plan = self._planner.plan(now, "raw")
         return self._applied(self._peek(plan), plan.limited, plan.moving)
 
@@ -282,13 +276,13 @@ class Actuator:
         """Counts that the next frame would write."""
         steering, throttle = self._quantisers
         esc = throttle.peek if plan.moving else throttle.rest
-        return steering.peek(plan.steering_us), esc(plan.throttle_us)
+        return steering.peek(plan.steering_us), esc(plan.throttle_us) if plan.throttle_us else 0
 
     def _step(self, plan: Plan) -> tuple[int, int]:
         """Counts of this frame with error feedback; a neutral throttle stands still."""
         steering, throttle = self._quantisers
         esc = throttle.step if plan.moving else throttle.settle
-        return steering.step(plan.steering_us), esc(plan.throttle_us)
+        return steering.step(plan.steering_us), esc(plan.throttle_us) if plan.throttle_us else 0
 
     def _at_rest(self, angle: float) -> tuple[int, int]:
         """Counts of neutral, rounded down: never above it; steering at ``angle``."""
@@ -307,7 +301,8 @@ class Actuator:
                  moving: bool = False) -> Applied:
         """What counts mean. Neutral is 0.0, though its count is up to 2.4 us off."""
         steering_us, throttle_us = (n * self.pca.count_us for n in counts)
-        throttle = (throttle_us - self.neutral_us) / self.car.throttle.span_us if moving else 0.0
+        pulled = (throttle_us - self.neutral_us) / self.car.throttle.span_us
+        throttle = pulled if moving and counts[1] else 0.0
         standing = [] if self.map.calibrated else [Limit.UNCALIBRATED.value]
         standing += [] if self._sending else [Limit.NOT_SENT.value]
         return Applied(self.map.angle(steering_us), throttle, steering_us, throttle_us,

@@ -14,6 +14,8 @@ LONGEST_VALIDITY = 0.5
 """s that one command may hold the car, whatever its sender asks for."""
 LONGEST_RAW = 0.2
 """s that raw pulses may hold the car: nobody calibrates at less than 10 Hz."""
+RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
+"""What an ESC or a servo may be asked for at all: the range of every RC pulse."""
 WILD = 10.0
 """rad, and times full throttle: beyond it a controller has diverged or speaks of
 degrees and per cent. Below, what is out of range is clipped and said."""
@@ -35,7 +37,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Pulses:
-    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us]."""
+    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us].
+
+    ``throttle_us`` 0.0: none at all, what the ESC of a broken wire gets.
+    """
 
     steering_us: float
     throttle_us: float
@@ -85,6 +90,29 @@ def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> f
         raise BadCommand(f"valid_for of {of} must be positive", found=repr(seconds),
                          expected=f"above 0, at most {longest} s")
     return min(seconds, longest)
+
+
+def raw_pulses(steering_us: object, throttle_us: object, neutral_us: float, lifted: bool,
+               now: float, valid_for: float) -> Pulses:
+    """Pulses [us] that servo and ESC can have; ``throttle_us`` None: none for the ESC.
+
+    Without them an ESC may hold its throttle for a second, so that the wheels must be
+    ``lifted``; the end of the silence trips as that of a throttle does. Raises BadCommand.
+    """
+    if throttle_us is None and not lifted:
+        raise BadCommand("the ESC may be left without pulses with lifted wheels alone",
+                         found="throttle_us=None", expected="a pulse of 1000 to 2000 us",
+                         remedy="with car.raw(lifted=True): car.pulses(...)")
+    asked = RAW_LOW_US if throttle_us is None else throttle_us
+    steering, throttle = number("steering_us", steering_us, "raw"), number("throttle_us", asked,
+                                                                           "raw")
+    for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
+        if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
+            raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
+                             expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
+    seconds = validity(valid_for, "raw", LONGEST_RAW)
+    return Pulses(steering, 0.0 if throttle_us is None else throttle, throttle - neutral_us,
+                  now + seconds, shortened=seconds < valid_for)
 
 
 class Arbiter:

@@ -320,5 +320,5 @@ _GUESS = {0x28: " (BNO055?)", 0x29: " (BNO055?)", 0x3C: " (display?)",
 
 
 def _pulse(counts: int) -> bytes:
-    """ON at 0, OFF at ``counts`` (1..4095)."""
-    return bytes([0, 0, counts & 0xFF, counts >> 8])
+    """ON at 0, OFF at ``counts`` (1..4095); 0: no pulse."""
+    return bytes([0, 0, counts & 0xFF, counts >> 8]) if counts else _OFF

@@ -8,16 +8,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_hal.actuation.limits import Arbiter, Command, Pulses, clip, slew
+from dart_hal.actuation.limits import (
+    RAW_HIGH_US,
+    RAW_LOW_US,
+    Arbiter,
+    Command,
+    Pulses,
+    clip,
+    slew,
+)
 from dart_hal.actuation.steering_map import SteeringMap, throttle_pulse
 from dart_hal.config import CarConfig
 from dart_hal.types import Limit
 
 PIN_LOW_US, PIN_HIGH_US = 750.0, 2250.0
 """No pulse outside these leaves the house: ServoKit's own range."""
-
-RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
-"""What an ESC or a servo may be asked for at all: the range of every RC pulse."""
 
 LONGEST_STEP = 0.1
 """s of slew that one frame may catch up after a pause."""
@@ -179,6 +184,9 @@ class Planner:
         if self.raw.shortened:
             why.append(Limit.VALIDITY.value)
         servo, esc = self._raw_range()
+        if self.raw.throttle_us == 0.0:
+            held = clip(self.raw.steering_us, *servo)
+            return Plan(held, 0.0, self._map.angle(held), 0.0, True, tuple(why))
         steering_us, bounded = clip(self.raw.steering_us, *servo), clip(self.raw.throttle_us, *esc)
         if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):
             why.append(Limit.RANGE.value)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from typing import Any
 
 import msgspec
 
-from dart_hal.config import CarFiles, Quantity, save_calibration
-from dart_hal.config.folders import calibration_in
+from dart_hal.config import CarFiles, DriveTable, Quantity, calibration_in, save_calibration
 from dart_hal.config.quantity import Quantities
 
 from .result import number
@@ -19,7 +18,9 @@ from .result import number
 UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
     "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
-    "imu.mount_pitch": "rad", "imu.mount_roll": "rad",
+    "imu.mount_pitch": "rad", "imu.mount_roll": "rad", "throttle.neutral_us": "us",
+    "throttle.deadband_forward_us": "us", "throttle.deadband_reverse_us": "us",
+    "throttle.saturation_us": "us", "throttle.reverse_rest": "s", "throttle.signal_loss": "s",
     "mocap.marker_x": "m", "mocap.marker_y": "m", "mocap.marker_yaw": "rad", "mocap.latency": "s",
 }
 """Of the quantities that these procedures measure."""
@@ -30,7 +31,8 @@ class Measured:
     """What one procedure measured on one car; nothing is written yet while ``written`` is None.
 
     verb: as in ``calibrate VERB``; quantities by their names in calibration.toml;
-    residual: how well the measurements agree, as a sentence; duration [s] of car time.
+    residual: how well the measurements agree, as a sentence; duration [s] of car time;
+    others: what is no quantity, by its name in the same way.
     """
 
     car: str
@@ -41,6 +43,7 @@ class Measured:
     duration: float
     notes: tuple[str, ...] = ()
     written: str | None = None
+    others: Mapping[str, str | DriveTable] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``calibrate VERB``; plain types."""
@@ -48,6 +51,7 @@ class Measured:
             "car": self.car, "source": self.source,
             "quantities": {name: {"value": _plain(q.value), "std": _plain(q.std),
                                   "unit": UNITS[name]} for name, q in self.quantities.items()},
+            "others": {name: msgspec.to_builtins(v) for name, v in self.others.items()},
             "residual": self.residual, "duration_s": number(self.duration),
             "written": self.written, "notes": list(self.notes),
         }
@@ -61,6 +65,10 @@ def write(files: CarFiles, measured: Measured) -> Measured:
     """
     old = calibration_in(files.folder, files.config.name)
     new = old.with_quantities({name: _rounded(q) for name, q in measured.quantities.items()})
+    for name, value in measured.others.items():
+        table, _, key = name.partition(".")
+        inner = msgspec.structs.replace(getattr(new, table), **{key: value})
+        new = msgspec.structs.replace(new, **{table: inner})
     now = datetime.now(timezone.utc).replace(microsecond=0)
     provenance = {**old.provenance, "when": now,
                   measured.verb: {"when": now, "source": measured.source,

@@ -28,12 +28,21 @@ MOVES = 0.1  # m/s
 TURNS = 0.12  # rad/s at full lock: a tenth of what 0.35 m/s gives
 
 
-class DrivableCar(Protocol):
+class NotSeen(CalibrationFailed):
+    """The encoder does not show the motion that the throttle should make."""
+
+
+class StatedCar(Protocol):
+    """A car that tells its State."""
+
+    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
+
+
+class DrivableCar(StatedCar, Protocol):
     """What the procedure needs of a Car."""
 
     files: CarFiles
 
-    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
     def stop(self) -> object: ...
     def refusals(self) -> tuple[str, ...]: ...
@@ -59,11 +68,12 @@ class Runner:
         self._last: float | None = None
         self._frames = iter(car.states())
 
-    def hold(self, seconds: float, steering_us: float, speed: float) -> list[State]:
+    def hold(self, seconds: float, steering_us: float, speed: float,
+             throttle_us: float | None = None) -> list[State]:
         """Keep the steering pulse and a speed [m/s] for car time ``seconds``; 0 = standstill.
 
-        Errors: CalibrationFailed at the first doubt about the speed, LinkLost and
-        what else the Car raises.
+        throttle_us: this pulse, whatever the speed becomes. Errors: CalibrationFailed at the
+        first doubt about the speed, LinkLost and what else the Car raises.
         """
         seen: list[State] = []
         start: float | None = None
@@ -75,8 +85,8 @@ class Runner:
             if state.health.speed_doubted:
                 raise _doubted(state)
             throttle = self._law.throttle(speed, state.speed, dt)
-            self._car.pulses(steering_us=steering_us,
-                             throttle_us=self._neutral + self._span * throttle)
+            pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
+            self._car.pulses(steering_us=steering_us, throttle_us=pulse)
             if state.t - start >= seconds:
                 break
         return seen
@@ -122,8 +132,8 @@ def yaw_rates(states: list[State]) -> list[float]:
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
 
 
-def _doubted(state: State) -> CalibrationFailed:
-    return CalibrationFailed(
+def _doubted(state: State) -> NotSeen:
+    return NotSeen(
         "the encoder does not count what the car drives",
         found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
         expected="edges that fit throttle and accelerometer",
@@ -141,7 +151,7 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
             found=f"0 edges, yaw rate {np.mean(rates) - bias:+.2f} rad/s",
             expected="edges of the ring", likely="encoder unplugged, sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
-    return CalibrationFailed(
+    return NotSeen(
         "the car does not move", found=f"0 edges in {seen[-1].t - seen[0].t:.0f} s of throttle",
         expected="motion at a throttle of about 0.25",
         likely="the ESC is off or has not armed (it needs 2 s of neutral after power-on), the "

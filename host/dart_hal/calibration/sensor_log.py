@@ -64,12 +64,16 @@ class SensorLog:
         car.on_bytes(self._bytes)
         car.on_state(self._state)
 
+    def pairs(self) -> list[tuple[Sample, State]]:
+        """What came since the last call, as it came."""
+        pairs, self._pairs = self._pairs, []
+        return pairs
+
     def take(self) -> Sensed | None:
         """What came since the last call; None if it is next to nothing."""
-        pairs, self._pairs = self._pairs, []
         rows = []
         last = -np.inf
-        for sample, state in pairs:
+        for sample, state in self.pairs():
             if sample.gyro is None or sample.acc is None or sample.imu_t <= last:
                 continue
             last = sample.imu_t

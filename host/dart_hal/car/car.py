@@ -237,10 +237,12 @@ class Car(Arming, Shown):
         return replace(applied, limited=tuple(dict.fromkeys(
             (*applied.limited, *self._loop.limited))))
 
-    def pulses(self, *, steering_us: float, throttle_us: float, valid_for: float = 0.2) -> Applied:
+    def pulses(self, *, steering_us: float, throttle_us: float | None,
+               valid_for: float = 0.2) -> Applied:
         """Raw pulses [us] for calibration, inside ``with car.raw():``, for at most 0.2 s.
 
-        The car's limits apply as in ``drive``. Raises BadCommand outside 1000
+        throttle_us None: no pulse at all for the ESC, in ``raw(lifted=True)`` alone. The car's
+        limits apply as in ``drive``. Raises BadCommand outside 1000
         to 2000 us or outside raw(); the throttle is neutral then.
         """
         engine = self._engine

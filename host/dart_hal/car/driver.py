@@ -219,9 +219,15 @@ class Driver:
         return tuple(name for name in refusals(self.facts(now)) if name not in COMES_BY_WAITING)
 
     def raw_refusals(self, now: float, *, lifted: bool = False) -> list[str]:
-        """Why RAW may not be entered now; ``lifted``: with the wheels off the ground."""
+        """Why RAW may not be entered now; ``lifted``: with the wheels off the ground.
+
+        Edges that lifted wheels owe were owed by a car on the floor: what an ESC does at the
+        brake may be the question, and no speed is held.
+        """
         needless = ("NEUTRAL_TOO_SHORT", "CUTOFF_UNTESTED")
-        facts = replace(self.facts(now), car_moves=lifted and self.observer.on_the_move)
+        facts = self.facts(now)
+        facts = replace(facts, car_moves=lifted and self.observer.on_the_move,
+                        encoder_lost=facts.encoder_lost and not lifted)
         return [name for name in refusals(facts, WAIVABLE) if name not in needless]
 
     # -- what the user asks for ------------------------------------------------------
@@ -249,7 +255,7 @@ class Driver:
         if self.mode is not ArmState.RAW:
             raise not_armed(("PCA_ABSENT",))
 
-    def raw_pulses(self, steering_us: float, throttle_us: float, valid_for: float,
+    def raw_pulses(self, steering_us: float, throttle_us: float | None, valid_for: float,
                    now: float) -> Applied:
         """Pulses in RAW. Raises BadCommand in any other state."""
         if self.mode is not ArmState.RAW:

@@ -60,14 +60,8 @@ class AskedWorkshop:
 
     def mark(self) -> None:
         """Where the car stands now is chalked."""
-        self._pause()
-        if not sys.stdin.isatty():
-            raise CalibrationFailed("nobody marks where the car stands",
-                                    found="no terminal to ask at", remedy="run it in a terminal")
-        click.prompt("put the car at the start, straight along the free floor; chalk where its "
-                     "rear axle stands and along its side; Enter", default="", err=True,
-                     show_default=False)
-        self._resume()
+        self._wait("put the car at the start, straight along the free floor; chalk where its "
+                   "rear axle stands and along its side")
 
     def distance(self) -> float:
         """[m] along the floor."""
@@ -79,6 +73,26 @@ class AskedWorkshop:
             "turned since the chalk line [deg], left positive, full turns included "
             "(three turns and a quarter: 1170)"))
 
+    def lift(self) -> None:
+        """On a stand."""
+        self._wait("put the car on a stand: all four wheels off the ground and free; keep fingers, "
+                   "hair and cables away from them")
+
+    def set_down(self) -> None:
+        """Off the stand; nothing waits for it."""
+        notices(("the car may come off its stand",))
+
+    def push(self) -> bool:
+        """By hand."""
+        return self._choose("turn the wheels by hand, about one turn (on the floor: push the car "
+                            "forward by a hand's breadth). Do they turn freely?",
+                            {"yes": 1, "no": 0}) == 1
+
+    def wheels_turned(self) -> int:
+        """By eye."""
+        return self._choose("which way did the wheels turn just now?",
+                            {"forward": 1, "backward": -1, "not": 0})
+
     def mass(self) -> tuple[float, float]:
         """[kg]."""
         return self._ask("the car on the scale, ready to drive [kg]"), SCALE
@@ -87,6 +101,23 @@ class AskedWorkshop:
         """[kg]."""
         front = self._ask("the front axle alone on the scale, the car level [kg]")
         return front, self._ask("the rear axle alone on the scale, the car level [kg]"), SCALE
+
+    def _wait(self, act: str) -> None:
+        self._pause()
+        if not sys.stdin.isatty():
+            raise CalibrationFailed("nobody is at the car", found="no terminal to ask at",
+                                    expected=act, remedy="run it in a terminal")
+        click.prompt(f"{act}; Enter", default="", err=True, show_default=False)
+        self._resume()
+
+    def _choose(self, question: str, answers: dict[str, int]) -> int:
+        self._pause()
+        if not sys.stdin.isatty():
+            raise CalibrationFailed("nobody looks", found="no terminal to ask at",
+                                    expected=question, remedy="run it in a terminal")
+        chosen: str = click.prompt(question, type=click.Choice([*answers]), err=True)
+        self._resume()
+        return answers[chosen]
 
     def _ask(self, question: str) -> float:
         self._pause()

@@ -1,4 +1,4 @@
-"""``dart-hal calibrate clock | encoder | imu | mocap``: what ends in quantities, not in a map."""
+"""``dart-hal calibrate clock | esc | throttle | encoder | imu | mocap``: they end in quantities."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from rich.table import Table
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
+from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.measured import UNITS, Measured, write
 from dart_hal.calibration.mocap import calibrate_mocap
+from dart_hal.calibration.plot_throttle import plot_throttle
+from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
 from dart_hal.cli.options import F, Number, car_options, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.config import CarFiles, Quantity
+from dart_hal.config import CarFiles, DriveTable, Quantity
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import Workshop
@@ -121,6 +124,47 @@ def mocap(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes:
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
 
+@click.command("esc")
+@measuring
+def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+        as_json: bool) -> None:
+    """Neutral, dead band, brake, reverse and end of the throttle; wheels lifted.
+
+    The car stands on a stand and spins its wheels, up to full throttle; you turn
+    a wheel by hand and say which way they turned. Measure the clock first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_esc(car, workshop, progress=progress, ask=ask, source=car.url)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("throttle")
+@measuring
+@click.option("--room", type=Number(0.0, 30.0), default=ROOM, show_default=True, metavar="METRES",
+              help="straight floor; more of it reaches faster speeds, below 2.5 m the car circles "
+                   "on 3.5 m x 3.5 m")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="picture of the pulses beside the model's")
+def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+             room: float, plot: Path | None, as_json: bool) -> None:
+    """Which pulse holds which speed, for drive_speed's feed-forward.
+
+    The car drives from rest to rest at one speed after the other; you put it back
+    to the start. Measure esc and encoder first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        found = calibrate_throttle(car, workshop, progress=progress, ask=ask, source=car.url,
+                                   room=room)
+        table = found.others["throttle.drive"]
+        if plot is not None and isinstance(table, DriveTable):
+            plot_throttle(table, car.files, plot)
+            console.print(f"picture: {plot}")
+        return found
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
 def measure(procedure: Procedure[Measured], url: str | None, car_name: str, cars: Path | None,
             dry_run: bool, yes: bool, as_json: bool) -> None:
     """Run a procedure, show what it found, ask, write."""
@@ -147,7 +191,7 @@ def run(procedure: Procedure[T], backend: Backend, car_name: str, cars: Path | N
         notices(car.notices)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)
-            workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
+            workshop: Workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
 
             def progress(fraction: float, text: str) -> None:
                 bar.update(task, completed=fraction, description=text)
@@ -192,6 +236,14 @@ def show(found: Measured) -> None:
             low, high = min(quantity.value), max(quantity.value)
             table.add_row(name, f"{len(quantity.value)} from {low:.3f} to {high:.3f}",
                           "per value (--json)", "")
+    for name, other in found.others.items():
+        if isinstance(other, DriveTable):
+            rows = zip(other.speed, other.pulse_us, other.std_us, strict=True)
+            for speed, pulse, std in rows:
+                table.add_row(f"{name} at {speed:.2f} m/s", f"{pulse:.2f} us", f"{std:.2g} us",
+                              f"{pulse - NINETY * std:.2f} to {pulse + NINETY * std:.2f}")
+        else:
+            table.add_row(name, other.replace("_", " "), "", "")
     results.print(table)
     results.print(f"{found.residual}, {found.duration:.0f} s of the car's time", markup=False)
     for note in found.notes:

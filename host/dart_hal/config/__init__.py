@@ -7,6 +7,7 @@ struct; a refusal names the file that was read, the key, and the remedy.
 from dart_hal.config.calibration import (
     QUANTITIES,
     Calibration,
+    DriveTable,
     PaperForm,
     SteeringTable,
     check_calibration,
@@ -31,9 +32,9 @@ from dart_hal.config.quantity import Quantities, Quantity
 from dart_hal.config.write import dump, save
 
 __all__ = [
-    "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "EffectEntry", "ModelFile", "PaperForm",
-    "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders", "cars_home",
-    "check_calibration", "dump", "left_aside", "load_car", "load_model", "named_folders",
-    "parse_calibration", "parse_car", "parse_config", "parse_model", "plain", "save",
-    "save_calibration", "save_model",
+    "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "DriveTable", "EffectEntry", "ModelFile",
+    "PaperForm", "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders",
+    "cars_home", "check_calibration", "dump", "left_aside", "load_car", "load_model",
+    "named_folders", "parse_calibration", "parse_car", "parse_config", "parse_model", "plain",
+    "save", "save_calibration", "save_model",
 ]

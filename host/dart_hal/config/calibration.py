@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -59,13 +59,31 @@ class SteeringCalibration(Table, frozen=True, kw_only=True):
     residual_rms_rad: float | None = None
 
 
+class DriveTable(Table, frozen=True, kw_only=True):
+    """Pulses of the ESC [us] that hold a speed [m/s] straight ahead; both rise."""
+
+    speed: tuple[float, ...]
+    pulse_us: tuple[float, ...]
+    std_us: tuple[float, ...]
+
+
 class ThrottleCalibration(Table, frozen=True, kw_only=True):
-    """Pulse widths of the ESC [us]: neutral, first motion either way, full throttle."""
+    """Pulse widths of the ESC [us]: neutral, and from there the first force either way and full
+    throttle; the pulses that hold a speed.
+
+    ``reverse``: what a pull below neutral does after a drive forward; ``reverse_rest`` [s] at
+    neutral after which the next one reverses; ``signal_loss`` [s] without pulses until the motor
+    lets go.
+    """
 
     neutral_us: Quantity | None = None
     deadband_forward_us: Quantity | None = None
     deadband_reverse_us: Quantity | None = None
     saturation_us: Quantity | None = None
+    reverse: Literal["after_brake", "at_once", "never"] | None = None
+    reverse_rest: Quantity | None = None
+    signal_loss: Quantity | None = None
+    drive: DriveTable | None = None
 
 
 class EncoderCalibration(Table, frozen=True, kw_only=True):
@@ -158,7 +176,8 @@ class Calibration(Table, frozen=True, kw_only=True):
 TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency", "mocap")
 QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
-              "throttle.saturation_us", "encoder.metres_per_edge", "encoder.ring",
+              "throttle.saturation_us", "throttle.reverse_rest", "throttle.signal_loss",
+              "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
               "latency.sensor_to_host", "mocap.marker_x", "mocap.marker_y", "mocap.marker_yaw",
@@ -169,6 +188,7 @@ MAX_ANGLE = 0.8
 """rad, 46 deg: no steering linkage of this size turns the wheels further."""
 
 _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
+             "throttle.reverse_rest", "throttle.signal_loss",
              "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale"}
 
 
@@ -198,8 +218,13 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> 
     require(ring is None or abs(sum(ring.value) - len(ring.value)) < 1e-3 * len(ring.value),
             origin, "encoder.ring.value", ring and sum(ring.value),
             f"the sum {len(ring.value) if ring else 0} (mean 1)")
+    neutral = cal.throttle.neutral_us
+    require(neutral is None or 1000 <= neutral.value <= 2000, origin, "throttle.neutral_us.value",
+            neutral and neutral.value, "1000 to 2000 us")
     if cal.steering.map is not None:
         _check_map(cal.steering.map, origin)
+    if cal.throttle.drive is not None:
+        _check_drive(cal.throttle.drive, origin)
     return cal
 
 
@@ -221,13 +246,31 @@ def _check_map(table: SteeringTable, origin: str) -> None:
             f"{lowest} to {highest}", "500 to 2500 us")
 
 
-def _refuse_turn(key: str, column: Sequence[float], origin: str, *, falling: bool) -> None:
+def _check_drive(table: DriveTable, origin: str) -> None:
+    n = len(table.speed)
+    require(n >= 2, origin, "throttle.drive.speed", f"{n} points", "at least 2 points")
+    for key in ("pulse_us", "std_us"):
+        require(len(getattr(table, key)) == n, origin, f"throttle.drive.{key}",
+                f"{len(getattr(table, key))} rows", f"{n}, one for each speed")
+    require(min(table.std_us) > 0, origin, "throttle.drive.std_us", min(table.std_us), "> 0")
+    require(table.speed[0] > 0, origin, "throttle.drive.speed", table.speed[0], "> 0 m/s")
+    for key in ("speed", "pulse_us"):
+        _refuse_turn(key, getattr(table, key), origin, falling=False, table="throttle.drive",
+                     likely="two drives with another battery, or a key that was typed")
+    require(table.pulse_us[0] >= 500 and table.pulse_us[-1] <= 2500, origin,
+            "throttle.drive.pulse_us", f"{table.pulse_us[0]} to {table.pulse_us[-1]}",
+            "500 to 2500 us")
+
+
+def _refuse_turn(key: str, column: Sequence[float], origin: str, *, falling: bool,
+                 table: str = "steering.map",
+                 likely: str = "backlash or a slipping horn during the measurement") -> None:
     sign = -1.0 if falling and column[-1] < column[0] else 1.0
     for index in range(len(column) - 1):
         if not sign * (column[index + 1] - column[index]) > 0:
             direction = "fall" if sign < 0 else "rise"
             raise NotMonotone(
-                f"{origin}: steering.map.{key} turns back at point {index + 2}",
+                f"{origin}: {table}.{key} turns back at point {index + 2}",
                 found=f"{column[index]} then {column[index + 1]}",
                 expected=f"values that {direction} at every point",
-                likely="backlash or a slipping horn during the measurement", read=origin)
+                likely=likely, read=origin)

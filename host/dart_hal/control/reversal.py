@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from enum import Enum
 
+from dart_hal.control.measured import REST_S
+
 AT_REST = 0.06
 """m/s; slower, and the wheels are standing for the next few edges: one edge of 2.1 mm in 35 ms."""
 BRAKE = 0.35
@@ -20,8 +22,6 @@ MOST_BRAKE_S = 1.0
 """s; from 2 m/s a third of the brake takes half a second. Longer, and the speed is not believed."""
 GAINED = 0.12
 """m/s faster than it was: the pull drives the car backward, so nothing is left to brake."""
-REST_S = 0.16
-"""s at neutral: ESCs ask for about 0.1 s, and what is commanded acts up to 0.06 s later."""
 PATIENCE_S = 0.7
 """s in reverse without a wheel that turns: the ESC has braked instead, rest once more."""
 
@@ -37,10 +37,12 @@ class Phase(Enum):
 class Reversal:
     """Which throttle an ESC has to see next; call once per control period.
 
-    ``holding``: the throttle is not what the speed law asks for.
+    ``rest`` [s] at neutral between brake and reverse, 0: the ESC knows no brake. ``holding``: the
+    throttle is not what the speed law asks for.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rest: float = REST_S) -> None:
+        self._rest = rest
         self._phase, self._forward = Phase.FREE, False
         self._since = self._tried = 0.0
         self._slowest = math.inf
@@ -59,7 +61,7 @@ class Reversal:
 
         Forward is never held back, and neutral never filled.
         """
-        if wanted >= 0.0:
+        if wanted >= 0.0 or self._rest == 0.0:
             self.reset()
             self._forward |= wanted > 0.0
             return wanted
@@ -73,7 +75,7 @@ class Reversal:
             if not (stopped or pulls_back or self._since >= MOST_BRAKE_S):
                 return -BRAKE
             self._enter(Phase.REST)
-        if self._since < REST_S:
+        if self._since < self._rest:
             return 0.0
         self._forward = False
         self._enter(Phase.FREE)

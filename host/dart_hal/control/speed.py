@@ -1,8 +1,9 @@
 """Speed control: feed-forward from the model, PI for what it gets wrong.
 
-The feed-forward solves F_m(tau, v) + F_f(v) = m dv/dt for the throttle; the
-PI part removes the error of the model (battery, floor, load). A forward speed
-is never held back by reverse throttle: an ESC may take it for "reverse".
+The feed-forward solves F_m(tau, v) + F_f(v) = m dv/dt for the throttle, corrected by
+the pulses that were measured to hold a speed; the PI part removes what is left
+(battery, floor, load). A forward speed is never held back by reverse throttle: an ESC
+may take it for "reverse".
 """
 
 from __future__ import annotations
@@ -10,10 +11,16 @@ from __future__ import annotations
 import math
 
 from dart_hal.config import CarFiles
+from dart_hal.control.measured import (
+    Correction,
+    correction,
+    end_of_throttle,
+    rest_before_reverse,
+    vehicle_for,
+)
 from dart_hal.control.reversal import Reversal
 from dart_hal.types import Limit, State
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
 K_P = 0.6
@@ -38,6 +45,7 @@ RESERVE = 0.2
 class SpeedLaw:
     """Throttle for a reference speed; call once per control period.
 
+    ``correct``: throttle to add at a speed, as it was measured (``measured.correction``).
     Source of the model part: paper's motor and friction curves.
     """
 
@@ -47,6 +55,7 @@ class SpeedLaw:
         self._mass = vehicle.body.mass
         self._friction = make_friction(vehicle.friction)
         self._k_p, self._k_i = k_p, k_i
+        self.correct: Correction | None = None
         self._max = max_throttle
         self.reset()
 
@@ -57,7 +66,8 @@ class SpeedLaw:
     def feed_forward(self, speed: float, acceleration: float = 0.0) -> float:
         """Throttle that holds ``speed`` [m/s] under ``acceleration`` [m/s2].
 
-        In reverse the motor pulls ``reverse`` times as hard behind the same dead band.
+        The model's, and what was measured beside it. In reverse the motor pulls ``reverse``
+        times as hard behind the same dead band.
         """
         if speed == 0.0 and acceleration == 0.0:
             return 0.0
@@ -67,7 +77,11 @@ class SpeedLaw:
             return -(pull - self._motor.g) if ahead else 0.0
         wanted = self._mass * acceleration - self._friction(speed)
         motor = max(self._motor.d - self._motor.e * speed, RESERVE * self._motor.d)
-        return max(0.0, wanted / motor - self._motor.g) if wanted > 0.0 else 0.0
+        if wanted <= 0.0:
+            return 0.0
+        more = self.correct(speed) if self.correct is not None else 0.0
+        holds: float = wanted / motor - self._motor.g + more
+        return max(0.0, holds)
 
     def throttle(self, reference: float, measured: float, dt: float,
                  acceleration: float = 0.0) -> float:
@@ -102,8 +116,9 @@ class SpeedLoop:
 
     def __init__(self, files: CarFiles) -> None:
         self._limits = files.config.limits
-        self._law = SpeedLaw(vehicle_of(files.model))
-        self._reversal = Reversal()
+        self._law = SpeedLaw(vehicle_for(files), max_throttle=end_of_throttle(files))
+        self._law.correct = correction(files, self._law.feed_forward)
+        self._reversal = Reversal(rest_before_reverse(files))
         self._reference = 0.0
         self._t: float | None = None
         self.open_loop = self.clipped = False

@@ -14,7 +14,7 @@ SCALE = 0.002
 
 
 class Workshop(Protocol):
-    """What a person with chalk, a tape and a scale answers; a simulated car brings its own.
+    """What a person with chalk, a tape, a scale and a stand does; a simulated car brings its own.
 
     ``mark`` chalks the spot and the heading; the others are measured from there.
     """
@@ -26,6 +26,21 @@ class Workshop(Protocol):
 
     def turns(self) -> float:
         """Yaw since the mark [rad], left positive, full turns counted, +- ``SIGHT``."""
+
+    def lift(self) -> None:
+        """Puts the car on a stand, all wheels off the ground and free to spin."""
+
+    def set_down(self) -> None:
+        """Puts the car back on the floor."""
+
+    def push(self) -> bool:
+        """Turns the wheels by hand, on the floor by pushing the car; whether they turn freely.
+
+        They may turn for a second after the answer.
+        """
+
+    def wheels_turned(self) -> int:
+        """Which way the wheels turned when they last did: 1 forward, -1 backward, 0 not at all."""
 
     def mass(self) -> tuple[float, float]:
         """(reading, one sigma) of a kitchen scale under the car [kg]."""

@@ -200,6 +200,48 @@ def _droop(world: World, volt: float) -> End:
     return lambda world: _nano(world, "set_vcc", 5.0)
 
 
+def _esc_off(world: World, value: float) -> End:
+    """No battery; with a new one it wants its neutral again."""
+    world.esc_powered = False
+
+    def end(world: World) -> None:
+        world.esc_powered = True
+        world.esc.power_on()
+
+    return end
+
+
+def _leads(world: World, value: float) -> End:
+    """The motor's leads are swapped."""
+    drive = world.motion.drive
+    drive.leads = -1.0
+
+    def end(world: World) -> None:
+        drive.leads = 1.0
+
+    return end
+
+
+def _block(world: World, value: float) -> End:
+    world.blocked = True
+
+    def end(world: World) -> None:
+        world.blocked = False
+
+    return end
+
+
+def _no_stand(world: World, value: float) -> End:
+    """The car is not lifted, or slips off its stand."""
+    world.stand_holds = False
+    world.set_down()
+
+    def end(world: World) -> None:
+        world.stand_holds = True
+
+    return end
+
+
 def _torn(world: World, nth: float) -> End:
     _nano(world, "tear_eeprom", int(nth))
     return lambda world: _nano(world, "tear_eeprom", 0)
@@ -235,8 +277,12 @@ _KINDS: dict[str, dict[str, Kind]] = {
         "intermittent": Kind(_line_intermittent, "SHARE", 0.3, 0.0, 1.0)},
     "power": {
         "nano": Kind(_power), "droop": Kind(_droop, "V", 4.0, 0.0, 5.5)},
+    "esc": {"off": Kind(_esc_off), "wrong": Kind(_leads)},
+    "wheel": {"stuck": Kind(_block)},
+    "stand": {"off": Kind(_no_stand)},
     "eeprom": {"torn": Kind(_torn, "NTH", 1.0, 1.0, 1024.0)},
 }
 
 KINDS = {(target, kind): how for target, kinds in _KINDS.items() for kind, how in kinds.items()}
-"""What begins each failure. i2c is the Nano's bus, pca the board's on the computer's bus."""
+"""What begins each failure. i2c is the Nano's bus, pca the board's on the computer's bus,
+esc: no battery, or the motor's leads swapped; wheel: something holds it."""

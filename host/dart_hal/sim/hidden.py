@@ -40,7 +40,13 @@ NOMINAL_VEHICLE = replace(PAPER, name="sim-0",
 
 @dataclass(frozen=True, slots=True)
 class HiddenCar:
-    """Everything true about one simulated car. SI units, pulses in us."""
+    """Everything true about one simulated car. SI units, pulses in us.
+
+    ``wheel_mass`` [kg] of what turns, as felt at the tyres: four wheels of 35 g (0.07) and the
+    motor's rotor, 1.5 g cm2 x 1000, behind a ratio of 9 (0.22). ``drivetrain``: share of the
+    friction that stays when the wheels are off the ground: a rubber tyre's rolling resistance of
+    0.025 of its load is a quarter of the paper's 1.72 N.
+    """
 
     seed: int
     vehicle: Vehicle = NOMINAL_VEHICLE
@@ -53,6 +59,8 @@ class HiddenCar:
     oscillator_hz: float = NOMINAL_HZ
     clock_error: float = 0.0
     brake_force: float = 8.0
+    wheel_mass: float = 0.3
+    drivetrain: float = 0.75
 
     @property
     def name(self) -> str:
@@ -78,7 +86,8 @@ def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
 
 def _draw(seed: int) -> HiddenCar:
     # one generator per group: a parameter added to one group leaves the others as they were
-    body, steer, esc, ring, imu, clock = (np.random.default_rng([seed, k]) for k in range(1, 7))
+    body, steer, esc, ring, imu, clock, stand = (
+        np.random.default_rng([seed, k]) for k in range(1, 8))
     duty = float(ring.uniform(-0.12, 0.12))
     curve = _steering(steer)
     return HiddenCar(
@@ -91,7 +100,9 @@ def _draw(seed: int) -> HiddenCar:
         esc=EscParams(neutral_us=1500.0 + float(esc.uniform(-10.0, 10.0)),
                       deadband_forward_us=25.0 * float(esc.uniform(0.8, 1.2)),
                       deadband_reverse_us=25.0 * float(esc.uniform(0.8, 1.2)),
-                      saturation_us=450.0 * float(esc.uniform(0.97, 1.03))),
+                      saturation_us=450.0 * float(esc.uniform(0.97, 1.03)),
+                      reverse_gap=0.1 * float(esc.uniform(0.5, 1.0)),
+                      signal_loss=0.5 * float(esc.uniform(0.6, 1.0))),
         ring_a=uneven_ring(RING_A, ring, 0.02, duty),
         ring_b=uneven_ring(RING_B, ring, 0.02, duty),
         gear_revolution=GEAR_REVOLUTION * float(ring.uniform(0.995, 1.005)),
@@ -99,6 +110,8 @@ def _draw(seed: int) -> HiddenCar:
         oscillator_hz=NOMINAL_HZ * float(clock.uniform(0.97, 1.05)),
         clock_error=float(clock.uniform(-0.003, 0.003)),
         brake_force=8.0 * float(body.uniform(0.9, 1.1)),
+        wheel_mass=0.3 * float(stand.uniform(0.8, 1.2)),
+        drivetrain=0.75 * float(stand.uniform(0.8, 1.2)),
     )
 
 

@@ -34,23 +34,31 @@ class Motion(Protocol):
     v_x: float
     v_y: float
     omega: float
+    drive: Drive
 
     def step(self, throttle: float, brake: float, angle: float) -> Felt:
         """One tick with throttle -1..1, brake [N] and road-wheel angle [rad] held."""
 
 
-class _Drive:
-    """Coefficients of the drive force, kept while the throttle is unchanged."""
+class Drive:
+    """Coefficients of the drive force, kept while nothing about it changes.
+
+    ``leads``: -1 with the motor's leads swapped; ``push`` [N]: a hand at car or wheel.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._gains = make_motor_gains(vehicle.motor)
-        self._throttle = 0.0
-        self.k0, self.k1 = self._gains(0.0)
+        self._set = (math.nan, 1.0, 0.0)
+        self.leads, self.push = 1.0, 0.0
+        self.k0 = self.k1 = 0.0
+        self.set(0.0)
 
     def set(self, throttle: float) -> None:
-        if throttle != self._throttle:
-            self._throttle = throttle
-            self.k0, self.k1 = self._gains(throttle)
+        now = (throttle, self.leads, self.push)
+        if now != self._set:
+            self._set = now
+            k0, self.k1 = self._gains(throttle)
+            self.k0 = self.leads * k0 + self.push
 
 
 class DynamicMotion:
@@ -61,11 +69,11 @@ class DynamicMotion:
         self.v_x = self.v_y = self.omega = 0.0
         self._dt, self._per_dt = dt, 1.0 / dt
         self._advance = make_dynamic_step(make_dynamic(vehicle))
-        self._drive = _Drive(vehicle)
+        self.drive = Drive(vehicle)
         self._angle, self._cos, self._sin = 0.0, 1.0, 0.0
 
     def step(self, throttle: float, brake: float, angle: float) -> Felt:
-        drive = self._drive
+        drive = self.drive
         drive.set(throttle)
         if angle != self._angle:
             self._angle, self._cos, self._sin = angle, math.cos(angle), math.sin(angle)
@@ -88,10 +96,10 @@ class KinematicMotion:
         self._dt, self._per_dt = dt, 1.0 / dt
         self._l_r, self._wheelbase = vehicle.body.l_r, vehicle.body.wheelbase
         self._advance = make_kinematic_step(make_kinematic(vehicle))
-        self._drive = _Drive(vehicle)
+        self.drive = Drive(vehicle)
 
     def step(self, throttle: float, brake: float, angle: float) -> Felt:
-        drive, f, tan = self._drive, self._per_dt, math.tan(angle)
+        drive, f, tan = self.drive, self._per_dt, math.tan(angle)
         drive.set(throttle)
         u, v, r = self.v_x, self.v_y, self.omega
         held = (drive.k0, drive.k1, brake, tan)

@@ -92,6 +92,8 @@ def _vehicle(car: HiddenCar) -> dict[str, Any]:
     table["esc"] = {"deadband_forward_us": _value(car.esc.deadband_forward_us, "us"),
                     "deadband_reverse_us": _value(car.esc.deadband_reverse_us, "us"),
                     "brake_force": _value(car.brake_force, "N")}
+    table["stand"] = {"wheel_mass": _value(car.wheel_mass, "kg"),
+                      "drivetrain": _value(car.drivetrain, "-")}
     table["nano"] = {"clock_error": _value(car.clock_error, "-")}
     return table
 
@@ -105,6 +107,8 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         "throttle.deadband_forward_us": max(car.esc.deadband_forward_us, onset),
         "throttle.deadband_reverse_us": max(car.esc.deadband_reverse_us, onset),
         "throttle.saturation_us": car.esc.saturation_us,
+        "throttle.reverse_rest": car.esc.reverse_gap,
+        "throttle.signal_loss": car.esc.signal_loss,
         "encoder.metres_per_edge": car.gear_revolution / car.ring_a.n,
         "encoder.ring": list(car.ring_a.fractions),
         "imu.gyro_bias": _yaw_bias(car.imu),

@@ -1,4 +1,4 @@
-"""Chalk, tape and scale in the virtual world: what a person could measure, as well as one can."""
+"""Chalk, tape, scale and hands in the virtual world: what a person could measure and do."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ import numpy as np
 
 from dart_hal.ports.workshop import SCALE, SIGHT, TAPE
 from dart_hal.sim.world import Truth, World
+
+PUSH_CAR, PUSH_WHEEL, PUSHES = 4.0, 2.5, 0.3
+"""N, and s: the car rolls by about 0.1 m, a wheel by about a turn."""
+
+
+def _let_go(world: World) -> None:
+    world.motion.drive.push = 0.0
 
 
 class SimWorkshop:
@@ -37,6 +44,31 @@ class SimWorkshop:
     def turns(self) -> float:
         """Yaw since the mark [rad], left positive."""
         return self._truth().yaw - self._yaw + SIGHT * float(self._rng.normal())
+
+    def lift(self) -> None:
+        """Put the car on a stand."""
+        with self._held:
+            self._world.lift()
+
+    def set_down(self) -> None:
+        """Put the car on the floor."""
+        with self._held:
+            self._world.set_down()
+
+    def push(self) -> bool:
+        """Turn the wheels by hand, or push the car; whether they turn."""
+        with self._held:
+            world = self._world
+            if world.blocked:
+                return False
+            world.motion.drive.push = PUSH_WHEEL if world.stand is not None else PUSH_CAR
+            world.at(world.t + PUSHES, _let_go)
+        return True
+
+    def wheels_turned(self) -> int:
+        """The way of their last turning: 1 forward, -1 backward, 0 none."""
+        with self._held:
+            return self._world.turned
 
     def mass(self) -> tuple[float, float]:
         """(reading, one sigma) of the scale [kg], the car ready to drive."""

@@ -24,11 +24,12 @@ from dart_hal.sim.faults import Line
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.imu import Imu
 from dart_hal.sim.injected import InjectedServo, injected
-from dart_hal.sim.motion import DynamicMotion, KinematicMotion, Motion
+from dart_hal.sim.motion import DynamicMotion, Felt, KinematicMotion, Motion
 from dart_hal.sim.nano import Nano
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.servo import Servo
+from dart_hal.sim.stand import Stand
 from dart_hal.vehicle import Vehicle
 
 STEERING, THROTTLE, CLOCK = 0, 1, 15
@@ -37,6 +38,11 @@ STEERING, THROTTLE, CLOCK = 0, 1, 15
 TICK = 1e-3
 _MODELS: dict[str, Callable[[Vehicle, float], Motion]] = {
     "dynamic": DynamicMotion, "kinematic": KinematicMotion}
+BLOCK = 20.0
+"""N by which a blocked wheel holds the car."""
+SEEN = 0.05
+"""m/s of the tread that nobody overlooks."""
+_STANDS = Felt(0.0, 0.0, 0.0, 0.0, 0.0)
 _ROW = 8
 _EVERY = 5
 _KEEP = 1_000_000
@@ -64,6 +70,8 @@ class Truth:
 class World:
     """One simulated car with its Nano; ``t`` is the world time reached [s].
 
+    ``turned``: which way the wheels turned last, 1 forward, -1 backward; ``blocked``: something
+    holds a wheel; ``stand_holds`` False: a car that was lifted stands on the floor all the same.
     Effects act through ``car``, see ``dart_hal.sim.true_car``.
     """
 
@@ -83,6 +91,10 @@ class World:
         self.motion: Motion = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
         self._through = True
+        self.stand: Stand | None = None
+        self.stand_holds = self.esc_powered = True
+        self.blocked = False
+        self.turned = 0
         nano.capture_behind_mux(isinstance(self._wiring, Multiplexer))
         self.distance = 0.0
         self.lines: tuple[Line, ...] = ()
@@ -123,6 +135,16 @@ class World:
         self.nano.set_power(on)
         self._wiring.power(on, self.t)
 
+    def lift(self) -> None:
+        """The car goes on a stand: its body rests, its wheels turn freely."""
+        if self.stand is None and self.stand_holds:
+            self.stand = Stand(self.car, self.motion.drive, self._dt, self.motion.v_x)
+            self.motion.v_x = self.motion.v_y = self.motion.omega = 0.0
+
+    def set_down(self) -> None:
+        """The car is back on the floor, at rest."""
+        self.stand = None
+
     def truth(self, t: float | None = None) -> Truth:
         """The state at time t (linear between records 5 ms apart), default now."""
         self._record(self._next)
@@ -150,14 +172,23 @@ class World:
         esc.check(now)
         angle = self.servo.move(now, self._dt)
         effects, throttle, brake = self._injected, esc.throttle, esc.brake * self.car.brake_force
+        if not self.esc_powered:
+            throttle = brake = 0.0
+        if self.blocked:  # what holds the wheel takes whatever the motor pulls
+            throttle, brake = 0.0, BLOCK
         if effects is not None:
             throttle = effects.throttle(now, throttle)
-        felt = self.motion.step(throttle, brake, angle)
+        stand = self.stand
+        felt = _STANDS if stand is not None else self.motion.step(throttle, brake, angle)
         speed, a_x, a_y, omega, omega_dot = felt
         self.distance += speed * self._dt
         rate = omega
         if effects is not None:
             speed, rate, a_x, a_y = effects.sensed(felt, self.motion, throttle, brake)
+        if stand is not None:
+            speed = stand.step(throttle, brake)
+        if abs(speed) > SEEN:
+            self.turned = 1 if speed > 0.0 else -1
         wheel = speed * self._per_revolution
         if wheel != self._wheel:
             self._wheel = wheel

@@ -1,0 +1,315 @@
+"""`calibrate esc` through the whole Car, against the hidden truth of simulated cars."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_errors import errors
+
+from dart_hal.calibration import esc, esc_fit
+from dart_hal.calibration.esc import calibrate_esc
+from dart_hal.calibration.esc_fit import knee, pull_begins
+from dart_hal.calibration.measured import write
+from dart_hal.calibration.spin import Spin
+from dart_hal.car import Car
+from dart_hal.errors import CalibrationFailed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.esc import Esc
+from dart_hal.sim.truth import reveal, world_of
+
+URL = "sim://?nano=mock&seed="
+QUANTITIES = {f"throttle.{name}" for name in (
+    "neutral_us", "deadband_forward_us", "deadband_reverse_us", "saturation_us", "reverse_rest",
+    "signal_loss")}
+
+
+class Watched:
+    """One calibration and the pulses of its ESC pin: (end [s], width [us])."""
+
+    def __init__(self, url, tmp_path, alter=lambda world: None) -> None:
+        self.backend = open_backend(url)
+        self.world = world_of(self.backend)
+        self.pulses: list[tuple[float, float]] = []
+        self.world.watchers.append(lambda channel, pulse: channel == 1 and self.pulses.append(
+            (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
+        alter(self.world)
+        self.car = Car.over(self.backend, cars=tmp_path)
+
+    def calibrate(self, **options):
+        try:
+            return calibrate_esc(self.car, self.backend.workshop, **options)
+        finally:
+            assert self.car.mode != "RAW"
+            for _ in self.car.states(duration=0.5):
+                pass
+
+    def pulled_after(self, t: float) -> float:
+        """s after t for which the pin carried a throttle."""
+        return max((end for end, width in self.pulses if abs(width - 1500.0) > 12.0),
+                   default=0.0) - t
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """(files, result, the same car) of hidden car 5."""
+    tmp_path = tmp_path_factory.mktemp("esc")
+    watched = Watched(f"{URL}5", tmp_path)
+    result = watched.calibrate()
+    yield watched.car.files, result, watched
+    watched.car.close()
+
+
+@pytest.mark.more
+def test_a_hidden_esc_is_found(measured):
+    _, result, watched = measured
+    true = reveal(5)["sensors"]
+    assert set(result.quantities) == QUANTITIES
+    for name, q in result.quantities.items():
+        assert abs(q.value - true[name]) < 3.5 * q.std, name
+    assert result.quantities["throttle.neutral_us"].std < 0.3
+    assert result.quantities["throttle.signal_loss"].std < 0.02
+    assert result.others == {"throttle.reverse": "after_brake"}
+    assert watched.world.stand is None
+    assert watched.pulled_after(watched.car._engine.now) < -0.4
+
+
+@pytest.mark.more
+def test_what_is_written_is_read(measured, tmp_path):
+    files, result, _ = measured
+    assert not files.folder.exists()
+    write(replace(files, folder=tmp_path / files.config.name), result)
+    with Car.open(f"{URL}5", cars=tmp_path) as car:
+        throttle = car.files.calibration.throttle
+        assert throttle.reverse == "after_brake"
+        assert car.files.neutral_us == pytest.approx(
+            result.quantities["throttle.neutral_us"].value, abs=0.01)
+        pins = [s.applied.throttle_us for s in car.states(duration=0.3)]
+        assert pins[-1] == pytest.approx(throttle.neutral_us.value, abs=2.6)
+        assert car.files.calibration.provenance["esc"]["residual"] == result.residual
+
+
+def test_control_the_box_would_be_off():
+    """Without the calibration neutral is known to 10 us, not to 0.2."""
+    neutral = [reveal(seed)["sensors"]["throttle.neutral_us"] for seed in range(1, 31)]
+    assert np.std(np.array(neutral) - 1500.0) > 3.0
+
+
+def a_spin(rng, pulse, start, begin, pull, a, c):
+    """One stretch of wheels of a law, its edges off by the printing of their marks."""
+    away = max(pulse - begin, 0.0)
+    rise, slow = pull * away - a, c + 0.004 * away
+    v, x, t, rows = start, 0.0, 0.0, []
+    while t < 0.6 and v > 0.05:
+        rows.append((t, x + 4e-5 * rng.normal()))
+        for _ in range(10):
+            v += 1e-3 * (rise - slow * v)
+            x, t = x + 1e-3 * v, t + 1e-3
+    times, places = np.array(rows).T
+    return Spin(pulse, times, places, 0.0, t), v
+
+
+def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
+    """Fifty virtual ESCs: the 90 % intervals hold the onset, by their scatter alone."""
+    monkeypatch.setattr(esc_fit, "LAW", 0.0)
+    rng, inside = np.random.default_rng(1), []
+    for _ in range(50):
+        begin, speed, spins = 1560.0 + 20.0 * rng.random(), 0.6, []
+        for pulse in (1640, 1605, 1620, 1595, 1500, 1640, 1605, 1500, 1620, 1595, 1640, 1500):
+            spin, speed = a_spin(rng, float(pulse), max(speed, 0.4), begin, 0.21, 4.3, 0.7)
+            spins.append(spin)
+        found = pull_begins(spins, 1500.0).begin
+        inside.append(abs(found.value - begin) < 1.645 * found.std)
+        assert found.std < 0.5
+    assert 0.78 <= np.mean(inside) <= 0.98
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("seed", [1, 2, 9])
+def test_more_hidden_escs(seed):
+    assert {name: z for name, (e, std) in errors("esc", seed).items()
+            if (z := abs(e) / std) > 3.5} == {}
+
+
+@pytest.mark.more
+@pytest.mark.emulator
+def test_the_firmware_counts_as_well(tmp_path):
+    result = Watched("sim://?nano=avr&seed=3", tmp_path).calibrate()
+    true = reveal(3)["sensors"]
+    assert set(result.quantities) == QUANTITIES
+    assert all(abs(q.value - true[n]) < 3.5 * q.std for n, q in result.quantities.items())
+
+
+@pytest.mark.slow
+def test_intervals_of_30_hidden_cars_hold_the_truth():
+    rows = [errors("esc", seed) for seed in range(1, 31)]
+    for name in QUANTITIES:
+        inside = np.mean([abs(row[name][0]) < 1.645 * row[name][1] for row in rows])
+        assert 0.8 <= inside <= 1.0, (name, inside)
+    assert all(set(row) == QUANTITIES for row in rows)
+
+
+@pytest.mark.more
+def test_control_coasting_tells_friction_from_the_dead_band(tmp_path, monkeypatch):
+    """Without the stretches at neutral dry friction and dead band are the same thing."""
+    rows = esc_fit._rows
+    monkeypatch.setattr(esc_fit, "_rows", lambda spin, neutral, reference: None
+                        if spin.pulse_us == neutral else rows(spin, neutral, reference))
+    with pytest.raises(CalibrationFailed, match="speed up and slow down alike"):
+        Watched(f"{URL}5", tmp_path).calibrate()
+
+
+# -- another ESC -----------------------------------------------------------------
+
+
+class AtOnce(Esc):
+    """It knows no brake."""
+
+    def _pull_back(self, level: float) -> None:
+        self._set(type(self.mode).REVERSE, -level)
+
+
+class NoReverse(Esc):
+    """A pull below neutral always brakes."""
+
+    def _pull_back(self, level: float) -> None:
+        self._set(type(self.mode).BRAKING, 0.0, level)
+
+
+class DragBrake(Esc):
+    """It brakes a little at neutral."""
+
+    def _neutral(self, t: float) -> None:
+        super()._neutral(t)
+        self.brake = 0.1
+
+
+def as_esc(kind, **params):
+    def alter(world):
+        world.esc = kind(replace(world.esc.params, **params))
+    return alter
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("kind", "params", "reverse", "absent"), [
+    (AtOnce, {}, "at_once", {"reverse_rest"}),
+    (NoReverse, {}, "never", {"reverse_rest", "neutral_us", "deadband_forward_us",
+                              "deadband_reverse_us", "saturation_us"}),
+    (Esc, {"reverse_gap": 0.3}, "after_brake", set()),
+    (Esc, {"reverse_gap": 0.8}, "after_brake", set()),
+    (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
+    (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
+def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
+    result = Watched(f"{URL}5", tmp_path, as_esc(kind, **params)).calibrate()
+    assert result.others["throttle.reverse"] == reverse
+    assert set(result.quantities) == QUANTITIES - {f"throttle.{name}" for name in absent}
+    for name, value in params.items():
+        found = result.quantities.get("throttle.reverse_rest" if name == "reverse_gap"
+                                      else f"throttle.{name}")
+        assert found is None or abs(found.value - value) < 3.0 * found.std
+    if absent - {"reverse_rest"}:
+        assert any(note.startswith("caution:") for note in result.notes)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("taken_off", [True, False])
+def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
+    """Control: not taken off, it moves neutral by 4 us, for the motor pulls less in reverse."""
+    if not taken_off:
+        monkeypatch.setattr(esc, "DRAG", float("inf"))
+    result = Watched(f"{URL}5", tmp_path, as_esc(DragBrake)).calibrate()
+    q, true = result.quantities["throttle.neutral_us"], reveal(5)["sensors"]["throttle.neutral_us"]
+    assert (abs(q.value - true) < 3.5 * q.std) == taken_off
+    assert (abs(q.value - true) > 3.0) != taken_off
+    assert any("brakes at neutral" in note for note in result.notes) == taken_off
+
+
+def test_a_knee_that_is_not_there_is_not_found():
+    pulses = np.arange(300.0, 500.0, 10.0)
+    law = (pulses - 60.0) / (0.2 * pulses + 20.0)
+    assert knee(pulses, law) is None
+    found = knee(pulses, np.minimum(law, law[14]))
+    assert found.value == pytest.approx(pulses[14], abs=0.1)
+
+
+# -- what is wrong is named, and the pin is at neutral -----------------------------
+
+
+@pytest.mark.few("esc:wrong@0", "stand:off@0", "enc:off@12")
+@pytest.mark.parametrize(("fail", "why"), [
+    pytest.param(fail, why, id=fail) for fail, why in (
+        ("esc:wrong@0", "turns the wheels backward"), ("wheel:stuck@0", "a wheel is blocked"),
+        ("wheel:stuck@14", "a wheel is blocked"), ("enc:off@0", "encoder does not count"),
+        ("enc:off@12", "encoder does not count"), ("enc:off@58", "encoder does not count"),
+        ("esc:off@0", "motor does not answer"), ("esc:off@14", "motor does not answer"),
+        ("esc:off@25", "motor does not answer"), ("stand:off@0", "not off the ground"),
+        ("stand:off@14", "not off the ground"), ("stand:off@55", "not off the ground"),
+        ("imu:off@14", "no data of the IMU"), ("enc:wrong=0.5@14", "speed up and slow down alike"))
+])
+def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
+    watched = Watched(f"{URL}5&fail={fail}", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed, match=why):
+        watched.calibrate()
+    assert not list(tmp_path.rglob("calibration.toml"))
+    assert watched.pulled_after(watched.world.t) < -0.4
+    assert watched.world.stand is None
+
+
+def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
+    watched = Watched(f"{URL}5", tmp_path)
+    watched.backend.workshop.wheels_turned = lambda: 0
+    with watched.car, pytest.raises(CalibrationFailed, match="counts wheels that stand"):
+        watched.calibrate()
+
+
+def test_nothing_turns_unless_it_was_agreed(tmp_path):
+    watched, said = Watched(f"{URL}2", tmp_path), []
+    with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
+        watched.calibrate(ask=lambda q: said.append(q) or False)
+    assert watched.pulled_after(0.0) == 0.0
+    for word in ("neutral", " s, ", "stand", "fingers"):
+        assert word in said[0]
+
+
+PRESSED = {"first motion": 8.0, "forward": 14.0, "brake": 21.5, "reverse": 46.0,
+           "full throttle": 58.0, "no pulse": 67.9}
+"""s of the car's time."""
+
+
+def pressed(tmp_path, t: float) -> Watched:
+    """Ctrl-C at a time."""
+    watched = Watched(f"{URL}5", tmp_path)
+
+    def press(state):
+        if watched.world.t > t and watched.car.mode == "RAW":
+            raise KeyboardInterrupt
+
+    watched.car.on_state(press)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_esc(watched.car, watched.backend.workshop)
+    watched.car._engine.listeners.remove(press)
+    for _ in watched.car.states(duration=0.5):
+        pass
+    return watched
+
+
+@pytest.mark.few("forward")
+@pytest.mark.parametrize("when", PRESSED)
+def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
+    watched = pressed(tmp_path, PRESSED[when])
+    assert watched.pulled_after(PRESSED[when]) < 0.06
+    assert watched.pulses[-1][0] > watched.world.t - 0.03
+    assert watched.car.mode == "DISARMED"
+    assert not list(tmp_path.rglob("calibration.toml"))
+    watched.car.close()
+
+
+def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
+    """Negative control: an exit that tells the driver nothing leaves its last pulse there."""
+    from dart_hal.car.driver import Driver
+
+    monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)
+    watched = pressed(tmp_path, PRESSED["forward"])
+    assert watched.pulled_after(PRESSED["forward"]) > 0.15
+    watched.car.close()

@@ -1,0 +1,238 @@
+"""`calibrate throttle` through the whole Car, against the hidden truth of simulated cars."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hidden_errors import errors, holding_pulse
+
+from dart_hal.calibration.measured import write
+from dart_hal.calibration.throttle import (
+    CIRCLE,
+    Held,
+    calibrate_throttle,
+    speeds_in,
+    table_of,
+)
+from dart_hal.car import Car
+from dart_hal.config import Quantity
+from dart_hal.errors import CalibrationFailed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+URL = "sim://?nano=mock&seed="
+DRIVE = "throttle.drive"
+
+
+class Watched:
+    """One calibration, the pulses of its ESC pin and how far it went."""
+
+    def __init__(self, url, tmp_path) -> None:
+        self.backend = open_backend(url)
+        self.world = world_of(self.backend)
+        self.pulses: list[tuple[float, float]] = []
+        self.runs: list[tuple[float, float]] = []
+        self.world.watchers.append(lambda channel, pulse: channel == 1 and self.pulses.append(
+            (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
+        mark = self.backend.workshop.mark
+
+        def marked() -> None:
+            at = self.world.truth()
+            self.runs.append((at.x, at.y))
+            mark()
+
+        self.backend.workshop.mark = marked
+        self.car = Car.over(self.backend, cars=tmp_path)
+
+    def calibrate(self, **options):
+        try:
+            return calibrate_throttle(self.car, self.backend.workshop, **options)
+        finally:
+            assert self.car.mode != "RAW"
+            for _ in self.car.states(duration=0.5):
+                pass
+
+    def pulled_after(self, t: float) -> float:
+        """s after t for which the pin carried a throttle."""
+        return max((end for end, width in self.pulses if abs(width - 1500.0) > 12.0),
+                   default=0.0) - t
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """(files, result, the same car) of hidden car 6 on 2.5 m of floor."""
+    watched = Watched(f"{URL}6", tmp_path_factory.mktemp("throttle"))
+    result = watched.calibrate(room=2.5)
+    yield watched.car.files, result, watched
+    watched.car.close()
+
+
+def test_the_pulses_of_a_hidden_car_are_found(measured):
+    _, result, watched = measured
+    table = result.others[DRIVE]
+    assert len(table.speed) == len(speeds_in(2.5)) == 2
+    for speed, pulse, std in zip(table.speed, table.pulse_us, table.std_us, strict=True):
+        assert abs(pulse - holding_pulse(6, speed)) < 3.5 * std
+        assert std < 1.0
+    assert watched.pulled_after(watched.world.t) < -0.4
+
+
+def test_it_keeps_to_its_floor(measured):
+    _, _, watched = measured
+    ends = [*watched.runs, (watched.world.truth().x, watched.world.truth().y)]
+    way = [math.dist(a, b) for a, b in pairwise(ends)]
+    assert max(way) < 2.5
+
+
+def test_what_is_written_is_read_and_keeps_what_was_there(measured, tmp_path):
+    files, result, _ = measured
+    files = replace(files, folder=tmp_path / files.config.name)
+    first = replace(result, verb="esc", others={},
+                    quantities={"throttle.neutral_us": Quantity(1503.0, 1.0)})
+    write(files, first)
+    write(files, result)
+    with Car.open(f"{URL}6", cars=tmp_path) as car:
+        throttle = car.files.calibration.throttle
+        assert throttle.drive == result.others[DRIVE]
+        assert throttle.neutral_us.value == 1503.0
+        assert set(car.files.calibration.provenance) >= {"esc", "throttle"}
+
+
+def test_control_the_papers_car_would_be_off():
+    """What is measured is not what every car has: 1 m/s needs pulses 30 us apart."""
+    pulses = [holding_pulse(seed, 1.0) for seed in range(1, 21)]
+    assert np.ptp(pulses) > 15.0
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("seed", "verb"), [(1, "throttle"), (2, "circle"), (21, "circle")])
+def test_more_hidden_cars(seed, verb):
+    assert all(abs(e) < 3.5 * std for e, std in errors(verb, seed).values())
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.6)])
+def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
+    watched = Watched(f"{URL}6", tmp_path)
+    far = []
+    watched.car.on_state(lambda state: far.append(watched.world.truth()))
+    table = watched.calibrate(room=room).others[DRIVE]
+    if radius is None:
+        assert table.speed[-1] > 2.2
+        assert max(math.dist(a, b) for a, b in pairwise(watched.runs)) < room
+    else:
+        assert len(table.speed) == len(CIRCLE)
+        spots = np.array([(t.x, t.y) for t in far])
+        assert np.ptp(spots, axis=0).max() < 2.0 * radius
+    watched.car.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", ["throttle", "circle"])
+def test_intervals_of_30_hidden_cars_hold_the_truth(verb):
+    rows = [pair for seed in range(1, 31) for pair in errors(verb, seed).values()]
+    inside = np.mean([abs(error) < 1.645 * std for error, std in rows])
+    assert 0.85 <= inside <= 1.0
+
+
+# -- what is wrong is named, and the pin is at neutral -----------------------------
+
+
+@pytest.mark.few("esc:wrong@0")
+@pytest.mark.parametrize(("fail", "why"), [
+    pytest.param(fail, why, id=fail) for fail, why in (
+        ("esc:wrong@0", "drives the car backward"), ("wheel:stuck@0", "a wheel is blocked"),
+        ("wheel:stuck@14", "a wheel is blocked"), ("enc:off@0", "encoder does not count"),
+        ("enc:off@14", "encoder does not count"), ("esc:off@0", "motor does not answer"),
+        ("esc:off@14", "motor does not answer"), ("esc:off@25", "motor does not answer"),
+        ("enc:wrong=0.5@14", "encoder does not count"))])
+def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
+    watched = Watched(f"{URL}5&fail={fail}", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed, match=why):
+        watched.calibrate()
+    assert not list(tmp_path.rglob("calibration.toml"))
+    assert watched.pulled_after(watched.world.t) < -0.4
+
+
+@pytest.mark.more
+def test_lifted_wheels_are_no_floor(tmp_path):
+    watched = Watched(f"{URL}5", tmp_path)
+    watched.backend.workshop.lift()
+    with watched.car, pytest.raises(CalibrationFailed, match="wheels turn but the car does not"):
+        watched.calibrate()
+
+
+def test_nothing_moves_unless_it_was_agreed(tmp_path):
+    watched, said = Watched(f"{URL}2", tmp_path), []
+    with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
+        watched.calibrate(ask=lambda q: said.append(q) or False)
+    assert watched.pulled_after(0.0) == 0.0
+    for word in ("which pulse", " s ", "floor of 4.0 m", "chalk"):
+        assert word in said[0]
+
+
+def pressed(tmp_path, speed: float) -> tuple[Watched, float]:
+    """Ctrl-C once the car is that fast; and when."""
+    watched = Watched(f"{URL}5", tmp_path)
+    when = []
+
+    def press(state):
+        if abs(state.speed) > speed and watched.car.mode == "RAW":
+            when.append(watched.world.t)
+            raise KeyboardInterrupt
+
+    watched.car.on_state(press)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_throttle(watched.car, watched.backend.workshop)
+    watched.car._engine.listeners.remove(press)
+    for _ in watched.car.states(duration=0.5):
+        pass
+    return watched, when[0]
+
+
+def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
+    watched, when = pressed(tmp_path, 0.25)
+    assert watched.pulled_after(when) < 0.06
+    assert watched.car.mode == "DISARMED"
+    watched.car.close()
+
+
+def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
+    """Negative control."""
+    from dart_hal.car.driver import Driver
+
+    monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)
+    watched, when = pressed(tmp_path, 0.25)
+    assert watched.pulled_after(when) > 0.15
+    watched.car.close()
+
+
+def test_a_table_that_turns_back_is_refused(measured):
+    files, _, _ = measured
+    held = [Held(v, v, p, 0.1) for v, p in ((0.5, 1600.0), (1.0, 1598.0)) for _ in range(2)]
+    with pytest.raises(CalibrationFailed, match="shorter pulse"):
+        table_of(held, files)
+
+
+def test_interval_of_a_point_is_what_its_parts_make_it(measured):
+    """Repeats that scatter by 1 us: the mean of two of them is known to 0.7 us."""
+    files, _, _ = measured
+    rng = np.random.default_rng(3)
+    z = []
+    for _ in range(300):
+        held = [Held(v, v, 1580.0 + 25.0 * v + rng.normal(), 0.0)
+                for v in (0.3, 0.6, 0.9, 1.2, 1.6, 2.0) for _ in range(2)]
+        table, _ = table_of(held, files)
+        z += [(p - 1580.0 - 25.0 * v) / s for v, p, s in zip(
+            table.speed, table.pulse_us, table.std_us, strict=True)]
+    assert 0.85 < np.mean(np.abs(z) < 1.645) < 0.95
+
+
+def test_room_and_speeds_agree():
+    assert speeds_in(2.4) == ()
+    assert speeds_in(4.0)[-1] == 1.0
+    assert speeds_in(12.0)[-1] == 2.5

@@ -1,0 +1,116 @@
+"""A simulated car on a stand: its wheels spin, its body rests, and hands can turn them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.hidden import hidden_car
+from dart_hal.sim.motion import Drive
+from dart_hal.sim.stand import Stand
+from dart_hal.sim.truth import world_of
+from dart_hal.vehicle.friction import make_friction
+
+TICK = 1e-3
+URL = "sim://?nano=mock&seed=3"
+
+
+def stand(seed=3, tick=TICK, **options):
+    car = hidden_car(seed)
+    return car, Stand(car, Drive(car.vehicle), tick, **options)
+
+
+@pytest.mark.parametrize("throttle", [0.25, 0.6, -0.5])
+def test_at_a_steady_speed_the_pull_is_the_drive_trains_friction(throttle):
+    car, wheels = stand()
+    for _ in range(5000):
+        speed = wheels.step(throttle, 0.0)
+    drive = Drive(car.vehicle)
+    drive.set(throttle)
+    friction = car.drivetrain * make_friction(car.vehicle.friction)(speed)
+    assert drive.k0 - drive.k1 * speed == pytest.approx(-friction, abs=1e-5)
+    assert math.copysign(1.0, speed) == math.copysign(1.0, throttle)
+
+
+def test_they_coast_as_mass_and_friction_say():
+    """Against the closed form of v' = -(a + c v) / m above the knee of the dry friction."""
+    car, wheels = stand(speed=2.0)
+    seconds = 0.0
+    while wheels.speed > 1.0:
+        wheels.step(0.0, 0.0)
+        seconds += TICK
+    a, c = (car.drivetrain * v for v in (car.vehicle.friction.a, car.vehicle.friction.c))
+    assert seconds == pytest.approx(car.wheel_mass / c * math.log((a + 2.0 * c) / (a + c)),
+                                    abs=2 * TICK)
+
+
+@pytest.mark.parametrize("tick", [1e-3, 1e-2])
+def test_a_brake_stops_them_and_never_turns_them_back(tick):
+    _, wheels = stand(speed=4.0, tick=tick)
+    speeds = [wheels.step(0.0, 20.0) for _ in range(round(0.5 / tick))]
+    assert np.all(np.diff(speeds) <= 1e-12)
+    assert -1e-12 < speeds[-1] < 1e-3
+
+
+def spun(url, lift=True, seconds=1.0, pulse=1600.0):
+    """(States, world) of a car whose ESC gets a pulse for a while."""
+    backend = open_backend(url)
+    world = world_of(backend)
+    with Car.over(backend) as car:
+        if lift:
+            backend.workshop.lift()
+        with car.raw():
+            seen = []
+            for state in car.states(duration=seconds):
+                car.pulses(steering_us=1500.0, throttle_us=pulse)
+                seen.append(state)
+        turned = backend.workshop.wheels_turned()
+    return seen, world, turned
+
+
+@pytest.mark.parametrize("lift", [True, False])
+def test_the_body_rests_while_the_wheels_count(lift):
+    seen, world, turned = spun(URL, lift)
+    felt = np.mean([s.accel_x for s in seen[10:60]])
+    assert seen[-1].ticks - seen[0].ticks > 100
+    assert turned == 1
+    assert (abs(felt) < 0.05) == lift
+    assert (abs(world.truth().distance) < 1e-9) == lift
+
+
+def test_swapped_leads_turn_the_wheels_backward():
+    assert spun(f"{URL}&fail=esc:wrong@0", seconds=0.6)[2] == -1
+
+
+@pytest.mark.parametrize("fail", ["wheel:stuck", "esc:off"])
+def test_a_blocked_wheel_and_an_empty_battery_turn_nothing(fail):
+    seen, _, turned = spun(f"{URL}&fail={fail}@0", seconds=0.6)
+    assert seen[-1].ticks == seen[0].ticks
+    assert turned == 0
+
+
+def test_a_car_that_is_not_on_its_stand_drives():
+    _, world, _ = spun(f"{URL}&fail=stand:off@0", seconds=0.6)
+    assert world.truth().distance > 0.05
+
+
+@pytest.mark.parametrize(("lift", "fail", "edges"), [
+    (True, "", 10), (False, "", 10), (True, "&fail=wheel:stuck@0", 0),
+    (True, "&fail=enc:off@0", 0)])
+def test_a_hand_turns_the_wheels(lift, fail, edges):
+    backend = open_backend(URL + fail)
+    with Car.over(backend) as car:
+        if lift:
+            backend.workshop.lift()
+        first = next(iter(car.states()))
+        free = backend.workshop.push()
+        last = list(car.states(duration=1.5))[-1]
+        assert free == ("stuck" not in fail)
+        assert (last.ticks - first.ticks >= edges) if edges else last.ticks == first.ticks
+        assert last.speed == 0.0
+        backend.workshop.set_down()
+        assert abs(world_of(backend).truth().v_x) < 0.01
