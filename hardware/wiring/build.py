@@ -2,6 +2,8 @@
 
     python hardware/wiring/build.py            write them
     python hardware/wiring/build.py --check    exit 1 if a committed file is not up to date
+
+A harness that fails the electrical check is not drawn: its faults are named, nothing is written.
 """
 
 from __future__ import annotations
@@ -13,9 +15,11 @@ from pathlib import Path
 
 from circuit import devices, part_table, pin_table, said
 from drawing import diagram
+from electrical import check
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
 from perfboard import drawing as board
 from pinout import PINOUTS
+from power_tree import drawing as power_tree
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
 REFERENCE = HERE.parent / "README.md"
@@ -34,7 +38,7 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
         for step, shown in data["metadata"].get("steps", {}).items():
             found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown],
                                                 beside)
-    found["mux_board.svg"] = board(folder)
+    found |= {"mux_board.svg": board(folder), "power_tree.svg": power_tree(folder)}
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 
@@ -56,8 +60,12 @@ def main() -> int:
     """Write or compare."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--check", action="store_true", help="write nothing; 1 on a difference")
+    options = parser.parse_args()
     try:
-        if parser.parse_args().check:
+        if faults := check():
+            sys.stderr.write("".join(f"{fault}\n" for fault in faults) + "nothing was written\n")
+            return 2
+        if options.check:
             for name in (old := stale()):
                 sys.stderr.write(f"{name} is older than its source: hardware/wiring/build.py\n")
             return 1 if old else 0
