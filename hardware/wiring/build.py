@@ -17,9 +17,11 @@ from circuit import devices, part_table, pin_table, said
 from drawing import diagram
 from electrical import check
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
+from pcb import files as printed
 from perfboard import drawing as board
 from pinout import PINOUTS
 from power_tree import drawing as power_tree
+from schematic import drawing as schematic
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
 REFERENCE = HERE.parent / "README.md"
@@ -38,7 +40,9 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
         for step, shown in data["metadata"].get("steps", {}).items():
             found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown],
                                                 beside)
-    found |= {"mux_board.svg": board(folder), "power_tree.svg": power_tree(folder)}
+    found |= {f"pcb/{name}": text for name, text in printed(folder).items()}
+    found |= {"mux_board.svg": board(folder), "mux_schematic.svg": schematic(folder),
+              "power_tree.svg": power_tree(folder)}
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 
@@ -69,8 +73,9 @@ def main() -> int:
             for name in (old := stale()):
                 sys.stderr.write(f"{name} is older than its source: hardware/wiring/build.py\n")
             return 1 if old else 0
-        for name, svg in drawn().items():
-            (HERE / name).write_text(svg, encoding="utf-8")
+        (HERE / "pcb").mkdir(exist_ok=True)
+        for name, text in drawn().items():
+            (HERE / name).write_text(text, encoding="utf-8")
         for page in (GUIDE, REFERENCE):
             page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
     except WiringError as error:
