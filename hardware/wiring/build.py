@@ -21,6 +21,8 @@ from pcb import files as printed
 from perfboard import drawing as board
 from pinout import PINOUTS
 from power_tree import drawing as power_tree
+from routing import SHOWN as ROUTED
+from routing import drawing as routed
 from schematic import drawing as schematic
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
@@ -41,6 +43,7 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
             found[f"{name}_{step}.svg"] = diagram(data, [c for c in cables if c[1] in shown],
                                                 beside)
     found |= {f"pcb/{name}": text for name, text in printed(folder).items()}
+    found |= {f"routing_{name}.svg": routed(name, folder) for name in ROUTED}
     found |= {"mux_board.svg": board(folder), "mux_schematic.svg": schematic(folder),
               "power_tree.svg": power_tree(folder)}
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
@@ -79,7 +82,7 @@ def main() -> int:
         for page in (GUIDE, REFERENCE):
             page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
     except WiringError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{error}\nnothing was written\n")
         return 2
     return 0
 

@@ -101,7 +101,7 @@ def test_a_fact_that_cannot_be_meant_says_where(copy, old, new, said):
 def test_nothing_is_drawn_from_a_harness_with_a_fault(tmp_path):
     """The whole tree, for the builder writes beside itself and into the pages."""
     shutil.copytree(ROOT / "hardware", tmp_path / "hardware",
-                    ignore=shutil.ignore_patterns("__*", "stl", "pictures", "cad"))
+                    ignore=shutil.ignore_patterns("__*", "stl", "pictures"))
     shutil.copytree(ROOT / "docs" / "build_guide", tmp_path / "docs" / "build_guide")
     wiring = tmp_path / "hardware" / "wiring"
     path = wiring / "parts.yml"
