@@ -255,11 +255,11 @@ def clamp(s: State) -> Found:
 
 
 def floating(s: State) -> Found:
-    """A CMOS input that no resistor holds once the wire from its driver is off."""
+    """An input that no resistor holds once the wire from its driver is off."""
     fixed = dict.fromkeys(set().union(*s.circuit.earth.values()), 0.0)
     fixed |= {net: volts[0] for net, volts in s.live.items()}
     for name, pin, net in s.circuit.of("input"):
-        if not pin.cmos or net in fixed or not s.powered(pin):
+        if pin.pull or net in fixed or not s.powered(pin):
             continue
         held = [(fixed[far], ohm) for a, b, ohm in s.circuit.resistors
                 for near, far in ((a, b), (b, a)) if near == net and far in fixed and ohm <= WEAK]

@@ -106,6 +106,7 @@ header_bus() {
         *) echo 1 ;; # Jetson Nano, Raspberry Pi
     esac
 }
+known_board() { case $(model) in *"Orin Nano"* | *"Jetson Nano"* | *"Raspberry Pi"*) true ;; *) false ;; esac; }
 
 # At 0x40 of another bus of an Orin Nano sits its power monitor, bound by a driver.
 claimed() { [ -e "$root/sys/bus/i2c/devices/$i2c-0040/driver" ]; }
@@ -117,6 +118,9 @@ check_i2c() {
         bad i2c "0x40 on /dev/i2c-$i2c belongs to the kernel \
 ($(cat "$root/sys/bus/i2c/devices/$i2c-0040/name" 2>/dev/null || echo 'a driver'))" \
             "--i2c $(header_bus), the bus of pins 3 and 5 here; or remove a PCA9685's overlay"
+    elif [ -e "$root/dev/i2c-$i2c" ] && ! known_board; then
+        odd i2c "/dev/i2c-$i2c; which bus is at pins 3 and 5 of this board is not known here" \
+            "its manual, then --i2c N; dart-hal reads who answers before it writes"
     elif [ -e "$root/dev/i2c-$i2c" ] && [ "$i2c" = "$(header_bus)" ]; then
         good i2c "/dev/i2c-$i2c, pins 3 and 5 of the header"
     elif [ -e "$root/dev/i2c-$i2c" ]; then

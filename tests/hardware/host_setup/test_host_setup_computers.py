@@ -100,6 +100,14 @@ def test_the_settings_of_a_wrong_bus_are_not_kept_in_silence(boxed) -> None:
     assert "belongs to the kernel" in box.run().stdout
 
 
+def test_a_board_that_is_not_known_is_not_guessed_in_silence(box: Box) -> None:
+    box.put("proc/device-tree/model", "NVIDIA Jetson Xavier NX Developer Kit\0")
+    said = box.run("--check").stdout
+    assert "warn  i2c            /dev/i2c-1; which bus is at pins 3 and 5 of this board" in said
+    with pytest.raises(BusMissing, match="Xavier NX"):
+        find_bus(box.root)
+
+
 def test_a_pc_without_a_bridge_or_with_two_says_what_is_there(tmp_path: Path) -> None:
     root = plant("laptop_debian13", tmp_path)
     (root / "sys/class/i2c-dev/i2c-1/name").write_text("CP2112 SMBus Bridge on hidraw3\n")
