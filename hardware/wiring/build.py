@@ -17,7 +17,9 @@ from circuit import devices, part_table, pin_table, said
 from drawing import diagram
 from electrical import check
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
+from net_table import net_table
 from pcb import files as printed
+from pcb import picture as pcb_picture
 from perfboard import drawing as board
 from pinout import PINOUTS
 from power_tree import drawing as power_tree
@@ -27,7 +29,7 @@ from schematic import drawing as schematic
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"
 REFERENCE = HERE.parent / "README.md"
-TABLES = {"wires": table, "board": part_table, "pins": pin_table}
+TABLES = {"wires": table, "board": part_table, "pins": pin_table, "nets": net_table}
 """Word of a mark -> what stands between it and its end: `<!-- pins: MUX -->`."""
 BLOCK = "<!-- {} -->\n{}\n<!-- end of {} -->"
 
@@ -44,14 +46,20 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
                                                 beside)
     found |= {f"pcb/{name}": text for name, text in printed(folder).items()}
     found |= {f"routing_{name}.svg": routed(name, folder) for name in ROUTED}
-    found |= {"mux_board.svg": board(folder), "mux_schematic.svg": schematic(folder),
-              "power_tree.svg": power_tree(folder)}
+    found |= {"mux_pcb.svg": pcb_picture(folder), "mux_board.svg": board(folder),
+              "mux_schematic.svg": schematic(folder), "power_tree.svg": power_tree(folder)}
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 
 def with_tables(text: str) -> str:
-    """A page with each block between its marks replaced by the current table."""
-    return re.sub(r"<!-- ((wires|board|pins): (\w+)) -->\n.*?<!-- end of \2 -->",
+    """A page with each block between its marks replaced by the current table.
+
+    Raises WiringError for a block without an end.
+    """
+    unended = r"<!-- (wires|board|pins|nets): (\w+) -->\n(?!(?:\|.*\n)*<!-- end of \1)"
+    for kind, name in re.findall(unended, text):
+        raise WiringError(f"<!-- {kind}: {name} --> has no <!-- end of {kind} --> below its table")
+    return re.sub(r"<!-- ((wires|board|pins|nets): (\w+)) -->\n.*?<!-- end of \2 -->",
                   lambda m: BLOCK.format(m[1], TABLES[m[2]](m[3]), m[2]), text, flags=re.DOTALL)
 
 

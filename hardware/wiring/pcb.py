@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from circuit import names
+from drawing import FONT
 from gerber_writer import Circle, DataLayer
 from gerber_writer import Path as Outline
 from harness import HERE
@@ -84,6 +85,34 @@ def _outline(data: dict[str, Any]) -> DataLayer:
     layer = DataLayer("Profile,NP")
     layer.add_traces_path(edge, 0.1, "Profile")
     return layer
+
+
+def picture(folder: Path = HERE) -> str:
+    """SVG of the solder side as seen through the board from above, ten units to a millimetre."""
+    data = layout(folder)
+    (wide, high), holes = data["board"], drills(data, folder)
+
+    def at(hole: str) -> tuple[float, float]:
+        x, y = place(data, hole)
+        return 10 * x, 10 * (high - y)
+
+    parts = [f"<rect width='{10 * wide}' height='{10 * high}' rx='6' fill='#2c6e49'/>"]
+    for a, b in data["wires"]:
+        (x0, y0), (x1, y1) = at(a), at(b)
+        parts.append(f"<path d='M{x0:g} {y0:g} L{x1:g} {y1:g}' stroke='#8fc7a3' "
+                     f"stroke-width='{10 * TRACK:g}' stroke-linecap='round'/>")
+    for hole, size in holes.items():
+        x, y = at(hole)
+        parts += [f"<circle cx='{x:g}' cy='{y:g}' r='{5 * PAD:g}' fill='#e3c878'/>",
+                  f"<circle cx='{x:g}' cy='{y:g}' r='{5 * size:g}' fill='#fff'/>"]
+    for pin, hole in socket(data, len(names(data["device"], folder))).items():
+        x, y = at(hole)
+        across, down = (0, -13) if y < 5 * high else (-14, 3)
+        parts.append(f"<text x='{x + across:g}' y='{y + down:g}' font-size='8' fill='#fff' "
+                     f"text-anchor='middle'>{pin}</text>")
+    return "\n".join([f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {10 * wide} "
+                      f"{10 * high}' width='{10 * wide}' height='{10 * high}' {FONT} role='img'>",
+                      "<title>Printed circuit of the multiplexer</title>", *parts, "</svg>\n"])
 
 
 def _text(layer: DataLayer) -> str:

@@ -201,6 +201,16 @@ def test_an_older_diagram_is_seen(copy):
     assert build.stale(folder) == ["capture.svg", "nano_pins.svg"]
 
 
+def test_a_table_without_its_end_is_named():
+    with pytest.raises(harness.WiringError, match="wires: pi5 --> has no <!-- end of wires -->"):
+        build.with_tables("<!-- wires: pi5 -->\n| a |\n<!-- end of pi5 -->\n")
+
+
+def test_every_diagram_stands_as_a_table_in_the_guide():
+    told = re.findall(r"<!-- wires: (\w+) -->\n\|", build.GUIDE.read_text(encoding="utf-8"))
+    assert set(told) == set(harness.DIAGRAMS) - {"smallest"}, "that one has two wires, and a link"
+
+
 def test_each_step_of_the_guide_shows_its_wires():
     steps = harness.load("minimal")["metadata"]["steps"]
     text = build.GUIDE.read_text(encoding="utf-8")
