@@ -22,9 +22,9 @@ from pcb import files as printed
 from pcb import picture as pcb_picture
 from perfboard import drawing as board
 from pinout import PINOUTS
+from plan import drawing as routed
 from power_tree import drawing as power_tree
 from routing import SHOWN as ROUTED
-from routing import drawing as routed
 from schematic import drawing as schematic
 
 GUIDE = HERE.parents[1] / "docs" / "build_guide" / "06_wiring.md"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from electrical import State, drawn, span
 from harness import HERE
 from nets import Car, Harness
 from power_tree import SHOWN, everything_on
+from supply import State, drawn, span
 
 FROM = ("battery", "source", "output", "open")
 TO = ("load", "input")

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drawing import MARGIN, WIDTH, Sheet
-from electrical import State, drawn, span, states
+from electrical import states
 from harness import HERE, parts
 from nets import Car, Harness, Pin, device
+from supply import State, drawn, span
 
 SHOWN = Car(("second_ring", "cutoff_mux"))
 """The car of the picture: the paper's with what the guide recommends."""

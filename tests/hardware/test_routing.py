@@ -18,6 +18,7 @@ sys.path[:0] = [str(WIRING), str(ROOT / "hardware"), str(ROOT / "hardware" / "ca
 pytest.importorskip("yaml")
 import harness  # noqa: E402 - found through the line above
 import parameters  # noqa: E402
+import plan  # noqa: E402
 import routing  # noqa: E402
 
 P = parameters.read()
@@ -60,7 +61,7 @@ def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, said):
     folder = copy(file, old, new)
     assert any(fault.startswith(said) for fault in routing.faults(folder)), routing.faults(folder)
     with pytest.raises(harness.WiringError, match=re.escape(said)):
-        routing.drawing("minimal", folder)
+        plan.drawing("minimal", folder)
 
 
 def test_an_opening_that_moves_takes_its_cable_along_or_says_so():
@@ -69,7 +70,7 @@ def test_an_opening_that_moves_takes_its_cable_along_or_says_so():
     moved.base_holes.cable_x = (90.0, 48.0)
     assert any(fault.startswith("W_IMU passes the plate at x 50, y -39.5")
                for fault in routing.faults(p=moved))
-    assert routing.drawing("minimal") != routing.drawing("minimal", p=_shifted())
+    assert plan.drawing("minimal") != plan.drawing("minimal", p=_shifted())
 
 
 def _shifted():
@@ -88,7 +89,7 @@ def test_a_name_that_is_nowhere_says_what_exists(copy, old, new, said):
 
 
 def test_the_picture_is_at_true_scale():
-    svg = routing.drawing("minimal")
+    svg = plan.drawing("minimal")
     wide, high, w_mm, h_mm = re.search(
         r"viewBox='0 0 ([\d.]+) ([\d.]+)' width='([\d.]+)mm' height='([\d.]+)mm'", svg).groups()
     assert (wide, high) == (w_mm, h_mm), "one unit is one millimetre"
