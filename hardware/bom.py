@@ -11,9 +11,10 @@ import re
 import sys
 from pathlib import Path
 
-import screws  # beside this file: python hardware/bom.py
+import guide  # beside this file: python hardware/bom.py
+import screws
 from bom_page import page
-from bom_table import BomError, load, load_tools
+from bom_table import BomError, Row, Tool, load, load_tools
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "reference" / "bom.md"
@@ -27,10 +28,28 @@ def with_screws(text: str, table: str) -> str:
                   flags=re.DOTALL)
 
 
+def unused(rows: list[Row], tools: list[Tool], steps: list[guide.Step]) -> list[str]:
+    """Rows that no step of the guide uses, steps that a row names without being named there, and
+    tools that nobody picks up."""
+    named = {part: {s.id for s in steps if part in s.parts} for s in steps for part in s.parts}
+    wrong = [f"{r.id} (bom.csv): no step of the build guide uses it" for r in rows
+             if r.id not in named]
+    wrong += [f"{r.id} (bom.csv): used_in says {step}, which does not name it" for r in rows
+              for step in r.used_in if step not in named.get(r.id, {step})]
+    wrong += [f"{part}: step {', '.join(sorted(where))} uses it, and bom.csv has no such row"
+              for part, where in named.items() if part not in {r.id for r in rows}]
+    held = {tool for s in steps for tool in s.tools}
+    return wrong + [f"{t.id} (tools.csv): no step of the build guide uses it" for t in tools
+                    if t.id not in held]
+
+
 def generated() -> dict[Path, str]:
     """Each page and what it should hold. Raises BomError."""
     deck = DECK.read_text(encoding="utf-8")
-    return {PAGE: page(load(), load_tools()),
+    rows, tools = load(), load_tools()
+    if wrong := unused(rows, tools, guide.steps()):
+        raise BomError("\n".join(wrong))
+    return {PAGE: page(rows, tools),
             DECK: with_screws(deck, screws.table(screws.load()))}
 
 
@@ -42,8 +61,8 @@ def main() -> int:
     check = parser.parse_args().check
     try:
         pages = generated()
-    except BomError as error:
-        sys.stderr.write(f"{error}\n")
+    except (BomError, guide.GuideError) as error:
+        sys.stderr.write(f"{error}\nnothing was written\n")
         return 2
     old = [p for p, text in pages.items()
            if not p.is_file() or p.read_text(encoding="utf-8") != text]

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from bom_table import TIERS, Row, Tool, total
+from decimal import Decimal
+
+from bom_table import ROUTES, TIERS, Row, Tool, total
 
 TITLES = {
     "paper": "The paper's table",
     "needed": "What that table leaves out",
     "optional": "Options",
+    "computer": "Another computer",
 }
+COMPLETE = ("paper", "needed")
+"""Tiers of the car of the paper, with what its table leaves out."""
+CARS = 20
 UPSTREAM_PARTS = (5, 6, 1)
 """Cut, printed, and named in the text but in no published file (the Hall holder): per car, counted
 in upstream's build instructions (Lorenzo-Lyons/DART)."""
@@ -16,16 +22,16 @@ in upstream's build instructions (Lorenzo-Lyons/DART)."""
 
 def page(rows: list[Row], tools: list[Tool]) -> str:
     """Markdown of the whole page."""
-    parts = [HEAD, _prices(rows), _counts(rows)]
+    parts = [HEAD, _prices(rows), _routes(rows), _counts(rows)]
     parts += [_tier(tier, [r for r in rows if r.tier == tier]) for tier in TIERS]
-    return "\n".join([*parts, _tools(tools)])
+    return "\n".join([*parts, _class(rows), _tools(tools)])
 
 
 def _prices(rows: list[Row]) -> str:
     tier = {t: total([r for r in rows if r.tier == t]) for t in TIERS}
     smallest = total([r for r in rows if r.smallest])
     lines = ["| | EUR |", "|---|---:|"]
-    lines += [f"| {TITLES[t]} (`{t}`) | {tier[t]} |" for t in TIERS]
+    lines += [f"| {TITLES[t]} (`{t}`) | {tier[t]} |" for t in TIERS if t != "computer"]
     lines += [f"| **smallest car that runs** | **{smallest}** |",
               "| car of the paper, complete (`paper` + `needed`) "
               f"| {tier['paper'] + tier['needed']} |",
@@ -33,9 +39,48 @@ def _prices(rows: list[Row]) -> str:
     return "## What it costs\n\n" + "\n".join(lines) + "\n\n" + SMALLEST
 
 
+def _routes(rows: list[Row]) -> str:
+    """The complete car with each computer, and how much of it was priced again."""
+    lines = ["| computer | complete car, EUR | without | instead | priced in 2026 |",
+             "|---|---:|---|---|---:|"]
+    for route in ("kit", "pi5", "orin"):
+        car = complete(rows, route)
+        others = [r for r in rows if r.price and r.tier in COMPLETE and not r.on(route)]
+        instead = [r for r in car if r.price and r.route]
+        names = ["", ""] if route == "kit" else [
+            ", ".join(f"`{r.id}`" for r in some) for some in (others, instead)]
+        paid = [r for r in car if r.price]
+        asked = [r for r in paid if r.price_2026 is not None]
+        lines.append(f"| {ROUTES[route]} | {total(car)} | {names[0]} | {names[1]} "
+                     f"| {len(asked)} of {len(paid)} rows |")
+    return "## Computers\n\n" + "\n".join(lines) + "\n\n" + COMPUTERS
+
+
+def complete(rows: list[Row], route: str) -> list[Row]:
+    """Rows of a complete car with one of the computers."""
+    return [r for r in rows if r.tier in (*COMPLETE, "computer") and r.on(route)]
+
+
+def _class(rows: list[Row]) -> str:
+    """What to order for a class; parts that are made are counted, for their print time."""
+    lines = [f"## Class set: {CARS} cars with spares\n", CLASS,
+             "| id | in the cars | spares | order | EUR |", "|---|---:|---:|---:|---:|"]
+    sum_of = Decimal(0)
+    for r in complete(rows, "kit"):
+        if r.price or r.spares:
+            order = CARS * r.quantity + r.spares
+            sum_of += order * r.price
+            lines.append(f"| `{r.id}` | {CARS * r.quantity} | {r.spares or ''} | {order} "
+                         f"| {order * r.price or ''} |")
+    other = sum((CARS * r.quantity + r.spares) * r.price for r in complete(rows, "pi5"))
+    lines.append(f"| **sum, {ROUTES['kit']}** | | | | **{sum_of}** |")
+    lines.append(f"| sum, {ROUTES['pi5']} | | | | {other} |\n")
+    return "\n".join(lines)
+
+
 def _counts(rows: list[Row]) -> str:
     cars = {"smallest": [r for r in rows if r.smallest],
-            "of the paper, complete": [r for r in rows if r.tier != "optional"],
+            "of the paper, complete": [r for r in rows if r.tier in COMPLETE],
             "full": [r for r in rows if r.full]}
     cut, printed, missing = UPSTREAM_PARTS
     lines = ["| car | cut parts | printed parts | solder joints |", "|---|---:|---:|---:|"]
@@ -49,8 +94,9 @@ def _counts(rows: list[Row]) -> str:
 
 
 def _tier(tier: str, rows: list[Row]) -> str:
-    lines = [f"## {TITLES[tier]}\n", "| id | part | quantity | EUR | search for | step |",
-             "|---|---|---:|---:|---|---|"]
+    lines = [f"## {TITLES[tier]}\n",
+             "| id | part | quantity | EUR | EUR 2026 | search for | step |",
+             "|---|---|---:|---:|---:|---|---|"]
     for r in rows:
         kind = f" ({r.custom})" if r.ours else ""
         note = f"<br>{r.note}" if r.note else ""
@@ -58,8 +104,10 @@ def _tier(tier: str, rows: list[Row]) -> str:
                              ("", "or: "))
         quantity = str(r.quantity) if r.unit == "piece" else f"{r.quantity} {r.unit}"
         lines.append(f"| `{r.id}` | **{r.part}**{kind}: {r.purpose}{note} | {quantity} "
-                     f"| {_price(r)} | {search} | {', '.join(r.used_in)} |")
-    lines.append(f"| | **sum** | | **{total(rows)}** | | |\n")
+                     f"| {_price(r)} | {_today(r)} | {search} | {', '.join(r.used_in)} |")
+    if tier == "computer":  # nobody buys all of them
+        return "\n".join([*lines, ""])
+    lines.append(f"| | **sum** | | **{total(rows)}** | | | |\n")
     return "\n".join(lines)
 
 
@@ -70,13 +118,19 @@ def _price(row: Row) -> str:
     return f"{row.cost:.2f}{each}"
 
 
+def _today(row: Row) -> str:
+    if row.price_2026 is None:
+        return ""
+    return f"{row.quantity * row.price_2026:.2f}<br>{row.priced_on}"
+
+
 def _tools(tools: list[Tool]) -> str:
     lines = ["## Tools\n", f"Not in the sums. Who owns none buys for about "
              f"{sum(t.price for t in tools if not t.optional)} EUR [assumed]; options need "
              f"{sum(t.price for t in tools if t.optional)} EUR more.\n",
-             "| id | tool | EUR | note |", "|---|---|---:|---|"]
+             f"| id | tool | EUR | for {CARS} cars | note |", "|---|---|---:|---:|---|"]
     lines += [f"| `{t.id}` | {t.tool}{' (options)' if t.optional else ''} | {t.price or ''} "
-              f"| {t.note} |" for t in tools]
+              f"| {t.for_20} | {t.note} |" for t in tools]
     return "\n".join(lines) + "\n"
 
 
@@ -86,7 +140,21 @@ HEAD = """\
 Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of
 the tier `paper` are those of the paper (2024). All others are **assumed**, rounded, without
 postage: whoever orders corrects them in the file. *in `kit`* and the like mean that another row
-pays for the part. Steps are those of the [build guide](../build_guide/01_parts.md).
+pays for the part. The column *EUR 2026* waits for you: the price of all units of a row and the day
+on which somebody asked (`price_2026_eur` per unit, and `priced_on`, in the file); an empty cell
+means that nobody has. Steps are those of the [build guide](../build_guide/01_parts.md).
+"""
+
+COMPUTERS = """\
+The kit's computer, the Jetson Nano, is near the end of its sale and stays at JetPack 4. The other
+two routes buy the kit without computer, a computer, and a regulator for it, and solder nothing:
+steps W12 and W13 of [the wiring](../build_guide/06_wiring.md#options). A laptop with `usb_i2c` does
+for the desk. Prices of kit, computers and regulators are assumed.
+"""
+
+CLASS = """\
+The complete car with the kit's computer, twenty times, and what breaks in a class [assumed: count
+what you lose and correct `spares_20`]. Tools for twenty cars stand in the last table.
 """
 
 SMALLEST = """\

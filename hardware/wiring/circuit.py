@@ -56,7 +56,7 @@ def goals(device: str, folder: Path = HERE) -> dict[str, list[str]]:
     for c in components(device, folder):
         if c.ends[0].startswith("lead "):
             series[c.ends[1]] = c.value
-    for there, other, pin in _leads(device, folder):
+    for there, other, pin in leads(device, folder):
         by = f" by {series[pin]}" if pin in series else ""
         found[pin].append(f"{there} {other}{by}")
     for c in components(device, folder):
@@ -69,7 +69,7 @@ def goals(device: str, folder: Path = HERE) -> dict[str, list[str]]:
     return found
 
 
-def _leads(device: str, folder: Path) -> list[tuple[str, str, str]]:
+def leads(device: str, folder: Path) -> list[tuple[str, str, str]]:
     """(device, its pin, pin here) of every wire of the harness that ends on the board."""
     known, seen = parts(folder)["connectors"], []
     for diagram in DIAGRAMS:
@@ -110,7 +110,7 @@ def part_table(device: str, folder: Path = HERE) -> str:
     known = names(device, folder)
     full = {p: f"{p} ({n})" for p, n in known.items()}
     full |= {f"lead {pin}": f"wire of {there} {other}"
-             for there, other, pin in _leads(device, folder)}
+             for there, other, pin in leads(device, folder)}
     lines = ["| part | from | to | meter reads |", "|---|---|---|---|"]
     for c in components(device, folder):
         a, b = (full.get(x, x) for x in c.ends)

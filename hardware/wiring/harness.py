@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 HERE = Path(__file__).resolve().parent
-DIAGRAMS = ("minimal", "second_ring", "capture", "cutoff_mux", "cutoff_oe", "lidar_feed")
+DIAGRAMS = ("minimal", "second_ring", "capture", "cutoff_mux", "cutoff_oe", "lidar_feed",
+            "smallest", "pi5", "orin", "desk")
 WORDS = {"BK": "black", "BN": "brown", "BU": "blue", "GN": "green", "OG": "orange", "RD": "red",
          "VT": "violet", "WH": "white", "YE": "yellow", "": "as it comes"}
 
@@ -41,9 +43,14 @@ class Wire:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """A YAML file, through libyaml where there is one: ten times as fast."""
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    data: dict[str, Any] = yaml.load(path.read_text(encoding="utf-8"), loader)
+    """A YAML file. What it holds is shared by all who read the same text: change nothing in it."""
+    return _parsed(path.read_text(encoding="utf-8"))
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> dict[str, Any]:
+    """Through libyaml where there is one: ten times as fast."""
+    data: dict[str, Any] = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     return data
 
 
@@ -55,13 +62,14 @@ def parts(folder: Path = HERE) -> dict[str, Any]:
 def load(name: str, folder: Path = HERE) -> dict[str, Any]:
     """One diagram with the connectors that it uses: what is drawn. Raises WiringError."""
     known = parts(folder)["connectors"]
-    data = read(folder / f"{name}.yml")
+    data = dict(read(folder / f"{name}.yml"))
     used = [next(iter(link)) for chain in data["connections"] for link in chain]
     for word in used:
         if word not in known and word not in data["cables"]:
             raise WiringError(f"{name}.yml connects {word!r}, which is neither a cable of that "
                               f"file nor one of {', '.join(known)}")
-    data["connectors"] = {n: dict(known[n]) for n in known if n in used}
+    own = data["metadata"].get("here", {})  # what a part is in this diagram alone
+    data["connectors"] = {n: known[n] | own.get(n, {}) for n in known if n in used}
     return data
 
 

@@ -102,6 +102,16 @@ class BusError(DartHalError, OSError):
     remedy_default = "dart-hal doctor"
 
 
+class BusMissing(BusError):
+    """``i2c=auto`` finds no bus, or several."""
+
+    code = "D-I2C-07"
+    part = "absent"
+    likely_default = "I2C is switched off, a bridge is unplugged, or the board is not a known one"
+    remedy_default = ("sudo modprobe i2c-dev ; on a Raspberry Pi sudo raspi-config nonint do_i2c 0 "
+                      "; then dart-hal find, and i2c=N for the bus of your header")
+
+
 class PcaMissing(BusError):
     """No PCA9685 answers at its address."""
 

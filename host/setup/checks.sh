@@ -49,9 +49,9 @@ check_system() {
         id=$(release ID) version=$(release VERSION_ID) name=$(release PRETTY_NAME)
     fi
     case $id-$version in
-        ubuntu-18.04 | ubuntu-20.04 | ubuntu-22.04 | debian-12) good system "$name" ;;
+        ubuntu-18.04 | ubuntu-20.04 | ubuntu-22.04 | ubuntu-24.04 | debian-12 | debian-13) good system "$name" ;;
         *) odd system "$name: not a system that this was written for" \
-            "go on; if a step fails, JetPack 4 or Raspberry Pi OS Bookworm" ;;
+            "go on; if a step fails: JetPack 4, JetPack 6, Raspberry Pi OS of 2023 or later" ;;
     esac
 }
 
@@ -99,11 +99,33 @@ check_space() {
     fi
 }
 
+# The bus of pins 3 and 5 of the header; host/dart_hal/links/computers.py has the same table.
+header_bus() {
+    case $(model) in
+        *"Orin Nano"*) echo 7 ;;
+        *) echo 1 ;; # Jetson Nano, Raspberry Pi
+    esac
+}
+known_board() { case $(model) in *"Orin Nano"* | *"Jetson Nano"* | *"Raspberry Pi"*) true ;; *) false ;; esac; }
+
+# At 0x40 of another bus of an Orin Nano sits its power monitor, bound by a driver.
+claimed() { [ -e "$root/sys/bus/i2c/devices/$i2c-0040/driver" ]; }
+
 on_raspberry() { case $(model) in Raspberry*) true ;; *) false ;; esac; }
 
 check_i2c() {
-    if [ -e "$root/dev/i2c-$i2c" ]; then
-        good i2c "/dev/i2c-$i2c"
+    if claimed; then
+        bad i2c "0x40 on /dev/i2c-$i2c belongs to the kernel \
+($(cat "$root/sys/bus/i2c/devices/$i2c-0040/name" 2>/dev/null || echo 'a driver'))" \
+            "--i2c $(header_bus), the bus of pins 3 and 5 here; or remove a PCA9685's overlay"
+    elif [ -e "$root/dev/i2c-$i2c" ] && ! known_board; then
+        odd i2c "/dev/i2c-$i2c; which bus is at pins 3 and 5 of this board is not known here" \
+            "its manual, then --i2c N; dart-hal reads who answers before it writes"
+    elif [ -e "$root/dev/i2c-$i2c" ] && [ "$i2c" = "$(header_bus)" ]; then
+        good i2c "/dev/i2c-$i2c, pins 3 and 5 of the header"
+    elif [ -e "$root/dev/i2c-$i2c" ]; then
+        odd i2c "/dev/i2c-$i2c, chosen by --i2c; pins 3 and 5 of this board are bus $(header_bus)" \
+            "--i2c $(header_bus), unless you wired it so"
     elif on_raspberry && [ "$i2c" = 1 ] && command -v raspi-config >/dev/null; then
         good i2c "off; will be switched on"
     else
@@ -112,7 +134,7 @@ check_i2c() {
             [ ! -e "$bus" ] || present="$present ${bus##*/}"
         done
         bad i2c "no /dev/i2c-$i2c; there: ${present:-none}" \
-            "sudo modprobe i2c-dev ; another number with --i2c N (Jetson Nano pins 3 and 5: 1)"
+            "sudo modprobe i2c-dev ; another number with --i2c N (pins 3 and 5 here: $(header_bus))"
     fi
 }
 

@@ -116,7 +116,7 @@ settings() { # --car and --i2c, else what an earlier run wrote, else the default
         old_i2c=$(sed -n 's/^DART_HAL_URL=.*[?&]i2c=\([0-9]*\)"$/\1/p' "$environment")
     fi
     car=${car:-${old_car:-dart-01}}
-    i2c=${i2c:-${old_i2c:-1}}
+    i2c=${i2c:-${old_i2c:-$(header_bus)}}
 }
 
 finish() {

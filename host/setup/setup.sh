@@ -1,6 +1,6 @@
 #!/bin/sh
-# Brings a Jetson Nano (JetPack 4) or a Raspberry Pi (Bookworm, 64 bit) to a
-# running dart-hal. The guide: docs/build_guide/07_computer.md.
+# Brings a Jetson Nano (JetPack 4), an Orin Nano (JetPack 6) or a Raspberry Pi
+# (Debian 12 or 13, 64 bit) to a running dart-hal. The guide: docs/build_guide/07_computer.md.
 #
 # Run it again at any time: what stands is left alone, and a run that was
 # interrupted is continued. Every file is moved into its place when it is whole.
@@ -13,7 +13,7 @@ usage: sh host/setup/setup.sh [options]      as the user who will drive, without
   --dry-run     print every command and every file, change nothing
   --check       look at this computer only
   --car NAME    the car whose files are used; made from the example if it is new
-  --i2c N       number of the I2C bus with the PCA9685 (1: pins 3 and 5 of the header)
+  --i2c N       number of the I2C bus with the PCA9685 (default: that of header pins 3 and 5)
   --ft232       the Nano has an FT232 bridge: neither ch341 nor brltty matter
   --uv FILE     use this uv instead of bringing one
   --remove      undo all of it; cars, Debian packages and groups stay

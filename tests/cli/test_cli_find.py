@@ -12,7 +12,7 @@ import pytest
 from wire_samples import random_values
 
 from dart_hal.cli import find
-from dart_hal.links import attached
+from dart_hal.links import attached, computers
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
@@ -32,8 +32,9 @@ def plugged(monkeypatch, tmp_path):
 
     def plug(*ports):
         monkeypatch.setattr(attached.list_ports, "comports", lambda: list(ports))
-        monkeypatch.setattr(find, "i2c_buses", lambda: attached.i2c_buses(tmp_path / "sys"))
+        monkeypatch.setattr(find, "i2c_buses", lambda: computers.i2c_buses(tmp_path / "sys"))
         monkeypatch.setattr(attached, "holders", lambda device: iter(()))
+        monkeypatch.setattr(find, "computer", lambda: None)
 
     return plug
 
@@ -71,7 +72,7 @@ def nano():
 
 def test_with_nothing_plugged_in_it_says_what_to_do(verb, monkeypatch, tmp_path):
     monkeypatch.setattr(attached.list_ports, "comports", list)
-    monkeypatch.setattr(find, "i2c_buses", lambda: attached.i2c_buses(tmp_path / "none"))
+    monkeypatch.setattr(find, "i2c_buses", lambda: computers.i2c_buses(tmp_path / "none"))
     told = verb("find", "--json").json
     assert (told["ports"], told["i2c"]) == ([], [])
     assert "plug the Nano in" in told["hints"][0]
@@ -85,7 +86,8 @@ def test_ports_are_told_with_their_bridge_and_how_to_know_the_car(verb, plugged)
     plugged(port("/dev/ttyS0", None, None, "n/a"), port("/dev/ttyUSB1", 0x1234, 0xABCD, "a thing"),
             port("/dev/ttyUSB0"))
     told = verb("find", "--json").json
-    assert set(told) == {"ports", "i2c", "hints"}
+    assert set(told) == {"ports", "i2c", "computer", "bus", "hints"}
+    assert (told["computer"], told["bus"]) == (None, None), "two buses: a choice"
     assert set(told["ports"][0]) == {"device", "usb", "bridge", "description", "serial_number",
                                      "link", "users", "url", "probe"}
     assert [(p["device"], p["usb"]) for p in told["ports"]] == [
@@ -96,6 +98,16 @@ def test_ports_are_told_with_their_bridge_and_how_to_know_the_car(verb, plugged)
     shown = verb("find").out
     assert "CH340" in shown
     assert "a thing" in shown
+
+
+def test_on_a_known_computer_the_bus_of_its_header_is_told(verb, plugged, monkeypatch):
+    plugged(port("/dev/ttyUSB0"))
+    orin = next(known for known in computers.COMPUTERS if "Orin" in known.name)
+    monkeypatch.setattr(find, "computer", lambda: orin)
+    told = verb("find", "--json").json
+    assert (told["computer"], told["bus"]) == ("Jetson Orin Nano", 7)
+    assert told["ports"][0]["url"] == "serial:///dev/ttyUSB0?i2c=7"
+    assert "i2c=7  c250000.i2c  <- header pins 3 and 5 of this Jetson Orin Nano" in verb("find").out
 
 
 def test_without_probe_no_port_is_opened(verb, plugged, monkeypatch):

@@ -14,7 +14,9 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))
 
 import bom  # noqa: E402 - found through the line above
+import bom_page  # noqa: E402
 import bom_table  # noqa: E402
+import guide  # noqa: E402
 from bom_page import page  # noqa: E402
 
 PAPER = {"kit": 420, "lidar": 100, "encoder": 10, "imu": 40, "nano": 30, "lipo": 30, "servo": 20,
@@ -62,10 +64,14 @@ def test_a_row_without_a_cell_says_which(spoilt, cell):
 
 
 @pytest.mark.parametrize(("cell", "value", "said"), [
-    ("tier", "free", "expected one of paper, needed, optional"),
-    ("unit_price_eur", "six", "are numbers, found"),
-    ("unit_price_eur", "nan", "price or joints below 0"),
-    ("unit_price_eur", "-6", "price or joints below 0"),
+    ("tier", "free", "expected one of paper, needed, optional, computer"),
+    ("unit_price_eur", "six", "is 'six', expected EUR as 12.50"),
+    ("unit_price_eur", "nan", "is 'nan', expected EUR"),
+    ("unit_price_eur", "-6", "is '-6', expected EUR"),
+    ("price_2026_eur", "7", "priced_on '', expected a price and the day"),
+    ("priced_on", "2026-05-31", "price_2026_eur is '', expected EUR"),
+    ("spares_20", "some", "spares_20 is 'some', expected a whole number"),
+    ("route", "pi4", "route is 'pi4', expected one of kit, pi5, orin, desk"),
     ("quantity", "0", "quantity below 1"),
     ("unit_price_eur", "0", "paid by another row costs 0"),
     ("source", "paid:nobody", "price 6.00, source"),
@@ -110,6 +116,54 @@ def test_every_tool_of_a_row_is_in_the_list_of_tools():
     assert {t for r in bom_table.load() for t in r.tools} <= tools
 
 
+def test_a_row_and_a_tool_that_no_step_uses_are_named(spoilt):
+    rows = bom_table.load(spoilt("heat_shrink", id="heat_gun", used_in="S05;S06"))
+    assert bom.unused(rows, bom_table.load_tools(), guide.steps()) == [
+        "heat_gun (bom.csv): no step of the build guide uses it",
+        "heat_shrink: step S05, W09 uses it, and bom.csv has no such row"]
+    rows = bom_table.load(spoilt("glue", used_in="S03;S04;S05;S06"))
+    assert bom.unused(rows, bom_table.load_tools(), guide.steps()) == [
+        "glue (bom.csv): used_in says S06, which does not name it"]
+    steps = [s for s in guide.steps() if "brush" not in s.tools]
+    assert "brush (tools.csv): no step of the build guide uses it" in bom.unused(
+        bom_table.load(), bom_table.load_tools(), steps)
+
+
+def test_nothing_is_written_from_a_bill_with_such_a_row(monkeypatch, spoilt, capsys):
+    path, pages = spoilt("heat_shrink", id="heat_gun"), bom.generated()
+    monkeypatch.setattr(bom, "load", lambda: bom_table.load(path))
+    monkeypatch.setattr(Path, "write_text", lambda *_, **__: pytest.fail("something is written"))
+    monkeypatch.setattr(sys, "argv", ["bom.py"])
+    assert bom.main() == 2
+    assert "heat_gun (bom.csv): no step" in (said := capsys.readouterr().err)
+    assert said.endswith("nothing was written\n")
+    assert set(pages) == {bom.PAGE, bom.DECK}
+
+
+def test_every_route_is_complete_and_priced_once():
+    rows = bom_table.load()
+    for route in ("kit", "pi5", "orin"):
+        car = bom_page.complete(rows, route)
+        assert len([r for r in car if r.id in ("kit", "kit_bare")]) == 1
+        assert len([r for r in car if r.id in ("jetson", "pi5", "orin")]) == 1
+        assert sum(r.joints for r in car) == 0
+        assert f"{bom_table.total(car)}" in page(rows, bom_table.load_tools())
+    assert not {"buck_5v", "boost_12v"} & {r.id for r in bom_page.complete(rows, "kit")}
+
+
+def test_a_price_of_today_is_shown_with_its_day(spoilt):
+    rows = bom_table.load(spoilt("cells", price_2026_eur="7.25", priced_on="2026-05-31"))
+    text = page(rows, bom_table.load_tools())
+    assert "| 24.00 (6.00 each) | 29.00<br>2026-05-31 |" in text
+    assert "| 1 of 29 rows |" in text
+
+
+def test_the_class_set_is_twenty_cars_and_what_breaks():
+    text = page(bom_table.load(), bom_table.load_tools())
+    assert "| `ir_module` | 20 | 5 | 25 |  |" in text
+    assert "| `cells` | 80 | 8 | 88 | 528.00 |" in text
+
+
 def test_the_page_is_generated():
     assert bom.generated()[bom.PAGE] == bom.PAGE.read_text(encoding="utf-8"), (
         "python hardware/bom.py")
@@ -118,7 +172,7 @@ def test_the_page_is_generated():
 def test_the_page_prices_cars_and_counts_parts():
     rows = bom_table.load()
     text = page(rows, bom_table.load_tools())
-    for some in ([r for r in rows if r.smallest], [r for r in rows if r.tier != "optional"],
+    for some in ([r for r in rows if r.smallest], bom_page.complete(rows, "kit"),
                  [r for r in rows if r.full]):
         assert f"{bom_table.total(some)}" in text
     assert "| smallest | 2 | 2 | 0 |" in text

@@ -21,6 +21,7 @@ pytest.importorskip("yaml")
 import circuit  # noqa: E402 - found through the line above
 import harness  # noqa: E402
 import perfboard  # noqa: E402
+import schematic  # noqa: E402
 
 Ends = tuple[str, frozenset[str]]
 
@@ -134,3 +135,25 @@ def test_a_wire_askew_and_one_off_the_board_are_refused(copy):
         perfboard.nets(perfboard.layout(copy("[A4, B4]", "[A4, B5]")))
     with pytest.raises(harness.WiringError, match="'B12', which is no hole"):
         perfboard.nets(perfboard.layout(copy("[B2, B11]", "[B2, B12]")))
+
+
+def test_the_schematic_has_every_pin_component_and_wire():
+    svg = schematic.drawing()
+    chip = schematic.Chip("MUX", WIRING)
+    assert set(chip.left) | set(chip.right) == set(map(str, range(1, 17)))
+    assert len(chip.left) + len(chip.right) == 16, "each pin once"
+    assert svg.count("width='24' height='9'") + svg.count("width='9' height='24'") == sum(
+        "Ohm" in c.value for c in circuit.components("MUX"))
+    for wire in harness.wires("cutoff_mux"):
+        if (pin := wire.pin_at("MUX")) is not None:
+            far, other = wire.end if wire.start[0] == "MUX" else wire.start
+            short = harness.parts()["connectors"][far]["short"]
+            assert f">{short} {other}".replace(" ICSP 6", "") in svg, (pin, short, other)
+
+
+def test_a_component_that_is_gone_is_gone_from_the_schematic(copy):
+    folder = copy("size: ", "size: ")
+    parts = folder / "parts.yml"
+    parts.write_text(parts.read_text(encoding="utf-8").replace(", [lead 7, 7]", ""),
+                     encoding="utf-8")
+    assert schematic.drawing(folder).count(">1k<") == schematic.drawing().count(">1k<") - 1

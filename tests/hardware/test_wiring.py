@@ -30,7 +30,7 @@ ENDS = {
     "kSda": ("minimal", ("IMU", "SDA")),
     "kScl": ("minimal", ("IMU", "SCL")),
     "kRingB": ("second_ring", ("HALL", "OUT")),
-    "kCapture": ("capture", ("BOARD_CH15", "PWM")),
+    "kCapture": ("capture", ("R_CLOCK", "b")),
     "kGate": ("cutoff_oe", ("L3", "gate by 1k")),
     "kMuxSelect": ("cutoff_mux", ("MUX", "1 (S by 1k)")),
     "kOwnPulse": ("cutoff_mux", ("MUX", "2 (1I0 by 1k)")),
@@ -197,7 +197,18 @@ def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
 @pytest.mark.more
 def test_an_older_diagram_is_seen(copy):
     """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
-    assert build.stale(copy("capture.yml", "GN", "YE")) == ["capture.svg", "nano_pins.svg"]
+    folder = copy("capture.yml", "[GN]}\nconnections", "[YE]}\nconnections")
+    assert build.stale(folder) == ["capture.svg", "nano_pins.svg"]
+
+
+def test_a_table_without_its_end_is_named():
+    with pytest.raises(harness.WiringError, match="wires: pi5 --> has no <!-- end of wires -->"):
+        build.with_tables("<!-- wires: pi5 -->\n| a |\n<!-- end of pi5 -->\n")
+
+
+def test_every_diagram_stands_as_a_table_in_the_guide():
+    told = re.findall(r"<!-- wires: (\w+) -->\n\|", build.GUIDE.read_text(encoding="utf-8"))
+    assert set(told) == set(harness.DIAGRAMS) - {"smallest"}, "that one has two wires, and a link"
 
 
 def test_each_step_of_the_guide_shows_its_wires():

@@ -12,7 +12,8 @@ from dart_hal.car.handshake import identify_port
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import print_json, say
 from dart_hal.errors import DartHalError
-from dart_hal.links.attached import BusSeen, PortSeen, i2c_buses, serial_ports
+from dart_hal.links.attached import PortSeen, serial_ports
+from dart_hal.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses
 
 UNPLUG = ("which one is the car: unplug it and run dart-hal find again; the line that is gone is "
           "its port")
@@ -30,19 +31,22 @@ def command(probe: bool, as_json: bool) -> int:
 
     Without --probe nothing is opened. Exit 1 when --probe found no DART firmware.
     """
-    ports, buses = serial_ports(), i2c_buses()
+    ports, buses, here = serial_ports(), i2c_buses(), computer()
+    number = _bus(buses, here)
     asked = [_asked(port) if probe else None for port in ports]
     answers = [a for a in asked if a is not None and a["hello"] is not None]
     lines = _hints(ports, probe)
     if as_json:
-        print_json({"ports": [{**asdict(p), "url": _url(p, buses), "probe": a}
+        print_json({"ports": [{**asdict(p), "url": _url(p, number), "probe": a}
                               for p, a in zip(ports, asked, strict=True)],
-                    "i2c": [asdict(bus) for bus in buses], "hints": lines})
+                    "i2c": [asdict(bus) for bus in buses],
+                    "computer": here.name if here else None, "bus": number, "hints": lines})
     else:
         for port, answer in zip(ports, asked, strict=True):
-            _show(port, answer, _url(port, buses))
+            _show(port, answer, _url(port, number))
         for bus in buses:
-            say(f"i2c={bus.number}  {bus.name}{'' if bus.allowed else '  (not for this user)'}")
+            say(f"i2c={bus.number}  {bus.name}{_role(bus, number, here)}"
+                f"{'' if bus.allowed else '  (not for this user)'}")
         if not buses:
             say("no I2C bus is offered to programs (/dev/i2c-*)")
         for line in lines:
@@ -63,9 +67,24 @@ def _asked(port: PortSeen) -> dict[str, Any] | None:
         return {"hello": None, "why": f"{error.what}{found}"}
 
 
-def _url(port: PortSeen, buses: Sequence[BusSeen]) -> str:
+def _bus(buses: Sequence[BusSeen], here: Computer | None) -> int | None:
+    """The bus of the header, a USB-I2C bridge, or the only one; None: there is a choice."""
+    if here is not None:
+        return here.bus if here.bus in {bus.number for bus in buses} else None
+    bridges = [bus for bus in buses if bus.name.startswith(BRIDGES)]
+    some = bridges or buses
+    return some[0].number if len(some) == 1 else None
+
+
+def _role(bus: BusSeen, number: int | None, here: Computer | None) -> str:
+    if bus.number != number:
+        return ""
+    return f"  <- header pins 3 and 5 of this {here.name}" if here else "  <- the car's"
+
+
+def _url(port: PortSeen, number: int | None) -> str:
     """To open the car by; which bus is left out where there is a choice."""
-    return f"serial://{port.device}" + (f"?i2c={buses[0].number}" if len(buses) == 1 else "")
+    return f"serial://{port.device}" + (f"?i2c={number}" if number is not None else "")
 
 
 def _hints(ports: Sequence[PortSeen], probe: bool) -> list[str]:

@@ -15,6 +15,7 @@ from dart_hal.cli.output import console, print_json, results
 from dart_hal.config import load_car
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url
+from dart_hal.links.computers import settled
 from dart_hal.links.holder import holder, port_of
 from dart_hal.links.i2c import open_bus
 from dart_hal.ports import Bus
@@ -47,14 +48,14 @@ def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) ->
 
 
 def real(url: str | None) -> Url:
-    """The URL of a car that outlives its program. Raises UsageError."""
+    """The URL of a car that outlives its program. Raises UsageError, BusMissing."""
     address = Url.parse(url or "sim://")
     if address.scheme not in ("serial", "hwgrep"):
         raise UsageError(f"{address.scheme}:// ends with its program: there is nothing to stop",
                          found=address.text, expected="serial:///dev/dart-nano?i2c=1",
                          remedy="export DART_HAL_URL='serial:///dev/ttyUSB0?i2c=1'")
     address.known("i2c", "baud")
-    return address
+    return settled(address)
 
 
 def reach(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:

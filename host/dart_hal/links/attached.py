@@ -1,4 +1,4 @@
-"""What is plugged into this computer: serial ports and I2C buses, found without opening any."""
+"""What is plugged into this computer: serial ports, found without opening any."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from dart_hal.links.serial_port import holders
 BRIDGES = {"1A86:7523": "CH340, as on most Nano clones", "0403:6001": "FT232, as on an older Nano",
            "2341:0043": "ATmega16U2 of an Uno", "10C4:EA60": "CP2102"}
 """USB bridges met on such boards, by the numbers of vendor and product."""
-I2C = Path("/sys/class/i2c-dev")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +29,6 @@ class PortSeen:
     users: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class BusSeen:
-    """An I2C bus: its number, the name of its adapter, and whether this user may use it."""
-
-    number: int
-    name: str
-    allowed: bool
-
-
 def serial_ports(links: Path = Path("/dev/serial/by-id")) -> list[PortSeen]:
     """Ports of USB first, each group by name."""
     stable = {os.path.realpath(p): str(p) for p in links.iterdir()} if links.is_dir() else {}
@@ -52,15 +42,3 @@ def serial_ports(links: Path = Path("/dev/serial/by-id")) -> list[PortSeen]:
                              port.serial_number or "",
                              stable.get(os.path.realpath(port.device), ""), users))
     return sorted(seen, key=lambda p: (not p.usb, p.device))
-
-
-def i2c_buses(adapters: Path = I2C) -> list[BusSeen]:
-    """Buses that the kernel offers to programs, by number."""
-    seen = []
-    for entry in adapters.glob("i2c-*"):
-        number = entry.name.removeprefix("i2c-")
-        if number.isdecimal():
-            name = entry / "name"
-            seen.append(BusSeen(int(number), name.read_text().strip() if name.is_file() else "",
-                                os.access(f"/dev/{entry.name}", os.R_OK | os.W_OK)))
-    return sorted(seen, key=lambda bus: bus.number)

@@ -28,7 +28,8 @@ TIMEOUT = 1.0
 def check_bus(spec: str) -> None:
     """Refuse what names no bus before anything is opened. Raises UsageError."""
     if not spec.startswith("unix:") and not (spec.isascii() and spec.isdigit()):
-        raise UsageError(f"i2c={spec} names no bus", expected="i2c=1 or i2c=unix:/path/of/socket")
+        raise UsageError(f"i2c={spec} names no bus",
+                         expected="i2c=auto, i2c=1 or i2c=unix:/path/of/socket")
 
 
 def open_bus(spec: str) -> Bus:

@@ -27,6 +27,7 @@ from serial.tools import list_ports
 
 from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.links.base import Backend, Url
+from dart_hal.links.computers import settled
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus
 from dart_hal.ports import Chunk, Link
@@ -219,6 +220,7 @@ def open_serial(url: Url) -> Backend:
     if not rate.isascii() or not rate.isdigit() or int(rate) == 0:
         raise UsageError(f"baud={rate!r} is not a line rate", found=url.text,
                          expected=" or ".join(map(str, RATES)))
+    url = settled(url)
     if "i2c" in url.options:
         check_bus(url.options["i2c"])
     link = SerialLink(device, int(rate))
@@ -229,7 +231,7 @@ def open_serial(url: Url) -> Backend:
         raise
     joined = "&" if url.options else "?"
     notices = () if bus else (
-        f"no I2C bus in the URL: commands are not sent (try {url.text}{joined}i2c=1)",)
+        f"no I2C bus in the URL: commands are not sent (try {url.text}{joined}i2c=auto)",)
     closers = (bus.close,) if isinstance(bus, SocketBus | SmbusBus) else ()
     return Backend(url=url, link=link, clock=RealClock(), bus=bus, virtual=False, notices=notices,
                    closers=closers, candidates=candidates(

@@ -1,0 +1,159 @@
+"""The printed circuit of the multiplexer, read back from its Gerber files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from itertools import combinations
+from math import dist, inf
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+WIRING = ROOT / "hardware" / "wiring"
+sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
+
+pytest.importorskip("yaml")
+pytest.importorskip("gerber_writer")
+import circuit  # noqa: E402 - found through the lines above
+import pcb  # noqa: E402
+import perfboard  # noqa: E402
+
+Point = tuple[float, float]
+Stroke = tuple[Point, Point, float]
+"""From, to, width [mm]; a pad is a stroke without length."""
+CLEARANCE, RING, EDGE = 0.3, 0.3, 0.5
+"""mm that any board house makes: between copper, around a hole, to the edge."""
+
+
+def strokes(gerber: str) -> list[Stroke]:
+    """What a Gerber file with round apertures and millimetres paints."""
+    assert "%MOMM*%" in gerber
+    assert "%FSLAX36Y36*%" in gerber
+    widths = {int(n): float(w) for n, w in re.findall(r"%ADD(\d+)C,([\d.]+)\*%", gerber)}
+    found: list[Stroke] = []
+    width, at = 0.0, (0.0, 0.0)
+    for line in gerber.splitlines():
+        if tool := re.fullmatch(r"D(\d+)\*", line):
+            width = widths[int(tool[1])]
+        elif move := re.fullmatch(r"X(-?\d+)Y(-?\d+)D0([123])\*", line):
+            there = (int(move[1]) / 1e6, int(move[2]) / 1e6)
+            if move[3] != "2":
+                found.append((there if move[3] == "3" else at, there, width))
+            at = there
+    return found
+
+
+def holes(excellon: str) -> dict[Point, float]:
+    """x, y -> diameter [mm]."""
+    sizes = {int(n): float(d) for n, d in re.findall(r"^T(\d+)C([\d.]+)$", excellon, re.MULTILINE)}
+    found, size = {}, 0.0
+    for line in excellon.split("%", 1)[1].splitlines():
+        if tool := re.fullmatch(r"T([1-9]\d*)", line):
+            size = sizes[int(tool[1])]
+        elif hit := re.fullmatch(r"X([\d.]+)Y([\d.]+)", line):
+            found[float(hit[1]), float(hit[2])] = size
+    return found
+
+
+def from_line(p: Point, a: Point, b: Point) -> float:
+    """Distance of a point from a straight line between two others [mm]."""
+    length = dist(a, b) ** 2
+    t = 0.0 if not length else max(0.0, min(1.0, sum(
+        (p[i] - a[i]) * (b[i] - a[i]) for i in (0, 1)) / length))
+    return dist(p, (a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])))
+
+
+def gap(one: Stroke, other: Stroke) -> float:
+    """Between the edges of two strokes that do not cross [mm]; below 0 they touch."""
+    (a, b, w), (c, d, v) = one, other
+    ends = min(from_line(a, c, d), from_line(b, c, d), from_line(c, a, b), from_line(d, a, b))
+    return ends - (w + v) / 2
+
+
+def joined(copper: list[Stroke]) -> tuple[list[int], float]:
+    """Number of the net of each stroke, and the least gap between two nets [mm]."""
+    net = list(range(len(copper)))
+    gaps = {(i, j): gap(copper[i], copper[j]) for i, j in combinations(net, 2)}
+    for (i, j), space in gaps.items():
+        if space < 0:
+            net = [net[i] if n == net[j] else n for n in net]
+    return net, min((space for (i, j), space in gaps.items() if net[i] != net[j]), default=inf)
+
+
+def netlist(files: dict[str, str], folder: Path = WIRING) -> tuple[set[frozenset[str]], float]:
+    """Groups of holes that the copper joins, by their names on the board; the least gap [mm]."""
+    data = perfboard.layout(folder)
+    name = {pcb.place(data, hole): hole for hole in pcb.drills(data, folder)}
+    copper = strokes(files["mux_board-B_Cu.gbr"])
+    net, least = joined(copper)
+    groups: dict[int, set[str]] = {}
+    for number, (a, b, _) in zip(net, copper, strict=True):
+        groups.setdefault(number, set()).update(name[p] for p in (a, b) if p in name)
+    return {frozenset(g) for g in groups.values() if g}, least
+
+
+def wanted(folder: Path = WIRING) -> set[frozenset[str]]:
+    """The same by the perforated board, whose own test compares it with the circuit."""
+    data = perfboard.layout(folder)
+    net, groups = perfboard.nets(data), {}
+    for hole in pcb.drills(data, folder):
+        groups.setdefault(net[hole], set()).add(hole)
+    return {frozenset(g) for g in groups.values()}
+
+
+@pytest.fixture(scope="module")
+def files() -> dict[str, str]:
+    return {p.name: p.read_text(encoding="utf-8") for p in (WIRING / "pcb").iterdir()}
+
+
+def test_the_copper_joins_what_the_circuit_joins(files):
+    found, least = netlist(files)
+    assert found == wanted()
+    assert least >= CLEARANCE
+    at = perfboard.socket(perfboard.layout(), 16)
+    for pin, others in circuit.joined("MUX").items():
+        group = next(g for g in found if at[pin] in g)
+        assert {at[x] for x in others} <= group
+
+
+def test_a_track_too_few_and_one_too_many_are_seen(files):
+    text = files["mux_board-B_Cu.gbr"]
+    lines = text.splitlines()
+    last = next(n for n in range(len(lines) - 1, 0, -1) if lines[n].endswith("D01*"))
+    cut = "\n".join(lines[:last] + lines[last + 1:])
+    assert netlist({"mux_board-B_Cu.gbr": cut})[0] != wanted()
+    short = text.replace("M02*", "X7380000Y10000000D02*\nX9920000Y10000000D01*\nM02*")
+    assert netlist({"mux_board-B_Cu.gbr": short})[0] != wanted()
+    near = text.replace("M02*", "X1500000Y16050000D02*\nX2300000Y16050000D01*\nM02*")
+    assert netlist({"mux_board-B_Cu.gbr": near})[1] < CLEARANCE
+
+
+def test_a_broken_circuit_is_another_board(tmp_path):
+    folder = tmp_path / "wiring"
+    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*", "*.svg"))
+    path = folder / "mux_board.yml"
+    path.write_text(path.read_text(encoding="utf-8").replace("  - [A4, B4]\n", ""),
+                    encoding="utf-8")
+    assert netlist(pcb.files(folder), folder)[0] != wanted()
+
+
+def test_every_hole_has_its_ring_mask_and_place_on_the_board(files):
+    pads = {a: w for a, b, w in strokes(files["mux_board-B_Cu.gbr"]) if a == b}
+    drilled = holes(files["mux_board.drl"])
+    assert set(pads) == set(drilled)
+    assert min((pads[p] - size) / 2 for p, size in drilled.items()) >= RING
+    masks = {a: w for a, b, w in strokes(files["mux_board-B_Mask.gbr"]) if a == b}
+    assert {p: w > pads[p] for p, w in masks.items()} == dict.fromkeys(pads, True)
+    edge = [p for a, b, _ in strokes(files["mux_board-Edge_Cuts.gbr"]) for p in (a, b)]
+    wide, high = (max(p[i] for p in edge) for i in (0, 1))
+    assert (wide, high) == tuple(perfboard.layout()["board"])
+    for x, y in pads:
+        assert min(x, y, wide - x, high - y) - pcb.PAD / 2 >= EDGE
+
+
+def test_the_committed_files_have_no_date(files):
+    assert set(files) == set(pcb.files())
+    assert not [name for name, text in files.items() if "CreationDate" in text]

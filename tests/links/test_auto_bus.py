@@ -1,0 +1,35 @@
+"""``i2c=auto``: settled before anything is opened, and for the guard as well."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from dart_hal.cli.stop import real
+from dart_hal.errors import BusMissing
+from dart_hal.links import computers, serial_port
+from dart_hal.links.base import Url
+
+URL = "serial:///dev/ttyUSB9?i2c=auto"
+
+
+def test_the_number_reaches_bus_guard_and_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+    monkeypatch.setattr(computers, "find_bus", lambda root=None: 7)
+    monkeypatch.setattr(serial_port, "SerialLink", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(serial_port, "open_bus", opened.append)
+    backend = serial_port.open_serial(Url.parse(URL))
+    assert opened == ["7"]
+    assert backend.url.options["i2c"] == "7", "the guard opens the bus by this"
+    assert real(URL).options["i2c"] == "7"
+
+
+def test_without_such_a_bus_no_port_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    def opened(*_: object) -> None:
+        raise AssertionError("opening the port restarts the Nano")
+
+    monkeypatch.setattr(computers, "i2c_buses", lambda *_: [])
+    monkeypatch.setattr(serial_port, "SerialLink", opened)
+    with pytest.raises(BusMissing, match="i2c=auto finds no bus"):
+        serial_port.open_serial(Url.parse(URL))
