@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from dart_hal.car import Fleet
@@ -45,3 +47,36 @@ def test_two_real_cars_do_not_share_their_files():
 def test_the_option_reaches_every_car():
     with Fleet.open(URLS, raise_on_trip=False) as fleet:
         assert [car.raise_on_trip for car in fleet.cars] == [False, False]
+
+
+def told(body, x):
+    return f"dart-hal-pose 1 {body} room 5 {x} 0 0\n".encode()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.parametrize("spelled", [True, False])
+def test_one_stream_tells_each_car_its_own_body(spelled):
+    url = f"udp://127.0.0.1:{free_port()}?body="
+    names = ["dart-01", "dart-02"]
+    poses = url + "{car}" if spelled else [url + name for name in names]
+    with (Fleet.open(URLS, car=names, poses=poses) as fleet,
+          socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out):
+        port = int(url.rpartition(":")[2].partition("?")[0])
+        out.sendto(told("dart-01", 1.0) + told("dart-02", 2.0), ("127.0.0.1", port))
+        *_, last = fleet.states(duration=0.1)
+    assert [state.external.newest.x for state in last] == [1.0, 2.0]
+    socket.socket(socket.AF_INET, socket.SOCK_DGRAM).bind(("127.0.0.1", port))  # let go
+
+
+def test_a_fleet_without_a_body_for_each_car_is_refused():
+    with pytest.raises(UsageError, match="a body for each car"):
+        Fleet.open(URLS, poses="udp://:5005")
+    with pytest.raises(UsageError, match="not a source"):
+        Fleet.open(URLS, poses=["udp://127.0.0.1:0", "ftp://"])
+    with pytest.raises(UsageError, match="one entry for each URL"):
+        Fleet.open(URLS, poses=[None])

@@ -162,6 +162,7 @@ def test_sim_reveal(verb):
     truth = verb("sim", "--reveal", "--url", MOCK, "--json").json
     assert set(truth) >= {"seed", "vehicle", "steering", "sensors", "effects"}
     assert truth["seed"] == 7
+    assert truth["mocap"] is None
     assert len(truth["steering"]["command"]) == len(truth["steering"]["angle_rad"]) >= 201
     assert {"encoder.ring", "imu.gyro_bias", "pwm.oscillator_hz", "steering.backlash",
             "latency.pulse_to_wheel"} <= set(truth["sensors"])

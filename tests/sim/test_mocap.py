@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +13,7 @@ from dart_hal.errors import UsageError
 from dart_hal.links.base import Url
 from dart_hal.sim.backend import open_sim
 from dart_hal.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
+from dart_hal.sim.truth import reveal_url
 from dart_hal.sim.world import Truth
 
 
@@ -81,6 +82,39 @@ def test_noise_is_what_was_asked_for():
     assert error.std(axis=0) == pytest.approx((1e-3, 1e-3, 2e-3), rel=0.04)
 
 
+def test_a_wrong_frame_shows_what_such_a_set_up_shows():
+    right = table(rows(QUIET))
+    told = {frame: table(rows(replace(QUIET, frame=frame)))
+            for frame in ("left", "yup", "mm", "deg", "other")}
+    assert np.allclose(told["left"][:, 2:], right[:, 2:] * (1, -1, -1))
+    assert np.allclose(told["mm"][:, 2:], right[:, 2:] * (1e3, 1e3, 1))
+    assert np.allclose(told["yup"][:, 2], right[:, 2])
+    assert np.ptp(told["yup"][:, 3]) == 0.0
+    assert set(np.abs(told["yup"][:, 4]).round(6)) == {0.0, round(math.pi, 6)}
+    off = told["deg"][:, 4] - np.degrees(right[:, 4])
+    assert np.allclose(np.exp(1j * off), 1.0, atol=1e-6)
+    far = np.hypot(*(told["other"] - right)[:, 2:4].T)
+    assert np.ptp(far) > 1.0
+    assert all(np.array_equal(right[:, :2], t[:, :2]) for t in told.values())
+
+
+def test_a_clock_that_is_set_steps_and_moves_nothing_else():
+    still = table(rows(QUIET, 60.0))
+    stepped = table(rows(replace(QUIET, step=10.0, offset=9.0), 60.0))
+    late = stepped[:, 0] - still[:, 0] - 9.0
+    jumps = np.diff(late)[np.abs(np.diff(late)) > 1e-6]
+    assert 3 <= len(jumps) <= 20
+    assert 0.1 < np.abs(jumps).max() <= 1.0
+    assert np.array_equal(stepped[:, 1:], still[:, 1:])
+
+
+def test_the_truth_tells_what_the_motion_capture_hides():
+    told = reveal_url(Url.parse("sim://?seed=3&mocap=frame=left,step=2"))["mocap"]
+    assert told == asdict(replace(hidden_mocap(3), frame="left", step=2.0))
+    assert told["offset"] > 0.0
+    assert reveal_url(Url.parse("sim://?seed=3"))["mocap"] is None
+
+
 def test_a_seed_hides_its_marker_and_seed_0_hides_nothing():
     drawn = [hidden_mocap(seed) for seed in range(1, 40)]
     assert hidden_mocap(0) == MocapParams()
@@ -94,7 +128,7 @@ def test_a_given_number_replaces_the_hidden_one():
 
 
 @pytest.mark.parametrize("text", ["2", "rate", "rate=0", "rate=nan", "noise=-1", "rate=9,rate=9",
-                                  "speed=1", "latency=2"])
+                                  "speed=1", "latency=2", "frame=upside", "step=61"])
 def test_options_that_mean_nothing_are_refused(text):
     with pytest.raises(UsageError):
         open_sim(Url.parse(f"sim://?nano=mock&mocap={text}"))

@@ -8,9 +8,12 @@ from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
+from urllib.parse import quote
 
 from dart_hal.car.car import Car
 from dart_hal.errors import UsageError
+from dart_hal.ports import PoseSource
+from dart_hal.poses import open_fleet_poses
 from dart_hal.types import SAMPLE, State
 
 T = TypeVar("T")
@@ -26,18 +29,24 @@ class Fleet:
     def open(cls, urls: Sequence[str], *, car: Sequence[str | None] | None = None,
              cars: str | Path | None = None,
              record: Sequence[str | Path | None] | None = None,
+             poses: str | Sequence[str | PoseSource | None] | None = None,
              raise_on_trip: bool = True) -> Fleet:
         """Open every URL, or none: what was opened is closed if one fails.
 
-        ``car``, ``record``: one entry for each URL, as ``Car.open`` takes it.
+        ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
+        takes it. Of UDP poses several may name one port, each with its body.
+        ``poses`` as one text: "{car}" in it is the car's name in ``car``.
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
         names, files = _each("car", car, urls), _each("record", record, urls)
+        seen = _each("poses", _spelled(poses, names), urls)
         with ExitStack() as stack:
+            sources = _sources(seen, stack)
             opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
+                                                   poses=source,
                                                    raise_on_trip=raise_on_trip))
-                      for url, name, run in zip(urls, names, files, strict=True)]
+                      for url, name, run, source in zip(urls, names, files, sources, strict=True)]
             _distinct(opened)
             stack.pop_all()
         return cls(opened)
@@ -103,6 +112,29 @@ def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence
         raise UsageError(f"{name}= of a fleet has one entry for each URL", found=repr(given),
                          expected=f"{len(urls)} entries")
     return list(given)
+
+
+def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Sequence[str | None]
+             ) -> Sequence[str | PoseSource | None] | None:
+    """One stream for all, with each car's name where "{car}" stands. Raises UsageError."""
+    if not isinstance(poses, str):
+        return poses
+    if "{car}" not in poses or None in names:
+        raise UsageError("one stream of poses needs a body for each car", found=poses,
+                         expected='poses="udp://:5005?body={car}" and car=["dart-01", ...]')
+    return [poses.replace("{car}", quote(str(name))) for name in names]
+
+
+def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
+             ) -> list[PoseSource | None]:
+    """Open what is a URL; closed with the stack, as are the cars'. Raises as ``open_poses``."""
+    texts = [one for one in given if isinstance(one, str)]
+    opened = iter(open_fleet_poses(texts))
+    sources = [next(opened) if isinstance(one, str) else one for one in given]
+    for source in sources:
+        if source is not None:
+            stack.callback(source.close)
+    return sources
 
 
 def _distinct(cars: Sequence[Car]) -> None:

@@ -16,7 +16,9 @@ from dart_hal.errors import (
     UsageError,
 )
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.types import State
+from dart_hal.ports import PoseSource
+from dart_hal.poses import open_poses
+from dart_hal.types import State, Tracking
 from dart_hal.wire.messages import SCHEMA
 
 RATE = 100.0
@@ -48,19 +50,22 @@ TITLES = {
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
     "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "to be known",
 }
+_TITLES = {**TITLES, "poses": "poses from outside"}
+"""With the check of what most cars do not have."""
 
 
 def _check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
            cause: str = "", remedy: str = "") -> Check:
-    return Check(name, TITLES[name], "ok" if good else bad, found, expected, cause, remedy)
+    return Check(name, _TITLES[name], "ok" if good else bad, found, expected, cause, remedy)
 
 
 def _failed(name: str, error: DartHalError) -> Check:
     found = f"{error.what}: {error.found}" if error.found else error.what
-    return Check(name, TITLES[name], "fail", found, error.expected, error.likely, error.remedy)
+    return Check(name, _TITLES[name], "fail", found, error.expected, error.likely, error.remedy)
 
 
-def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[Check]:
+def examine(url: str, car_name: str, cars: Path | None, seconds: float,
+            poses: str | None = None) -> list[Check]:
     """Open what can be opened and look at it; what depends on a fault is skipped."""
     checks: list[Check] = []
     try:
@@ -71,12 +76,25 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
         checks.append(_failed("bus" if isinstance(error, BusError) else "port", error))
         return checks + _skipped(checks)
     checks.append(_check("port", True, f"{url} is open"))
-    car = _open(backend, url, car_name, cars, checks)
+    try:
+        source = open_poses(poses) if poses else None
+    except UsageError:
+        backend.close()
+        raise
+    except DartHalError as error:
+        checks.append(_failed("poses", error))
+        source = None
+    car = _open(backend, url, car_name, cars, checks, source)
     if car is None:
+        if source is not None:
+            source.close()
         return checks + _skipped(checks)
     try:
-        checks += _stream(car, seconds)
+        states = list(car.states(duration=seconds, timeout=1.0))
+        checks += _stream(car, states)
         checks += _car(car)
+        if backend.poses is not None and states[-1].external is not None:
+            checks.append(_poses(backend.poses, states))
         checks += [_arming(car), _cautions(car)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
@@ -86,12 +104,12 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float) -> list[
 
 
 def _open(backend: Backend, url: str, car_name: str, cars: Path | None,
-          checks: list[Check]) -> Car | None:
+          checks: list[Check], poses: PoseSource | None) -> Car | None:
     """The car; without its I2C bus if that is the fault."""
     try:
         if backend.bus is None:
             checks.append(no_bus(url))
-        car = Car.over(backend, car=car_name, cars=cars)
+        car = Car.over(backend, car=car_name, cars=cars, poses=poses)
     except BusError as error:
         checks.append(_failed("bus", error))
         backend = open_backend(url)
@@ -128,10 +146,9 @@ def _without_bus(backend: Backend, car_name: str, cars: Path | None,
         return None
 
 
-def _stream(car: Car, seconds: float) -> list[Check]:
+def _stream(car: Car, states: list[State]) -> list[Check]:
     hello = car.hello
     version = ".".join(map(str, hello.version))
-    states = list(car.states(duration=seconds, timeout=1.0))
     if not states:
         raise LinkLost("the Nano said who it is, but no STATE frame came",
                        found=f"{car.timing.damaged} damaged frames")
@@ -190,6 +207,24 @@ def _encoder(states: list[State]) -> Check:
                   remedy="turn its potentiometer until the LED is steady")
 
 
+def _poses(source: PoseSource, states: list[State]) -> Check:
+    """Whether something outside sees the car, and where."""
+    seen = [s.external for s in states if s.external is not None]
+    stamps = {e.newest.stamp for e in seen if e.newest is not None}
+    why = str(getattr(source, "why", ""))
+    last = seen[-1] if seen else None
+    if last is None or last.pose is None or not stamps:
+        return _check("poses", False, f"none came: {why or 'the source said nothing'}", bad="warn",
+                      expected="poses of the car", cause="no stream, another body, or a firewall",
+                      remedy="docs/how_to/poses.md")
+    found = (f"a new one in {len(stamps)} of {len(states)} frames, {last.tracking.value}, "
+             f"x {last.pose.x:+.2f} m y {last.pose.y:+.2f} m yaw {last.pose.yaw:+.2f} rad")
+    return _check("poses", last.tracking is Tracking.TRACKING, found + (f"; {why}" if why else ""),
+                  bad="warn", expected="TRACKING",
+                  cause="the car is hidden, or another body is told",
+                  remedy="docs/how_to/poses.md, section What State says")
+
+
 def _car(car: Car) -> list[Check]:
     files = car.files
     fitted = car.hello.caps >> 2 & 3
@@ -244,6 +279,6 @@ def _skipped(checks: list[Check]) -> list[Check]:
 
 
 def _ordered(checks: list[Check]) -> list[Check]:
-    order = list(TITLES)
+    order = list(_TITLES)
     return sorted(checks, key=lambda c: order.index(c.id))
 

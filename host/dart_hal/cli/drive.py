@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import Number, car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option, poses_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.cli.session import in_real_time, opened, with_progress
 from dart_hal.cli.summary import Summary
@@ -41,17 +41,20 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
               help="arm although this is missing")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write the run to this MCAP file")
+@poses_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
             keyboard: bool, gamepad: bool, duration: float | None, max_throttle: float,
-            waive: tuple[str, ...], record: Path | None, as_json: bool) -> None:
+            waive: tuple[str, ...], record: Path | None, poses: str | None,
+            as_json: bool) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
     if keyboard + gamepad + (script is not None) != 1:
         raise UsageError("say how to drive", expected="one of --keyboard, --gamepad, SCRIPT.py",
                          remedy="dart-hal drive --keyboard")
     control = load(script) if script else None
     manual = None if script else Gamepad() if gamepad else Keyboard()
-    with closing(manual) if manual else nullcontext(), opened(url, car_name, cars, record) as car:
+    with (closing(manual) if manual else nullcontext(),
+          opened(url, car_name, cars, record, poses) as car):
         summary = Summary(car)
         if not car.drives:
             raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",

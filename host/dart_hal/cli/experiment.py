@@ -16,7 +16,7 @@ from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.car.files import files_of
 from dart_hal.cli.drive import WAIVE
-from dart_hal.cli.options import Number, car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option, poses_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.config import CarFiles
 from dart_hal.errors import ExperimentFailed, UsageError
@@ -52,11 +52,12 @@ SIM_FLOOR = "10"
 @click.option("--no-fit", is_flag=True, help="drive and record only")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of the path and the commands")
+@poses_option
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
 @json_option
 def command(submodel: str, url: str | None, car_name: str, cars: Path | None, space: str | None,
             speed: float | None, mass: float | None, out: Path | None, out_model: Path | None,
-            waive: tuple[str, ...], no_fit: bool, plot: Path | None, yes: bool,
+            waive: tuple[str, ...], no_fit: bool, plot: Path | None, poses: str | None, yes: bool,
             as_json: bool) -> None:
     """Drive an EXPERIMENT on a free floor and record it.
 
@@ -87,7 +88,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     except BaseException:
         backend.close()
         raise
-    with Car.over(backend, car=car_name, cars=cars, record=out) as car:
+    with Car.over(backend, car=car_name, cars=cars, record=out, poses=poses) as car:
         notices(car.notices)
         if mass is not None or backend.workshop is not None:
             note_mass(car, weighed)

@@ -41,6 +41,14 @@ def cars_option(command: F) -> F:
                         "./cars, ~/.local/share/dart-hal/cars)")(command)
 
 
+def poses_option(command: F) -> F:
+    """``--poses``: who sees the car from outside; a run that is recorded keeps the poses."""
+    return click.option("--poses", default=None, metavar="URL",
+                        help="who sees the car from outside: natnet://HOST?body=car, "
+                        "vrpn://car@HOST, udp://:5005, file://poses.csv (default: $DART_HAL_POSES)"
+                        )(command)
+
+
 def json_option(command: F) -> F:
     """``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,

@@ -14,9 +14,9 @@ from dart_hal.types import State
 
 @contextmanager
 def opened(url: str | None, car_name: str, cars: Path | None,
-           record: Path | None = None) -> Iterator[Car]:
+           record: Path | None = None, poses: str | None = None) -> Iterator[Car]:
     """An open car whose notices have been shown; closed at neutral afterwards."""
-    with Car.open(url, car=car_name, cars=cars, record=record) as car:
+    with Car.open(url, car=car_name, cars=cars, record=record, poses=poses) as car:
         notices(car.notices)
         yield car
 

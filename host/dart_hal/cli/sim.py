@@ -92,6 +92,9 @@ def _reveal(url: Url, as_json: bool) -> None:
         for name, entry in effect["parameters"].items():
             results.print(f"effect {effect['name'] + '.' + name:25} {entry['value']:.6g} "
                           f"{entry['unit'].strip('-')}".rstrip())
+    for name, value in (truth["mocap"] or {}).items():
+        text = value if isinstance(value, str) else f"{value:.6g}"
+        results.print(f"{'mocap.' + name:32} {text}")
     steering = truth["steering"]
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")

@@ -9,11 +9,11 @@ from rich.live import Live
 from rich.table import Table
 
 from dart_hal.car import Car
-from dart_hal.cli.options import Number, car_options, json_option
+from dart_hal.cli.options import Number, car_options, json_option, poses_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.session import in_real_time, opened
 from dart_hal.cli.summary import Summary
-from dart_hal.types import State
+from dart_hal.types import External, State
 
 EVERY = 10
 """Frames between two pictures: ten a second."""
@@ -23,11 +23,12 @@ EVERY = 10
 @car_options
 @click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time (default: until Ctrl-C)")
+@poses_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
-            as_json: bool) -> None:
+            poses: str | None, as_json: bool) -> None:
     """Watch a car: speed, yaw rate, pose, pins, flags, losses. The car is not driven."""
-    with opened(url, car_name, cars) as car:
+    with opened(url, car_name, cars, poses=poses) as car:
         summary = Summary(car)
         states = in_real_time(car.states(duration=duration or float("inf")))
         if as_json:
@@ -58,6 +59,17 @@ def picture(car: Car, state: State) -> Table:
         "link": f"{timing.lost} lost, {timing.damaged} damaged, age {timing.link_age * 1e3:.0f} ms",
         "mode": car.mode,
     }
+    if state.external is not None:
+        rows["seen at"] = seen(state.external)
     for name, value in rows.items():
         table.add_row(name, value)
     return table
+
+
+def seen(external: External) -> str:
+    """Where the room sees the marker, and how sure it is."""
+    if external.pose is None:
+        return external.tracking.value
+    p = external.pose
+    return (f"x {p.x:+7.2f} m  y {p.y:+7.2f} m  yaw {p.yaw:+6.2f} rad  {external.tracking.value}, "
+            f"{external.age * 1e3:.0f} ms old")

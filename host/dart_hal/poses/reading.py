@@ -37,7 +37,8 @@ class Convention:
 
     metres: of its unit of length; angle: radians of its unit; seconds: of its
     unit of time; left: its frame is left-handed (y and yaw change sign);
-    turn [rad]: from the body's x axis to the car's nose; body: "" = any one.
+    y_up: its y points up (poses in space only); turn [rad]: from the body's x
+    axis to the car's nose; body: "" = any one.
     """
 
     metres: float = 1.0
@@ -46,6 +47,7 @@ class Convention:
     left: bool = False
     turn: float = 0.0
     body: str = ""
+    y_up: bool = False
 
     def read(self, r: Reading) -> Reading:
         """A reading in s, m and rad, right-handed, along the car."""
@@ -56,13 +58,15 @@ class Convention:
 
 
 OPTIONS = ("units", "angle", "time", "hand", "turn", "body")
+IN_SPACE = ("units", "hand", "up", "turn", "body")
+"""Options of sources that tell a place in space and a quaternion, in s."""
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": pi / 180.0}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def convention(options: Mapping[str, str]) -> Convention:
-    """The options ``units``, ``angle``, ``time``, ``hand``, ``turn`` (deg), ``body`` of a URL.
+    """The options ``units``, ``angle``, ``time``, ``hand``, ``up``, ``turn`` (deg), ``body``.
 
     Raises UsageError for another value.
     """
@@ -82,4 +86,4 @@ def convention(options: Mapping[str, str]) -> Convention:
                          expected="degrees, for example 90")
     return Convention(one_of("units", _UNITS), one_of("angle", _ANGLES), one_of("time", _TIMES),
                       one_of("hand", {"right": 0.0, "left": 1.0}) > 0.5, turn,
-                      options.get("body", ""))
+                      options.get("body", ""), one_of("up", {"z": 0.0, "y": 1.0}) > 0.5)

@@ -11,7 +11,9 @@ import socket
 import struct
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 from dart_hal.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.poses.reading import Convention, Reading
@@ -22,53 +24,146 @@ Parse = Callable[[bytes], list[Reading]]
 LARGEST = 65536
 AT_ONCE = 256
 """Datagrams of one poll; a flood must not hold up the car."""
+KEPT = 4096
+"""Datagrams that wait for a reader who shares a port: 20 s of 200 Hz."""
 _SO_TIMESTAMPNS = 35 if sys.platform == "linux" else 0
 _TIMESPEC = struct.Struct("@qq")
 _MAX_AGE = 1.0
 """s; an older stamp means that the clock of the computer was set meanwhile."""
 
 
+class Datagrams(Protocol):
+    """Where datagrams come from."""
+
+    @property
+    def number(self) -> int:
+        """The port that is listened at."""
+
+    def read(self) -> list[tuple[bytes, float]]:
+        """(bytes, age [s]) of those that have come; never blocks."""
+
+    def close(self) -> None: ...
+
+
+class Port:
+    """A UDP port; with ``shared``, others may listen to the same multicast.
+
+    Raises PortDenied, PortBusy, PortMissing, in the name of ``name``.
+    """
+
+    def __init__(self, host: str, port: int, name: str, *, shared: bool = False) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if shared:
+                self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self.socket.bind((host, port))
+            self.socket.setblocking(False)
+            if _SO_TIMESTAMPNS:
+                self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        except OSError as why:
+            self.socket.close()
+            raise _cannot(why, name) from why
+
+    @property
+    def number(self) -> int:
+        """The port that is listened at."""
+        return int(self.socket.getsockname()[1])
+
+    def read(self) -> list[tuple[bytes, float]]:
+        """As ``Datagrams``; at most ``AT_ONCE``."""
+        out: list[tuple[bytes, float]] = []
+        for _ in range(AT_ONCE):
+            try:
+                data, ancillary, _, _ = self.socket.recvmsg(LARGEST, 64)
+            except (BlockingIOError, ConnectionError):
+                break
+            out.append((data, _age(ancillary)))
+        return out
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class SharedPort:
+    """One port for several readers, each of whom sees every datagram."""
+
+    def __init__(self, port: Port) -> None:
+        self.port = port
+        self._readers: list[SharedReader] = []
+
+    def reader(self) -> SharedReader:
+        """One more."""
+        self._readers.append(SharedReader(self))
+        return self._readers[-1]
+
+    def take(self) -> None:
+        """Hand what has come to every reader."""
+        received = time.monotonic()
+        for data, age in self.port.read():
+            for reader in self._readers:
+                reader.waiting.append((data, received - age))
+
+    def leave(self, reader: SharedReader) -> None:
+        """The last one closes the port."""
+        if reader in self._readers:
+            self._readers.remove(reader)
+            if not self._readers:
+                self.port.close()
+
+
+class SharedReader:
+    """What one reader of a ``SharedPort`` has not seen yet."""
+
+    def __init__(self, shared: SharedPort) -> None:
+        self._shared = shared
+        self.waiting: deque[tuple[bytes, float]] = deque(maxlen=KEPT)
+
+    @property
+    def number(self) -> int:
+        """As ``Datagrams``."""
+        return self._shared.port.number
+
+    def read(self) -> list[tuple[bytes, float]]:
+        """As ``Datagrams``."""
+        self._shared.take()
+        now, out = time.monotonic(), list(self.waiting)[:AT_ONCE]
+        for _ in out:
+            self.waiting.popleft()
+        return [(data, now - received) for data, received in out]
+
+    def close(self) -> None:
+        self._shared.leave(self)
+
+
 class UdpSource:
-    """Poses of one body from a UDP port.
+    """Poses of one body out of datagrams.
 
     ``refused``: datagrams without a usable pose; ``why``: what was wrong with
     the last one; ``others``: names of other bodies that were told.
     """
 
-    def __init__(self, host: str, port: int, parse: Parse, convention: Convention,
+    def __init__(self, datagrams: Datagrams, parse: Parse, convention: Convention,
                  name: str) -> None:
         self.name = name
         self.refused, self.why = 0, ""
         self.others: set[str] = set()
         self._parse, self._convention = parse, convention
         self._body = convention.body
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-            self._socket.setblocking(False)
-            if _SO_TIMESTAMPNS:
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        except OSError as why:
-            self._socket.close()
-            raise _cannot(why, name) from why
+        self._datagrams = datagrams
 
     @property
     def port(self) -> int:
         """The port that is listened at."""
-        return int(self._socket.getsockname()[1])
+        return self._datagrams.number
 
     def poll(self, now: float) -> list[ExternalPose]:
         """Poses of the datagrams that have come, as ``PoseSource``."""
         out: list[ExternalPose] = []
-        for _ in range(AT_ONCE):
+        for data, age in self._datagrams.read():
             try:
-                data, ancillary, _, _ = self._socket.recvmsg(LARGEST, 64)
-            except BlockingIOError:
-                break
-            try:
-                readings = self._parse(data)
-                arrival = max(now - _age(ancillary), 0.0)
-                out += [self._convention.read(r).at(arrival) for r in readings if self._ours(r)]
+                arrival = max(now - age, 0.0)
+                out += [self._convention.read(r).at(arrival) for r in self._parse(data)
+                        if self._ours(r)]
             except ValueError as why:
                 self.refused, self.why = self.refused + 1, str(why)
         return sorted(out, key=lambda pose: pose.arrival)
@@ -81,7 +176,7 @@ class UdpSource:
         return reading.body == self._body
 
     def close(self) -> None:
-        self._socket.close()
+        self._datagrams.close()
 
 
 def _age(ancillary: list[tuple[int, int, bytes]]) -> float:

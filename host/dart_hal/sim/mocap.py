@@ -9,13 +9,13 @@ they repeat.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from dart_hal.errors import UsageError
-from dart_hal.sim.world import World
+from dart_hal.sim.world import Truth, World
 from dart_hal.types import ExternalPose, FloatArray, pose_cov
 
 OFF = ("0", "none")
@@ -33,7 +33,8 @@ class MocapParams:
     zero; x, y [m], yaw [rad]: the car's start in the room. dropout: share of
     single rows that are lost; outlier: share of rows at which 1 to 3 jump;
     occlusion, lock: per minute, rows missing for 0.1 to 1.5 s, and a false
-    lock, at another place for 2 to 8 s.
+    lock, at another place for 2 to 8 s; step: jumps of its clock per minute, by
+    up to a second both ways. frame: what is set up wrong, of ``FRAMES``.
     """
 
     rate: float = 100.0
@@ -53,11 +54,31 @@ class MocapParams:
     outlier: float = 0.0
     occlusion: float = 0.0
     lock: float = 0.0
+    step: float = 0.0
+    frame: str = "right"
 
+
+Seen = tuple[float, float, float]
+"""x, y [m], yaw [rad]."""
+HEIGHT = 0.12
+"""m of the markers above the floor."""
+FRAMES: dict[str, Callable[[Seen], Seen]] = {
+    "right": lambda seen: seen,
+    # y and yaw of a left-handed frame
+    "left": lambda seen: (seen[0], -seen[1], -seen[2]),
+    # y is the height and z the other way on the floor: the yaw that is left is that of a shadow
+    "yup": lambda seen: (seen[0], HEIGHT, 0.0 if math.cos(seen[2]) >= 0.0 else math.pi),
+    "mm": lambda seen: (1e3 * seen[0], 1e3 * seen[1], seen[2]),
+    "deg": lambda seen: (seen[0], seen[1], math.degrees(math.remainder(seen[2], math.tau))),
+    "other": lambda seen: seen,  # another body: it goes its own way, see ``_other``
+}
+"""What a program shows that takes the stream of a wrong set-up for a right one."""
+OTHER_RADIUS, OTHER_SPEED = 1.2, 0.8
+"""m, m/s: another car's circle about the room's origin."""
 
 OPTIONS = tuple(f.name for f in fields(MocapParams) if f.name not in ("offset", "x", "y", "yaw"))
 _MOST = {"rate": 1000.0, "latency": 1.0, "jitter": 1.0, "dropout": 0.9, "outlier": 0.3,
-         "occlusion": 60.0, "lock": 30.0, "skew": 0.005}
+         "occlusion": 60.0, "lock": 30.0, "step": 60.0, "skew": 0.005}
 
 
 def hidden_mocap(seed: int) -> MocapParams:
@@ -87,14 +108,21 @@ def mocap_of(text: str, seed: int) -> MocapParams | None:
     hidden = hidden_mocap(seed)
     if text == "1":
         return hidden
-    given: dict[str, float] = {}
+    given: dict[str, float | str] = {}
     for part in text.split(","):
         name, equals, value = part.partition("=")
         if name not in OPTIONS or not equals or name in given:
             raise UsageError(f"mocap={text!r}: {part!r} is not understood", found=part,
                              expected="1, or NAME=NUMBER,... once each, of " + ", ".join(OPTIONS))
-        given[name] = _number(name, value)
-    return replace(hidden, **given)
+        given[name] = _frame(value) if name == "frame" else _number(name, value)
+    return replace(hidden, **given)  # type: ignore[arg-type]
+
+
+def _frame(text: str) -> str:
+    if text not in FRAMES:
+        raise UsageError(f"mocap: frame={text} makes no sense", found=text,
+                         expected=" or ".join(FRAMES))
+    return text
 
 
 def _number(name: str, text: str) -> float:
@@ -120,6 +148,7 @@ class SimMocap:
         seed = world.car.seed
         self._noise = np.random.default_rng([seed, 501])
         self._faults = Faults(params, np.random.default_rng([seed, 502]))
+        self._clock = ClockSteps(params, np.random.default_rng([seed, 503]))
         self._row = 0
         self._next: tuple[float, float] | None = None
         self._arrived = 0.0
@@ -134,13 +163,20 @@ class SimMocap:
                 return out
             self._next, self._row, self._arrived = None, self._row + 1, arrival
             seen = self._faults.see(t, self._measured(t))
+            stamp = self._clock.at(t)
             if seen is not None:
-                p = self._params
-                out.append(ExternalPose(p.offset + t * (1.0 + p.skew), arrival, *seen,
-                                        self._cov))
+                out.append(ExternalPose(stamp, arrival, *self._told(seen), self._cov))
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _told(self, seen: Seen) -> Seen:
+        """A row in the frame that is set up; the height of ``yup`` is noisy too."""
+        x, y, yaw = FRAMES[self._params.frame](seen)
+        if self._params.frame == "yup":
+            across, turn = self._noise.normal(size=2).tolist()
+            return x, y + self._params.noise * across, yaw + self._params.yaw_noise * turn
+        return x, y, yaw
 
     def _due(self) -> tuple[float, float]:
         """(time of measurement, arrival) of the next row [s]; rows do not overtake."""
@@ -150,15 +186,39 @@ class SimMocap:
             self._next = t, max(t + late, self._arrived)
         return self._next
 
-    def _measured(self, t: float) -> tuple[float, float, float]:
+    def _measured(self, t: float) -> Seen:
         """x, y [m], yaw [rad] of the marker frame in the room, with noise."""
         p, true = self._params, self._world.truth(t)
         z = self._noise.normal(size=3).tolist()
+        if p.frame == "other":
+            true = _other(t, true)
         c, s = math.cos(true.yaw), math.sin(true.yaw)
         x, y = true.x + p.lx * c - p.ly * s, true.y + p.lx * s + p.ly * c
         c, s = math.cos(p.yaw), math.sin(p.yaw)
         return (p.x + c * x - s * y + p.noise * z[0], p.y + s * x + c * y + p.noise * z[1],
                 p.yaw + true.yaw - p.theta + p.yaw_noise * z[2])
+
+
+def _other(t: float, car: Truth) -> Truth:
+    """Another car at t [s]: it drives its circle whatever ours does."""
+    angle = OTHER_SPEED / OTHER_RADIUS * t
+    return replace(car, x=OTHER_RADIUS * math.sin(angle), y=-OTHER_RADIUS * math.cos(angle),
+                   yaw=angle)
+
+
+class ClockSteps:
+    """The clock of the motion capture's computer, which somebody sets now and then."""
+
+    def __init__(self, params: MocapParams, rng: np.random.Generator) -> None:
+        self._params, self._rng = params, rng
+        self._stepped = 0.0
+
+    def at(self, t: float) -> float:
+        """Its reading at the row at t [s]; asked row by row. Never below 0."""
+        p = self._params
+        if p.step and self._rng.uniform() < p.step / (60.0 * p.rate):
+            self._stepped += float(self._rng.uniform(-1.0, 1.0))
+        return max(p.offset + t * (1.0 + p.skew) + self._stepped, 0.0)
 
 
 class Faults:
@@ -170,8 +230,8 @@ class Faults:
         self._at: FloatArray = np.zeros(3)
         self._jumping, self._jump = 0, np.zeros(3)
 
-    def see(self, t: float, pose: tuple[float, float, float]
-            ) -> tuple[float, float, float] | None:
+    def see(self, t: float, pose: Seen
+            ) -> Seen | None:
         """The row at t [s] as it is told; None = it is not."""
         p, rng = self._params, self._rng
         per_row = 1.0 / (60.0 * p.rate)

@@ -8,6 +8,7 @@ the import graph and refuses every other importer.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from dart_hal.errors import UsageError
@@ -18,6 +19,7 @@ from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.link import SimLink
+from dart_hal.sim.mocap import mocap_of
 from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.world import Truth, World
 from dart_hal.vehicle import make_steering
@@ -52,10 +54,12 @@ def reveal_url(url: Url) -> dict[str, Any]:
     neutral [us]; the dead band ends where drive force begins (the ESC's or
     the motor's, whichever is wider). ``steering.backlash`` is the full width
     of the loop. All this is the car without its ``effects``, which come on top.
+    ``mocap``: the parameters of ``MocapParams``, None without a motion capture.
     """
     url.known(*OPTIONS)
     drawn = car_of(url)
-    return _revealed(drawn.base, drawn.effects)
+    mocap = mocap_of(url.options.get("mocap", "0"), drawn.base.seed)
+    return {**_revealed(drawn.base, drawn.effects), "mocap": mocap and asdict(mocap)}
 
 
 def _revealed(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:

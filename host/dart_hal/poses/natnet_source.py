@@ -1,0 +1,156 @@
+"""Poses from OptiTrack Motive: asks a NatNet server, in unicast or multicast, and never waits."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from collections.abc import Callable
+
+from dart_hal.errors import DartHalError, PortMissing
+from dart_hal.poses import natnet
+from dart_hal.poses.reading import Convention
+from dart_hal.poses.rigid import reading
+from dart_hal.poses.udp import Port
+from dart_hal.types import ExternalPose
+
+COMMANDS = 1510
+AGAIN = 1.0
+"""s between two requests, and two signs of life, without which Motive ends a unicast."""
+SILENT = 2.0
+"""s without a frame after which the server is asked anew who it is."""
+
+
+class NatNetSource:
+    """Poses of one rigid body.
+
+    ``why``: what keeps poses away, "" while they come; ``refused``: messages
+    that could not be read; ``missed``: frames that never came; ``untracked``:
+    frames in which the body was not seen; ``others``: other bodies' names.
+    """
+
+    def __init__(self, host: str, port: int, convention: Convention, name: str,
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self.name = name
+        self.refused = self.missed = self.untracked = 0
+        self.others: set[str] = set()
+        self.why = f"{host}:{port} has not answered; does Motive stream by NatNet?"
+        self._address = (address(host, name), port)
+        self._convention, self._clock = convention, clock
+        self._body = convention.body
+        self._commands = Port("", 0, name)
+        self._data: Port | None = None
+        self._server: natnet.Server | None = None
+        self._names: dict[str, str] = {}
+        self._number: int | None = None
+        self._asked = self._heard = float("-inf")
+
+    def poll(self, now: float) -> list[ExternalPose]:
+        """Poses of the frames that have come, as ``PoseSource``."""
+        self._ask()
+        out: list[ExternalPose] = []
+        for port in (self._commands, self._data):
+            for data, age in port.read() if port is not None else ():
+                try:
+                    out += self._message(data, max(now - age, 0.0))
+                except ValueError as why:
+                    self.refused, self.why = self.refused + 1, str(why)
+        return sorted(out, key=lambda pose: pose.arrival)
+
+    def close(self) -> None:
+        self._commands.close()
+        if self._data is not None:
+            self._data.close()
+
+    def _ask(self) -> None:
+        """Who is there, then which bodies, then that we still listen."""
+        t = self._clock()
+        if t - self._asked < AGAIN:
+            return
+        self._asked = t
+        if self._server is None or t - self._heard > SILENT:
+            if self._server is not None and not self.why:
+                self.why = f"no frame for {SILENT:g} s"
+            self._send(natnet.request(natnet.CONNECT, "Ping"))
+        if self._server is not None and not self._named():
+            self._send(natnet.request(natnet.REQUEST_MODELS))
+        if self._server is not None and not self._server.group:
+            self._send(natnet.request(natnet.KEEP_ALIVE))
+
+    def _named(self) -> bool:
+        return self._body in (self._names.values() if self._body else self._names)
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._commands.socket.sendto(data, self._address)
+        except OSError as why:  # no route, a full buffer: asked again in a second
+            self.why = f"cannot be asked: {why}"
+
+    def _message(self, data: bytes, arrival: float) -> list[ExternalPose]:
+        kind, payload = natnet.message(data)
+        if kind == natnet.SERVER_INFO:
+            self._meet(natnet.server(payload))
+        elif kind == natnet.MODELS and self._server is not None:
+            self._names = natnet.models(payload, self._server.version)
+            if self._body and not self._named():
+                self.why = f"no body {self._body!r}; there are {sorted(self._names.values())}"
+        elif kind == natnet.FRAME and self._server is not None:
+            self._heard = self._clock()
+            return self._frame(natnet.frame(payload, self._server.version), arrival)
+        return []
+
+    def _meet(self, found: natnet.Server) -> None:
+        if found == self._server:
+            return
+        self._server, self._number = found, None
+        self._asked, self._heard = float("-inf"), self._clock()
+        self.why = f"{found.application} answered, and tells no body yet"
+        if self._data is not None:
+            self._data.close()
+            self._data = None
+        if found.group:
+            self._join(found.group, found.data_port)
+
+    def _join(self, group: str, port: int) -> None:
+        try:
+            self._data = Port("", port, self.name, shared=True)
+            self._data.socket.setsockopt(
+                socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
+                struct.pack("4s4s", socket.inet_aton(group), self._local()))
+        except (OSError, DartHalError) as why:
+            self.why = f"cannot join {group}: {why}"
+
+    def _local(self) -> bytes:
+        """Our address on the way to the server; connecting a UDP socket sends nothing."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(self._address)
+            return socket.inet_aton(probe.getsockname()[0])
+
+    def _frame(self, found: natnet.Frame, arrival: float) -> list[ExternalPose]:
+        if self._number is not None and found.number > self._number + 1:
+            self.missed += found.number - self._number - 1
+        self._number = found.number
+        self.untracked += sum(self._names.get(n, n) == self._body for n in found.lost)
+        assert self._server is not None
+        t = found.exposed / self._server.ticks if found.exposed and self._server.ticks else found.t
+        for body in found.bodies:
+            name = self._names.get(body.name, body.name)
+            self._body = self._body or name
+            if name != self._body:
+                self.others.add(name)
+                continue
+            seen = reading(body._replace(name=name), t, "natnet", self._convention.y_up)
+            pose = self._convention.read(seen).at(arrival)
+            self.why = ""
+            return [pose]
+        return []
+
+
+def address(host: str, name: str) -> str:
+    """The IPv4 address of a host. Raises PortMissing."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError as why:
+        raise PortMissing(f"{name}: there is no host {host}", found=str(why),
+                          expected="the name or address of the computer that streams",
+                          remedy="its address in numbers: natnet://192.168.1.10") from why

@@ -1,0 +1,54 @@
+"""``--poses``: verbs that open a car take a source, keep its poses, and say what is wrong."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.recording.run import RunReader
+
+URL = "sim://?nano=mock&physics=kinematic"
+
+
+@pytest.fixture
+def poses(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text("t,x,y,yaw\n" + "".join(f"{0.01 * k:.2f},1,2,0.5\n" for k in range(300)))
+    return f"file://{path}"
+
+
+def test_a_recorded_run_keeps_them(verb, poses, tmp_path):
+    out = tmp_path / "run.mcap"
+    assert verb("record", "--url", URL, "--poses", poses, "--duration", 0.5, "--out", out).code == 0
+    assert {(p.x, p.y, p.yaw) for p in RunReader(out).poses()} == {(1.0, 2.0, 0.5)}
+
+
+def test_a_driven_run_keeps_them(verb, poses, tmp_path):
+    out, script = tmp_path / "run.mcap", tmp_path / "drive.py"
+    script.write_text("def control(state):\n    return 0.0, 0.1 * state.external.age\n")
+    ran = verb("drive", script, "--url", URL, "--poses", poses, "--duration", 0.3, "--record", out,
+               "--waive", "CALIBRATION_MISSING")
+    assert ran.code == 0, ran.err
+    assert len(list(RunReader(out).poses())) > 20
+
+
+def test_top_shows_where_the_car_is_seen(verb, poses):
+    ran = verb("top", "--url", URL, "--poses", poses, "--duration", 0.3)
+    assert "TRACKING" in ran.out + ran.err
+
+
+def checked(ran):
+    return next((c for c in ran.json["checks"] if c["id"] == "poses"), None)
+
+
+def test_the_doctor_looks_at_them(verb, poses):
+    ran = ("doctor", "--url", URL, "--seconds", 1, "--json")
+    good = checked(verb(*ran, "--poses", poses))
+    assert good["verdict"] == "ok"
+    assert "frames, TRACKING, x +1.00 m y +2.00 m" in good["found"]
+    silent = checked(verb(*ran, "--poses", "vrpn://car@127.0.0.1:1"))
+    assert silent["verdict"] == "warn"
+    assert "refused" in silent["found"]
+    missing = checked(verb(*ran, "--poses", "file:///no/such.csv"))
+    assert missing["verdict"] == "fail"
+    assert checked(verb(*ran)) is None
+    assert verb(*ran, "--poses", "ftp://x").error["code"]
