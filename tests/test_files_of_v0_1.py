@@ -43,7 +43,8 @@ def test_the_files_of_a_car_are_used_together(cars):
 def test_every_quantity_of_a_calibration_is_read():
     text = (FILES / "calibration.toml").read_text()
     calibration = parse_calibration(text, "calibration.toml", "dart-01")
-    later = {"throttle.reverse_rest", "throttle.signal_loss"}
+    later = {"throttle.reverse_rest", "throttle.signal_loss", "mocap.marker_x", "mocap.marker_y",
+             "mocap.marker_yaw", "mocap.latency"}
     assert set(calibration.quantities()) == set(QUANTITIES) - later
     assert calibration.quantities()["pwm.oscillator_hz"].value == 25_310_000.0
     assert calibration.steering.map.pulse_us[0] == 1125.0

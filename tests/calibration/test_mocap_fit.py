@@ -23,7 +23,8 @@ def track(seed: int, rate: float = 100.0) -> Track:
     v = np.where(leg % 4 < 2, 0.4, 0.8)
     omega = np.convolve(np.where(leg % 2 == 0, 1.0, -1.0) * v / 0.55, np.ones(30) / 30, "same")
     yaw = 0.3 + np.cumsum(omega) * dt
-    moved = (v - 1j * SLIP * v**2 * omega) * np.exp(1j * yaw) * dt
+    middle = np.exp(1j * (yaw - 0.5 * omega * dt))  # of each step, which ends at yaw
+    moved = (v - 1j * SLIP * v**2 * omega) * middle * dt
     place = np.cumsum(moved) + (TRUE["marker_x"] + 1j * TRUE["marker_y"]) * np.exp(1j * yaw)
     at = np.arange(1.0, 51.0, 1.0 / rate)
     when = at - TRUE["latency"]

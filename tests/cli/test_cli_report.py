@@ -55,9 +55,18 @@ def test_runs_are_told_newest_first_and_what_was_never_measured_is_named(home, v
     assert new["frames"] > 190
     assert new["lost"] == 0
     assert "steering.map" in told["missing"]
+    assert not [name for name in told["missing"] if name.startswith("mocap.")]  # few have one
     assert any("calibrate steering" in line for line in told["to_do"])
     page = (home / "report.html").read_text(encoding="utf-8")
     assert "drives.mcap" in page
+
+
+def test_half_a_motion_capture_is_named(home, verb):
+    save_calibration(Calibration(car="sim-3").with_quantities(
+        {"mocap.marker_x": Quantity(0.1, 1e-4)}), home / "cars" / "sim-3")
+    told = verb("report", "--car", "sim-3", "--json").json
+    assert "mocap.latency" in told["missing"]
+    assert any("dart-hal calibrate mocap" in line for line in told["to_do"])
 
 
 def test_a_number_that_moved_by_more_than_chance_stands_out(home, verb):

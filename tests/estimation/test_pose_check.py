@@ -14,11 +14,9 @@ def drive(seed: int, weave: bool = False) -> Drive:
     t = np.arange(0.0, 30.0, 0.02)
     omega = np.sin(0.9 * t) * 1.2 if weave else np.where(t % 14.0 < 7.0, 0.9, -0.9)
     v = 0.4 + 0.2 * np.sin(0.3 * t)
-    pose = np.empty((len(t), 3))
-    for row, scale in ((pose, 1.0),):
-        yaw = rng.uniform(-3, 3) + np.cumsum(omega * 0.02 * scale)
-        row[:, 2] = yaw
-        row[:, 0], row[:, 1] = np.cumsum(v * np.cos(yaw) * 0.02), np.cumsum(v * np.sin(yaw) * 0.02)
+    yaw = rng.uniform(-3, 3) + np.cumsum(omega * 0.02)
+    pose = np.column_stack([np.cumsum(v * np.cos(yaw) * 0.02), np.cumsum(v * np.sin(yaw) * 0.02),
+                            yaw])
     seen = pose.copy()
     seen[:, 0] += 0.1 * np.cos(pose[:, 2])
     seen[:, 1] += 0.1 * np.sin(pose[:, 2])

@@ -22,7 +22,7 @@ from dart_hal.report.numbers import significant
 from dart_hal.types import NINETY
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
-         "imu": "imu", "latency": "latency"}
+         "imu": "imu", "latency": "latency", "mocap": "mocap"}
 """Of ``dart-hal calibrate``, by table of calibration.toml."""
 CLEAR = 3.0  # common standard errors: a change that is no chance
 
@@ -38,9 +38,12 @@ class About:
     now: datetime
 
     def missing(self) -> list[str]:
-        """Quantities that were never measured on this car, and the steering map."""
+        """Quantities that were never measured on this car, and the steering map; of a motion
+        capture, which few have, only where some are."""
         have = self.files.calibration.quantities() if self.files.calibration else {}
-        out = [name for name in QUANTITIES if name not in have]
+        seen = any(name.startswith("mocap.") for name in have)
+        out = [name for name in QUANTITIES
+               if name not in have and (seen or not name.startswith("mocap."))]
         mapped = self.files.calibration is not None and self.files.calibration.steering.map
         return out if mapped else ["steering.map", *out]
 

@@ -59,7 +59,11 @@ def reveal_url(url: Url) -> dict[str, Any]:
     url.known(*OPTIONS)
     drawn = car_of(url)
     mocap = mocap_of(url.options.get("mocap", "0"), drawn.base.seed)
-    return {**_revealed(drawn.base, drawn.effects), "mocap": mocap and asdict(mocap)}
+    shown = _revealed(drawn.base, drawn.effects)
+    if mocap:
+        shown["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,
+                             "mocap.marker_yaw": mocap.theta, "mocap.latency": mocap.latency}
+    return {**shown, "mocap": mocap and asdict(mocap)}
 
 
 def _revealed(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:
