@@ -7,7 +7,6 @@ checker sees the fault that it is there for.
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -138,22 +137,6 @@ def cases(text: str, head: str) -> list[list[str]]:
 
 L4_HEAD = "| what happens, L4 |"
 L3_HEAD = "| what happens, L3 |"
-
-
-@pytest.fixture
-def copy(tmp_path):
-    """``copy(file, old, new)``: a copy of the sources with one thing broken."""
-    folder = tmp_path / "wiring"
-    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*"))
-
-    def broken(file: str, old: str, new: str) -> Path:
-        path = folder / file
-        text = path.read_text(encoding="utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new, 1), encoding="utf-8")
-        return folder
-
-    return broken
 
 
 def test_the_pins_are_those_of_the_data_sheet():

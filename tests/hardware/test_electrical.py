@@ -35,22 +35,6 @@ def car_of(words: str) -> nets.Car:
     return nets.Car(tuple(word for word in words.split(" + ") if word != "minimal"))
 
 
-@pytest.fixture
-def copy(tmp_path):
-    """``copy(file, old, new)``: a copy of the sources with one thing broken."""
-    folder = tmp_path / "wiring"
-    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*", "*.svg"))
-
-    def broken(file: str, old: str, new: str) -> Path:
-        path = folder / file
-        text = path.read_text(encoding="utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new, 1), encoding="utf-8")
-        return folder
-
-    return broken
-
-
 def test_every_car_passes_with_every_supply_on_and_off():
     assert [str(fault) for fault in electrical.check()] == []
 

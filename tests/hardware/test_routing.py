@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy as copies
 import re
-import shutil
 import sys
 from math import dist
 from pathlib import Path
@@ -22,22 +21,6 @@ import plan  # noqa: E402
 import routing  # noqa: E402
 
 P = parameters.read()
-
-
-@pytest.fixture
-def copy(tmp_path):
-    """``copy(file, old, new)``: a copy of the sources with one thing broken."""
-    folder = tmp_path / "wiring"
-    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*", "*.svg", "pcb"))
-
-    def broken(file: str, old: str, new: str) -> Path:
-        path = folder / file
-        text = path.read_text(encoding="utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new, 1), encoding="utf-8")
-        return folder
-
-    return broken
 
 
 def test_every_cable_has_a_route_that_can_be_laid():

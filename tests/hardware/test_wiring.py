@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -90,22 +89,6 @@ def undeclared(folder: Path, diagram: str) -> list[str]:
     value = harness.load(diagram, folder)["metadata"]["safety_out"]
     return [p for w in harness.wires(diagram, folder)
             if (p := w.pin_at("NANO")) in CUTOFF_PINS and CUTOFF_PINS[p] != value]
-
-
-@pytest.fixture
-def copy(tmp_path):
-    """``copy(file, old, new)``: a copy of the sources with one thing broken."""
-    folder = tmp_path / "wiring"
-    shutil.copytree(WIRING, folder, ignore=shutil.ignore_patterns("__*"))
-
-    def broken(file: str, old: str, new: str) -> Path:
-        path = folder / file
-        text = path.read_text(encoding="utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new, 1), encoding="utf-8")
-        return folder
-
-    return broken
 
 
 def test_the_pins_are_those_of_the_firmware():
