@@ -18,7 +18,7 @@ from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
-sys.path.append(str(Path(__file__).parent))  # hidden_errors
+sys.path.append(str(Path(__file__).parent))  # esc_pin, hidden_errors
 
 CAR_TOML = """
 schema = "dart-hal/car/1"

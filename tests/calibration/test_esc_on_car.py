@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from esc_pin import FRAMES, Watched, without_stop
 from hidden_errors import errors
 
 from dart_hal.calibration import esc, esc_fit
@@ -15,9 +16,8 @@ from dart_hal.calibration.measured import write
 from dart_hal.calibration.spin import Spin
 from dart_hal.car import Car
 from dart_hal.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
 from dart_hal.sim.esc import Esc
-from dart_hal.sim.truth import reveal, world_of
+from dart_hal.sim.truth import reveal
 
 URL = "sim://?nano=mock&seed="
 QUANTITIES = {f"throttle.{name}" for name in (
@@ -25,37 +25,18 @@ QUANTITIES = {f"throttle.{name}" for name in (
     "signal_loss")}
 
 
-class Watched:
-    """One calibration and the pulses of its ESC pin: (end [s], width [us])."""
-
-    def __init__(self, url, tmp_path, alter=lambda world: None) -> None:
-        self.backend = open_backend(url)
-        self.world = world_of(self.backend)
-        self.pulses: list[tuple[float, float]] = []
-        self.world.watchers.append(lambda channel, pulse: channel == 1 and self.pulses.append(
-            (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
-        alter(self.world)
-        self.car = Car.over(self.backend, cars=tmp_path)
+class Spun(Watched):
+    """One calibration of the ESC."""
 
     def calibrate(self, **options):
-        try:
-            return calibrate_esc(self.car, self.backend.workshop, **options)
-        finally:
-            assert self.car.mode != "RAW"
-            for _ in self.car.states(duration=0.5):
-                pass
-
-    def pulled_after(self, t: float) -> float:
-        """s after t for which the pin carried a throttle."""
-        return max((end for end, width in self.pulses if abs(width - 1500.0) > 12.0),
-                   default=0.0) - t
+        return self.run(calibrate_esc, self.backend.workshop, **options)
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """(files, result, the same car) of hidden car 5."""
     tmp_path = tmp_path_factory.mktemp("esc")
-    watched = Watched(f"{URL}5", tmp_path)
+    watched = Spun(f"{URL}5", tmp_path)
     result = watched.calibrate()
     yield watched.car.files, result, watched
     watched.car.close()
@@ -135,7 +116,7 @@ def test_more_hidden_escs(seed):
 @pytest.mark.more
 @pytest.mark.emulator
 def test_the_firmware_counts_as_well(tmp_path):
-    result = Watched("sim://?nano=avr&seed=3", tmp_path).calibrate()
+    result = Spun("sim://?nano=avr&seed=3", tmp_path).calibrate()
     true = reveal(3)["sensors"]
     assert set(result.quantities) == QUANTITIES
     assert all(abs(q.value - true[n]) < 3.5 * q.std for n, q in result.quantities.items())
@@ -157,7 +138,7 @@ def test_control_coasting_tells_friction_from_the_dead_band(tmp_path, monkeypatc
     monkeypatch.setattr(esc_fit, "_rows", lambda spin, neutral, reference: None
                         if spin.pulse_us == neutral else rows(spin, neutral, reference))
     with pytest.raises(CalibrationFailed, match="speed up and slow down alike"):
-        Watched(f"{URL}5", tmp_path).calibrate()
+        Spun(f"{URL}5", tmp_path).calibrate()
 
 
 # -- another ESC -----------------------------------------------------------------
@@ -201,7 +182,7 @@ def as_esc(kind, **params):
     (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
     (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
 def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
-    result = Watched(f"{URL}5", tmp_path, as_esc(kind, **params)).calibrate()
+    result = Spun(f"{URL}5", tmp_path, as_esc(kind, **params)).calibrate()
     assert result.others["throttle.reverse"] == reverse
     assert set(result.quantities) == QUANTITIES - {f"throttle.{name}" for name in absent}
     for name, value in params.items():
@@ -218,7 +199,7 @@ def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
     """Control: not taken off, it moves neutral by 4 us, for the motor pulls less in reverse."""
     if not taken_off:
         monkeypatch.setattr(esc, "DRAG", float("inf"))
-    result = Watched(f"{URL}5", tmp_path, as_esc(DragBrake)).calibrate()
+    result = Spun(f"{URL}5", tmp_path, as_esc(DragBrake)).calibrate()
     q, true = result.quantities["throttle.neutral_us"], reveal(5)["sensors"]["throttle.neutral_us"]
     assert (abs(q.value - true) < 3.5 * q.std) == taken_off
     assert (abs(q.value - true) > 3.0) != taken_off
@@ -248,7 +229,7 @@ def test_a_knee_that_is_not_there_is_not_found():
         ("imu:off@14", "no data of the IMU"), ("enc:wrong=0.5@14", "speed up and slow down alike"))
 ])
 def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
-    watched = Watched(f"{URL}5&fail={fail}", tmp_path)
+    watched = Spun(f"{URL}5&fail={fail}", tmp_path)
     with watched.car, pytest.raises(CalibrationFailed, match=why):
         watched.calibrate()
     assert not list(tmp_path.rglob("calibration.toml"))
@@ -257,14 +238,14 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
 
 
 def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
-    watched = Watched(f"{URL}5", tmp_path)
+    watched = Spun(f"{URL}5", tmp_path)
     watched.backend.workshop.wheels_turned = lambda: 0
     with watched.car, pytest.raises(CalibrationFailed, match="counts wheels that stand"):
         watched.calibrate()
 
 
 def test_nothing_turns_unless_it_was_agreed(tmp_path):
-    watched, said = Watched(f"{URL}2", tmp_path), []
+    watched, said = Spun(f"{URL}2", tmp_path), []
     with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
         watched.calibrate(ask=lambda q: said.append(q) or False)
     assert watched.pulled_after(0.0) == 0.0
@@ -277,20 +258,10 @@ PRESSED = {"first motion": 8.0, "forward": 14.0, "brake": 21.5, "reverse": 46.0,
 """s of the car's time."""
 
 
-def pressed(tmp_path, t: float) -> Watched:
+def pressed(tmp_path, t: float) -> Spun:
     """Ctrl-C at a time."""
-    watched = Watched(f"{URL}5", tmp_path)
-
-    def press(state):
-        if watched.world.t > t and watched.car.mode == "RAW":
-            raise KeyboardInterrupt
-
-    watched.car.on_state(press)
-    with pytest.raises(KeyboardInterrupt):
-        calibrate_esc(watched.car, watched.backend.workshop)
-    watched.car._engine.listeners.remove(press)
-    for _ in watched.car.states(duration=0.5):
-        pass
+    watched = Spun(f"{URL}5", tmp_path)
+    watched.press(lambda state: watched.world.t > t, calibrate_esc, watched.backend.workshop)
     return watched
 
 
@@ -298,7 +269,7 @@ def pressed(tmp_path, t: float) -> Watched:
 @pytest.mark.parametrize("when", PRESSED)
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched = pressed(tmp_path, PRESSED[when])
-    assert watched.pulled_after(PRESSED[when]) < 0.06
+    assert watched.pulled_after(PRESSED[when]) < FRAMES
     assert watched.pulses[-1][0] > watched.world.t - 0.03
     assert watched.car.mode == "DISARMED"
     assert not list(tmp_path.rglob("calibration.toml"))
@@ -306,10 +277,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
 
 
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
-    """Negative control: an exit that tells the driver nothing leaves its last pulse there."""
-    from dart_hal.car.driver import Driver
-
-    monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)
+    without_stop(monkeypatch)
     watched = pressed(tmp_path, PRESSED["forward"])
     assert watched.pulled_after(PRESSED["forward"]) > 0.15
     watched.car.close()

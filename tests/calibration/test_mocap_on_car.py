@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.mocap import calibrate_mocap
@@ -80,3 +81,20 @@ def test_without_a_source_the_car_does_not_move():
         with pytest.raises(CalibrationFailed, match="no poses"):
             calibrate_mocap(car)
         assert truth(backend).distance == pytest.approx(0.0, abs=1e-9)
+
+
+def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
+    watched = Watched(f"{URL}&mocap=1", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.3, calibrate_mocap)
+    assert watched.pulled_after(when) < FRAMES
+    assert watched.car.mode == "DISARMED"
+    assert not list(tmp_path.rglob("calibration.toml"))
+    watched.car.close()
+
+
+def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
+    without_stop(monkeypatch)
+    watched = Watched(f"{URL}&mocap=1", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.3, calibrate_mocap)
+    assert watched.pulled_after(when) > 0.15
+    watched.car.close()

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from esc_pin import FRAMES, Watched, without_stop
 from hidden_errors import errors, holding_pulse
 
 from dart_hal.calibration.measured import write
@@ -21,23 +22,17 @@ from dart_hal.calibration.throttle import (
 from dart_hal.car import Car
 from dart_hal.config import Quantity
 from dart_hal.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
 
 URL = "sim://?nano=mock&seed="
 DRIVE = "throttle.drive"
 
 
-class Watched:
-    """One calibration, the pulses of its ESC pin and how far it went."""
+class Driven(Watched):
+    """One calibration and where each of its drives began."""
 
     def __init__(self, url, tmp_path) -> None:
-        self.backend = open_backend(url)
-        self.world = world_of(self.backend)
-        self.pulses: list[tuple[float, float]] = []
+        super().__init__(url, tmp_path)
         self.runs: list[tuple[float, float]] = []
-        self.world.watchers.append(lambda channel, pulse: channel == 1 and self.pulses.append(
-            (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
         mark = self.backend.workshop.mark
 
         def marked() -> None:
@@ -46,26 +41,15 @@ class Watched:
             mark()
 
         self.backend.workshop.mark = marked
-        self.car = Car.over(self.backend, cars=tmp_path)
 
     def calibrate(self, **options):
-        try:
-            return calibrate_throttle(self.car, self.backend.workshop, **options)
-        finally:
-            assert self.car.mode != "RAW"
-            for _ in self.car.states(duration=0.5):
-                pass
-
-    def pulled_after(self, t: float) -> float:
-        """s after t for which the pin carried a throttle."""
-        return max((end for end, width in self.pulses if abs(width - 1500.0) > 12.0),
-                   default=0.0) - t
+        return self.run(calibrate_throttle, self.backend.workshop, **options)
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """(files, result, the same car) of hidden car 6 on 2.5 m of floor."""
-    watched = Watched(f"{URL}6", tmp_path_factory.mktemp("throttle"))
+    watched = Driven(f"{URL}6", tmp_path_factory.mktemp("throttle"))
     result = watched.calibrate(room=2.5)
     yield watched.car.files, result, watched
     watched.car.close()
@@ -117,7 +101,7 @@ def test_more_hidden_cars(seed, verb):
 @pytest.mark.more
 @pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.6)])
 def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
-    watched = Watched(f"{URL}6", tmp_path)
+    watched = Driven(f"{URL}6", tmp_path)
     far = []
     watched.car.on_state(lambda state: far.append(watched.world.truth()))
     table = watched.calibrate(room=room).others[DRIVE]
@@ -151,7 +135,7 @@ def test_intervals_of_30_hidden_cars_hold_the_truth(verb):
         ("esc:off@14", "motor does not answer"), ("esc:off@25", "motor does not answer"),
         ("enc:wrong=0.5@14", "encoder does not count"))])
 def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
-    watched = Watched(f"{URL}5&fail={fail}", tmp_path)
+    watched = Driven(f"{URL}5&fail={fail}", tmp_path)
     with watched.car, pytest.raises(CalibrationFailed, match=why):
         watched.calibrate()
     assert not list(tmp_path.rglob("calibration.toml"))
@@ -160,14 +144,14 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
 
 @pytest.mark.more
 def test_lifted_wheels_are_no_floor(tmp_path):
-    watched = Watched(f"{URL}5", tmp_path)
+    watched = Driven(f"{URL}5", tmp_path)
     watched.backend.workshop.lift()
     with watched.car, pytest.raises(CalibrationFailed, match="wheels turn but the car does not"):
         watched.calibrate()
 
 
 def test_nothing_moves_unless_it_was_agreed(tmp_path):
-    watched, said = Watched(f"{URL}2", tmp_path), []
+    watched, said = Driven(f"{URL}2", tmp_path), []
     with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
         watched.calibrate(ask=lambda q: said.append(q) or False)
     assert watched.pulled_after(0.0) == 0.0
@@ -175,37 +159,22 @@ def test_nothing_moves_unless_it_was_agreed(tmp_path):
         assert word in said[0]
 
 
-def pressed(tmp_path, speed: float) -> tuple[Watched, float]:
+def pressed(tmp_path, speed: float) -> tuple[Driven, float]:
     """Ctrl-C once the car is that fast; and when."""
-    watched = Watched(f"{URL}5", tmp_path)
-    when = []
-
-    def press(state):
-        if abs(state.speed) > speed and watched.car.mode == "RAW":
-            when.append(watched.world.t)
-            raise KeyboardInterrupt
-
-    watched.car.on_state(press)
-    with pytest.raises(KeyboardInterrupt):
-        calibrate_throttle(watched.car, watched.backend.workshop)
-    watched.car._engine.listeners.remove(press)
-    for _ in watched.car.states(duration=0.5):
-        pass
-    return watched, when[0]
+    watched = Driven(f"{URL}5", tmp_path)
+    return watched, watched.press(lambda state: abs(state.speed) > speed, calibrate_throttle,
+                                  watched.backend.workshop)
 
 
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched, when = pressed(tmp_path, 0.25)
-    assert watched.pulled_after(when) < 0.06
+    assert watched.pulled_after(when) < FRAMES
     assert watched.car.mode == "DISARMED"
     watched.car.close()
 
 
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
-    """Negative control."""
-    from dart_hal.car.driver import Driver
-
-    monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)
+    without_stop(monkeypatch)
     watched, when = pressed(tmp_path, 0.25)
     assert watched.pulled_after(when) > 0.15
     watched.car.close()
