@@ -1,7 +1,7 @@
 """How often the 90 % intervals of the measuring procedures hold the hidden truth.
 
     python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu]
-        [esc] [throttle] [circle]
+        [esc] [throttle] [circle] [mocap]
 
 Slow (1 to 10 s a car and verb). Prints one row per quantity: how many intervals
 hold it, rms of error by standard error, worst error. The clock's intervals are wide

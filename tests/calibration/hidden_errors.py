@@ -12,12 +12,13 @@ from dart_hal.calibration.encoder import calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import calibrate_imu
 from dart_hal.calibration.measured import Measured
+from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.calibration.throttle import calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.config import DriveTable, Quantity
 from dart_hal.links.base import open_backend
 from dart_hal.ports import Workshop
-from dart_hal.sim.truth import reveal
+from dart_hal.sim.truth import reveal, reveal_url
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.parameters import Friction, Motor
 
@@ -25,15 +26,16 @@ VERBS: dict[str, Callable[[Car, Workshop], Measured]] = {
     "clock": lambda car, workshop: calibrate_clock(car),
     "encoder": calibrate_encoder, "imu": calibrate_imu, "esc": calibrate_esc,
     "throttle": calibrate_throttle,
-    "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0)}
+    "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0),
+    "mocap": lambda car, workshop: calibrate_mocap(car)}
 
 
 def errors(verb: str, seed: int) -> dict[str, tuple[float, float]]:
     """(error, standard error) of each scalar quantity of one hidden car."""
-    backend = open_backend(f"sim://?seed={seed}&nano=mock")
+    backend = open_backend(f"sim://?seed={seed}&nano=mock&mocap={int(verb == 'mocap')}")
     with tempfile.TemporaryDirectory() as folder, Car.over(backend, cars=folder) as car:
         found = VERBS[verb](car, backend.workshop)
-    true = reveal(seed)["sensors"]
+    true = reveal_url(backend.url)["sensors"]
     scalars = {name: (q.value - true[name], q.std) for name, q in found.quantities.items()
                if isinstance(q, Quantity)}
     return scalars | drive_errors(seed, found)

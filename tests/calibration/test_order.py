@@ -5,9 +5,10 @@ from __future__ import annotations
 from datetime import datetime, timedelta, timezone
 
 import pytest
+from msgspec.structs import replace
 
 from dart_hal.calibration import order
-from dart_hal.config import Calibration, Quantity, load_car
+from dart_hal.config import Calibration, DriveTable, Quantity, load_car
 from dart_hal.config.calibration import SteeringCalibration, SteeringTable
 from dart_hal.errors import CalibrationFailed
 
@@ -22,37 +23,43 @@ def steps():
 def measured(**minutes_ago: float) -> Calibration:
     """A calibration in which these verbs were run that long ago."""
     quantity = Quantity(1.0, 0.01)
-    named = {"clock": ("pwm.oscillator_hz",), "encoder": ("encoder.metres_per_edge",),
+    named = {"clock": ("pwm.oscillator_hz",),
+             "esc": ("throttle.neutral_us", "throttle.deadband_forward_us"),
+             "encoder": ("encoder.metres_per_edge",),
              "imu": ("imu.gyro_scale", "imu.mount_yaw")}
     known = Calibration(car="dart-01", provenance={
         verb: {"when": NOW - timedelta(minutes=ago)} for verb, ago in minutes_ago.items()})
     for verb in minutes_ago:
         known = known.with_quantities(dict.fromkeys(named.get(verb, ()), quantity))
+    if "throttle" in minutes_ago:
+        drive = DriveTable(speed=(0.3, 0.6), pulse_us=(1580.0, 1590.0), std_us=(0.5, 0.5))
+        known = replace(known, throttle=replace(known.throttle, drive=drive))
     if "steering" in minutes_ago:
         table = SteeringTable(pulse_us=(1.0, 2.0), angle_rad=(0.0, 1.0), std_rad=(0.1, 0.1))
-        known = Calibration(**{**{f: getattr(known, f) for f in known.__struct_fields__},
-                               "steering": SteeringCalibration(map=table)})
+        known = replace(known, steering=SteeringCalibration(map=table))
     return known
 
 
+ALL = ("clock", "esc", "encoder", "throttle", "imu", "steering")
+DONE = {"clock": 9, "esc": 8.5, "encoder": 8, "throttle": 7.5, "imu": 7, "steering": 6}
+
+
 @pytest.mark.parametrize(("known", "left"), [
-    (None, ("clock", "encoder", "imu", "steering")),
-    (measured(clock=9, encoder=8, imu=7, steering=6), ()),
-    (measured(clock=9, encoder=8), ("imu", "steering")),
-    (measured(clock=9, encoder=3, imu=7, steering=6), ("imu", "steering")),  # by another travel
-    (measured(encoder=8, imu=7, steering=6), ("clock",)),  # it can be missed, and was
-    (measured(clock=5, encoder=8, imu=7, steering=6), ("encoder", "imu", "steering")),
-    (measured(clock=999, encoder=998, imu=997, steering=6),
-     ("clock", "encoder", "imu", "steering")),
+    (None, ALL),
+    (measured(**DONE), ()),
+    (measured(clock=9, esc=8.5, encoder=8), ("throttle", "imu", "steering")),
+    (measured(**{**DONE, "encoder": 3}), ("throttle", "imu", "steering")),  # by another travel
+    (measured(**{**DONE, "esc": 3}), ("throttle",)),                        # by another neutral
+    (measured(**{k: v for k, v in DONE.items() if k != "clock"}), ("clock",)),  # may be missed
+    (measured(**{**DONE, "clock": 5}), ALL[1:]),
+    (measured(**{k: 991 + v if v > 6 else v for k, v in DONE.items()}), ALL),
 ])
 def test_what_is_left(steps, known, left):
     assert tuple(s.verb for s in order.due(steps, known, NOW)) == left
 
 
 def test_an_old_file_says_no_times_and_is_measured_anew(steps):
-    known = measured(clock=9, encoder=8, imu=7, steering=6)
-    old = Calibration(car=known.car, pwm=known.pwm, encoder=known.encoder, imu=known.imu,
-                      steering=known.steering, provenance={"when": NOW})
+    old = replace(measured(**DONE), provenance={"when": NOW})
     assert order.due(steps, old, NOW) == steps
 
 
@@ -62,7 +69,18 @@ def test_a_floor_that_is_too_small_names_what_has_no_room():
         order.steps_of(files, (2.8, 2.0))
     assert "imu: 3.0 m x 2.5 m" in str(refused.value.expected)
     assert "--skip imu --skip steering" in str(refused.value.remedy)
-    short = order.steps_of(files, (2.0, 2.0), ("imu", "steering"))
-    assert [s.verb for s in short] == ["clock", "encoder"]
-    assert "over 1.0 m" in short[1].plan
-    assert "over 3.0 m" in order.steps_of(files, (9.0, 9.0))[1].plan
+    short = order.steps_of(files, (2.0, 2.0), ("throttle", "imu", "steering"))
+    assert [s.verb for s in short] == ["clock", "esc", "encoder"]
+    assert "over 1.0 m" in short[2].plan
+    assert "over 3.0 m" in order.steps_of(files, (9.0, 9.0))[2].plan
+
+
+@pytest.mark.parametrize(("floor", "how"), [((2.8, 9.0), "straight"), ((4.0, 1.2), "straight")])
+def test_the_throttle_is_measured_straight_where_there_is_room(floor, how):
+    steps = order.steps_of(load_car("dart-01", ["cars"]), floor, ("encoder", "imu", "steering"))
+    assert how in steps[-1].plan
+
+
+def test_without_room_for_either_the_throttle_is_refused():
+    with pytest.raises(CalibrationFailed, match="too small for throttle"):
+        order.steps_of(load_car("dart-01", ["cars"]), (2.4, 2.4), ("imu", "steering"))

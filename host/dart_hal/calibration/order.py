@@ -1,7 +1,8 @@
 """``calibrate all``: the procedures in the order in which each needs what others have measured.
 
-The clock makes every pulse. The encoder measures the speeds at which the car turns and
-pulls. The gyro's scale and the encoder make the angles of the steering map.
+The clock makes every pulse, and the ESC's neutral is where the car stands. The encoder measures
+the speeds at which the car turns and pulls. The gyro's scale and the encoder make the angles
+of the steering map.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
-from dart_hal.calibration import clock, encoder, imu, mocap, steering
+from dart_hal.calibration import clock, encoder, esc, imu, mocap, steering, throttle
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap_fit import NAMES
@@ -28,7 +29,7 @@ ROLL_OUT = 1.0
 
 Found = Measured | SteeringResult
 Run = Callable[[Car, Workshop, Progress, Ask], Found]
-VERBS = ("clock", "encoder", "imu", "steering", "mocap")
+VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "mocap")
 """All there are, in the order in which they are run."""
 
 
@@ -57,14 +58,20 @@ def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Se
 
     Errors: CalibrationFailed where one has no room, naming each that has none.
     """
-    rolled = encoder.DISTANCE
+    rolled, room = encoder.DISTANCE, throttle.ROOM
     if floor is not None:
         rolled = max(min(rolled, max(floor) - ROLL_OUT), encoder.SHORTEST)
+        room = min(room, max(floor))
     route = steering.plan(files)
     every = (
         Step("clock", clock.plan(files), _clock, ("pwm.oscillator_hz",), optional=True),
+        Step("esc", esc.plan(files), _esc, ("throttle.neutral_us", "throttle.deadband_forward_us"),
+             ("clock",)),
         Step("encoder", encoder.plan(files, rolled), _encoder(rolled),
              ("encoder.metres_per_edge",), ("clock",), (rolled + ROLL_OUT, 1.0)),
+        Step("throttle", throttle.plan(files, room), _throttle(room), ("throttle.drive",),
+             ("clock", "esc", "encoder"),
+             (room, 1.0) if throttle.speeds_in(room) else throttle.CIRCLE_FLOOR),
         Step("imu", imu.plan(files), _imu, ("imu.gyro_scale", "imu.mount_yaw"),
              ("clock", "encoder"), imu.FLOOR),
         Step("steering", str(route), _steering, ("steering.map",), ("clock", "encoder", "imu"),
@@ -131,6 +138,17 @@ def _encoder(distance: float) -> Run:
     def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
         return encoder.calibrate_encoder(car, workshop, progress=progress, ask=ask,
                                          source=car.url, distance=distance)
+    return run
+
+
+def _esc(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
+    return esc.calibrate_esc(car, workshop, progress=progress, ask=ask, source=car.url)
+
+
+def _throttle(room: float) -> Run:
+    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
+        return throttle.calibrate_throttle(car, workshop, progress=progress, ask=ask,
+                                           source=car.url, room=room)
     return run
 
 

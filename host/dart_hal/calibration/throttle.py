@@ -39,6 +39,8 @@ LEAN = 0.3
 """Of the steering command: 0.17 rad of road wheel by the paper's map, a radius of 1 m."""
 ROOM, LEAST_ROOM = 4.0, 2.5
 """m of straight floor; with less than that a circle tells more."""
+CIRCLE_FLOOR = (3.5, 3.5)
+"""m: a circle of 1 m radius, car and margin included."""
 CIRCLE_SETTLES = 2.5
 """s at a new speed of a circle, from above as well: a second of integral twice over."""
 REPEATS = 2
@@ -106,7 +108,8 @@ def plan(files: CarFiles, room: float = ROOM) -> str:
     if not speeds:
         seconds = 2 * len(CIRCLE) * (CIRCLE_SETTLES + SETTLE + TRIAL + CIRCLING) + 15.0
         return (f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
-                f"speed: about {seconds:.0f} s, a level floor of 3.5 m x 3.5 m; no tools")
+                f"speed: about {seconds:.0f} s, a level floor of {CIRCLE_FLOOR[0]:g} m x "
+                f"{CIRCLE_FLOOR[1]:g} m; no tools")
     seconds = REPEATS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
     return (f"drives straight {REPEATS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s to "
             f"measure which pulse holds which speed: about {seconds:.0f} s without carrying it "

@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 import click
 
+from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.car.misuse import check_url
 from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Reference
 
-DEFAULT_CAR = "dart-01"
 F = TypeVar("F", bound=Callable[..., Any])
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from dart_hal.car.digest import Digest, digest
-from dart_hal.cli.options import DEFAULT_CAR, NamedFile, cars_option, json_option
+from dart_hal.car.files import DEFAULT_CAR
+from dart_hal.cli.options import NamedFile, cars_option, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.report_page import About, write_page
 from dart_hal.config import CarFiles, load_car, parse_car
