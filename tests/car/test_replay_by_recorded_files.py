@@ -74,6 +74,15 @@ def test_a_run_of_a_replay_hands_them_on(run, tmp_path):
     assert RunReader(tmp_path / "again.mcap").files.keys() == {"car.toml", "calibration.toml"}
 
 
+def test_a_run_of_a_replay_keeps_the_files_that_it_was_read_by(run, tmp_path):
+    (tmp_path / "sim-3").mkdir()
+    calibrate(tmp_path / "sim-3", 0.002)
+    with Car.open(f"replay://{run[0]}", cars=tmp_path, record=tmp_path / "again.mcap") as car:
+        for _ in car.states():
+            pass
+    assert "value = 0.002," in RunReader(tmp_path / "again.mcap").files["calibration.toml"]
+
+
 def test_a_car_without_files_has_what_its_run_says(run):
     with Car.open(f"replay://{run[0]}") as car:
         assert car.files.metres_per_edge.value == 0.02

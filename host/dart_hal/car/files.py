@@ -44,4 +44,7 @@ def _of_run(backend: Backend, car_toml: str, folders: Folders | None) -> CarFile
         except ConfigError as error:
             del measured[name]
             backend.notices += (f"{name} in {url} is not used: {error.what}",)
-    return parse_run_car(car_toml, url, measured, folders)
+    files = parse_run_car(car_toml, url, measured, folders)
+    if folders and files.folder.is_dir():
+        backend.measured = {}  # those of the folder count, and are what a recording keeps
+    return files
