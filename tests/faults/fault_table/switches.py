@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -103,10 +104,9 @@ class SharedPort(serial.Serial):
     def exclusive(self, wanted: bool) -> None: ...
 
 
-def endless(steering_us: float, throttle_us: float, throttle: float,
-            until: float, *, shortened: bool = False) -> limits.Pulses:
+def endless(*asked: Any) -> limits.Pulses:
     """Pulses that never run out."""
-    return limits.Pulses(steering_us, throttle_us, throttle, math.inf)
+    return replace(limits.raw_pulses(*asked), until=math.inf)
 
 
 def pleased(test: CutoffTest, came: bool, now: float) -> None:
@@ -137,7 +137,8 @@ host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gate
      always(True))
 host("ledger", "sequence numbers tell what was lost", "dart_hal.wire.decoder.Ledger.note", nothing)
 host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
-host("raw_hold", "pulses of a calibration run out", "dart_hal.actuation.chain.Pulses", endless)
+host("raw_hold", "pulses of a calibration run out", "dart_hal.actuation.chain.raw_pulses",
+     endless)
 host("cutoff_test", "a cut-off that does not cut is found at arm()",
      "dart_hal.car.cutoff_test.CutoffTest._judge", pleased)
 host("cut_off", "a Nano that cuts while the host drives is noticed",
