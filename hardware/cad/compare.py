@@ -76,6 +76,24 @@ def dxf_differences(old: Path, new: Path) -> list[Row]:
     return found
 
 
+def step_differences(old: Path, new: Path) -> list[Row]:
+    """STEP files that are not the same solid, header apart, or exist on one side only."""
+    def solid(path: Path) -> str:
+        return path.read_text(encoding="utf-8").partition("DATA;")[2] if path.is_file() else ""
+
+    return [(name, "solid", _there(old / name), _there(new / name))
+            for name in sorted({f.name for d in (old, new) for f in d.glob("*.step")})
+            if solid(old / name) != solid(new / name)]
+
+
+def text_differences(old: Path, new: Path, suffix: str = ".svg") -> list[Row]:
+    """Text files that differ by a character, or exist on one side only."""
+    return [(f, "text", _there(old / f), _there(new / f))
+            for f in sorted({f.name for d in (old, new) for f in d.glob(f"*{suffix}")})
+            if not (old / f).is_file() or not (new / f).is_file()
+            or (old / f).read_text(encoding="utf-8") != (new / f).read_text(encoding="utf-8")]
+
+
 def picture_differences(old: Path, new: Path) -> list[Row]:
     """Pictures that show something else, or exist on one side only.
 
