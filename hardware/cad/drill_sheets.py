@@ -54,8 +54,10 @@ def svg(sheet: Sheet) -> str:
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{PAGE[0]:g}mm" height="{PAGE[1]:g}mm" '
         f'viewBox="0 0 {PAGE[0]:g} {PAGE[1]:g}">',
-        f'<text x="{LEFT}" y="{TOP - 16}" {words}>{sheet.name}, {sheet.thickness:g} mm, 1:1, '
-        f"{seen}. Print at 100 %: the ruler must be {RULER:g} mm long.</text>",
+        f'<text x="{LEFT}" y="{TOP - 21}" {words}>{sheet.name}, {sheet.thickness:g} mm, 1:1, '
+        f"{seen}.</text>",
+        f'<text x="{LEFT}" y="{TOP - 15}" {words}>Print at 100 %: the ruler must be {RULER:g} mm '
+        "long.</text>",
         f'<path d="M{LEFT},{TOP - 9}h{RULER}{ticks}" {INK}/>',
         f'<text x="{LEFT}" y="{TOP - 2}" {words}>Holes: {_sizes(sheet)}. Red is engraved, not cut.'
         "</text>",
