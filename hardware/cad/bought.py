@@ -178,7 +178,7 @@ def leads(p: Parameters) -> list[Item]:
                for x, y in grid(h.adapter_x, h.adapter_y)]
     antennas = [cylinder((h.antenna_x, (a + b) / 2, -6), (h.antenna_x, (a + b) / 2, 128), 4.2,
                          BLACK) for a, b in zip(h.antenna_y, p.upper.antenna_y, strict=True)]
-    return [Item("lidar_adapter", "lidar_adapter", 0.2 * p.mass.cables, "S08", tuple(shapes)),
+    return [Item("lidar_adapter", "lidar_adapter", 0.15 * p.mass.cables, "S08", tuple(shapes)),
             Item("antennas", "antennas", 0.2 * p.mass.cables, "S09", tuple(antennas))]
 
 

@@ -81,6 +81,17 @@ def jumpers(p: Parameters) -> Item:
     return Item("jumpers", "jumper_wires", 0.1 * p.mass.cables, "W01", tuple(shapes))
 
 
+def lidar_lead(p: Parameters) -> Item:
+    """From behind the lidar's pan along the plate into its adapter, between USB and standoff."""
+    z = deck_top(p)
+    x, y = p.base_holes.adapter_x[1], p.base_holes.adapter_y[1] - 4.5
+    rear = p.lidar.rear_x - 8.6
+    way = [(rear, 12.0, z + 14), (rear - 8, 26.0, z + 9), (x + 1.6, 36.0, z + 8),
+           (x + 1.6, y, z + 8), (x - 2.8, y, z + 7.5)]
+    return Item("lidar_lead", "lidar_adapter", 0.05 * p.mass.cables, "S11",
+                tuple(bundle(way, 1.2, BLACK)))
+
+
 def module_pins(p: Parameters) -> float:
     """X of the ends of the infrared module's pins, mm."""
     c = p.car
@@ -106,4 +117,4 @@ def battery_leads(p: Parameters) -> Item:
 
 
 def cables(p: Parameters) -> list[Item]:
-    return [*usb(p), six_wire(p), jumpers(p), battery_leads(p)]
+    return [*usb(p), lidar_lead(p), six_wire(p), jumpers(p), battery_leads(p)]

@@ -62,7 +62,7 @@ STEPS = (
     Step("S09", ("antennas", "base_plate", "cable_6pin"), (*BELOW, *BOARD, *DECK),
          (-0.9, -0.5, 1.6)),
     Step("S10", ("jetson", "cable_6pin"), (*BELOW, *BOARD, *DECK, "antennas"), (-1.2, 0.75, 0.35)),
-    Step("S11", ("lidar", "lidar_mount", "screw 6 "),
+    Step("S11", ("lidar", "lidar_mount", "lidar_lead", "screw 6 "),
          (*BELOW, *BOARD, *DECK, "antennas", "jetson", "cable_6pin"), (1.25, 1.0, 0.75)),
     Step("S12_camera", ("camera", "camera_bracket", "screw 7 ", "screw 8 "), ("jetson",),
          (0.75, -1.0, 1.0)),
