@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import csv
+import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE / "cad"))
+import parameters  # noqa: E402 - found through the line above
+from parameters import Parameters  # noqa: E402
+
 NUT = {"M2": 1.6, "M2.5": 2.0, "M3": 2.4}
 """Height of a hexagon nut, mm (ISO 4032)."""
 SIDES = {"up": "from below", "down": "from above", "front": "from the rear",
@@ -48,14 +53,23 @@ class Screw:
         return f"{self.size} x {self.length:g}" if self.length else f"nut {self.size}"
 
 
-def load(path: Path = HERE / "screws.csv") -> list[Screw]:
-    """Every row, in the order of the build."""
+def thickness(cell: str, p: Parameters | None) -> float:
+    """A number of mm, or a dimension of the parameter file by its name."""
+    try:
+        return float(cell)
+    except ValueError:
+        group, key = cell.split(".")
+        return float(getattr(getattr(p or parameters.read(), group), key))
+
+
+def load(path: Path = HERE / "screws.csv", p: Parameters | None = None) -> list[Screw]:
+    """Every row, in the order of the build. ``p``: another parameter file than the committed."""
     with path.open(encoding="utf-8", newline="") as file:
         return [Screw(c["screw"], float(c["length_mm"]), int(c["pieces"]), c["step"],
                       tuple(tuple(h.split(":", 1)) for h in c["holes"].split(";")),  # type: ignore[misc]
-                      float(c["other_mm"]), c["other_at"], c["drive"], c["head"], c["material"],
-                      c["end"], c["through"], tuple(filter(None, c["beside"].split(";"))),
-                      c["note"])
+                      thickness(c["other_mm"], p), c["other_at"], c["drive"], c["head"],
+                      c["material"], c["end"], c["through"],
+                      tuple(filter(None, c["beside"].split(";"))), c["note"])
                 for c in csv.DictReader(file)]
 
 
@@ -78,7 +92,7 @@ def wrong(screws: list[Screw], parts: dict[str, dict[str, list[dict[str, float]]
         length = screw.length or STUD
         low, high = (2.0, 6.0) if screw.end == "thread" else (
             NUT[screw.size], NUT[screw.size] + 4.0)
-        if not low <= length - clamped <= high:
+        if not low - 1e-6 <= length - clamped <= high + 1e-6:
             out.append(f"{screw.step} {screw.name}: {length - clamped:.1f} mm beyond a grip of "
                        f"{clamped:.1f}, expected {low} to {high}")
     return out

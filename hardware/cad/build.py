@@ -88,11 +88,11 @@ def collide(p: Parameters, table: dict[str, object], stl: Path) -> list[str]:
     import steering
     from collisions import TOUCH
 
-    bodies = fit.car(table, stl)
+    rows, bodies = screws.load(p=p), fit.car(table, stl)
     return [*(f"{pair}: both fill the same {volume} mm3"
               for pair, volume in table["overlaps_mm3"].items() if volume > TOUCH),
-            *fit.problems(table, screws.load(), bodies), *fit.near_rotor(p, bodies),
-            *steering.sweep(p, bodies), *battery.loose(bodies)]
+            *screws.wrong(rows, table["parts"]), *fit.problems(table, rows, bodies),
+            *fit.near_rotor(p, bodies), *steering.sweep(p, bodies), *battery.loose(bodies)]
 
 
 def same_drawings(out: Path) -> set[str]:

@@ -39,6 +39,11 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[Row]:
     new_at = {q["name"]: q for q in new["placements"]}
     found += [(name, "placement", str(old_at.get(name)), str(new_at.get(name)))
               for name in sorted(set(old_at) | set(new_at)) if old_at.get(name) != new_at.get(name)]
+    old_item, new_item = ({i["name"]: [{**i, "shapes": len(i["shapes"])}, *i["shapes"]]
+                           for i in report["items"]} for report in (old, new))
+    for name in sorted(set(old_item) | set(new_item)):
+        pairs = _pairs(old_item.get(name, []), new_item.get(name, []))
+        found += [(name, "item", str(x), str(y)) for x, y in pairs if x != y][:1]
     found += [("assembly", key, str(old.get(key)), str(new.get(key)))
               for key in ("assembly", "lidar") if old.get(key) != new.get(key)]
     return found
