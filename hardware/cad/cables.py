@@ -13,6 +13,7 @@ from parameters import Parameters
 from shapes import Shape, Vector, box, cylinder
 
 YELLOW, ORANGE = "#d8b23a", "#d9822b"
+TIE = "#e8e4d8"
 JUMPER = 14.0
 """Length of the socket of a jumper wire, mm [data sheet]."""
 
@@ -116,5 +117,26 @@ def battery_leads(p: Parameters) -> Item:
     return Item("battery_leads", "lipo_lead", 0.2 * p.mass.cables, "S14", tuple(shapes))
 
 
+def tie(x: float, y: float, half: float, low: float, high: float) -> list[Shape]:
+    """Cable tie of 2.5 mm across the car over something `2 half` wide, its lock to the left."""
+    return [box(x - 1.25, x + 1.25, y - half - 1, y + half + 1, high, high + 1, TIE),
+            box(x - 1.25, x + 1.25, y - half - 1, y - half, low, high, TIE),
+            box(x - 1.25, x + 1.25, y + half, y + half + 1, low, high, TIE),
+            box(x - 2.2, x + 2.2, y + half + 1, y + half + 4, high - 1.5, high + 2, TIE)]
+
+
+def ties(p: Parameters) -> list[Item]:
+    """Two over the infrared module, before and behind its potentiometer; one over the Nano."""
+    f, front = p.car.floor_z, module_pins(p)
+    module = tie(front - 26, 0, 7.6, f, f + 1.7) + tie(front - 5, 0, 7.6, f, f + 1.7)
+    w, m, z = p.base_windows, p.imu_nano, deck_top(p)
+    x, y = sum(w.nano_x) / 2 + 10, sum(w.nano_y) / 2
+    half = m.nano_width / 2 + m.nano_play + m.wall + 0.1
+    nano = tie(x, y, half, z, z + m.wall_height - 1.4)
+    return [Item("ir_ties", "cable_ties", 0.5, "S04", tuple(module)),
+            Item("nano_tie", "cable_ties", 0.3, "S13", tuple(nano))]
+
+
 def cables(p: Parameters) -> list[Item]:
-    return [*usb(p), lidar_lead(p), six_wire(p), jumpers(p), battery_leads(p)]
+    return [*usb(p), lidar_lead(p), six_wire(p), jumpers(p), battery_leads(p),
+            *ties(p)]

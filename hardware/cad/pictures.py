@@ -41,7 +41,7 @@ def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
 
 BELOW = ("chassis", "shocks", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
          "board_posts", "antennas", "shock_ring", "front_wheel", "linkage", "battery", "usb_",
-         "cable_6pin", "jumpers", "lidar_lead")
+         "cable_6pin", "jumpers", "lidar_lead", "ir_ties", "nano_tie")
 ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
               "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
               "cutoff_board": (0, 0, 200), "standoffs_lower": (0, 0, 40),

@@ -170,7 +170,7 @@ def test_usb_of_the_nano_is_open_to_the_front():
                 and sum(collisions.shared(plug, body) for body in bodies) > collisions.TOUCH]
 
     assert touched(72.6) == []
-    assert touched(50.0) == ["nano"], "the control"
+    assert touched(35.0) == ["nano"], "the control"
 
 
 def balance() -> tuple[float, np.ndarray]:

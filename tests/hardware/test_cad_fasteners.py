@@ -101,6 +101,7 @@ def test_a_head_in_a_part_is_named(car):
     assert "its head is in camera" in said(car, thick)
 
 
+@pytest.mark.more
 def test_a_nut_that_no_spanner_reaches_is_named(car):
     lidar = row("lidar", "lidar_mount")
     wall = {f"wall_{n}": [shapes.body(shapes.cylinder((*f.seat[:2], -8), (*f.seat[:2], 0), 9, "",
