@@ -6,7 +6,7 @@ ARGS ?=
 export PYTHONDONTWRITEBYTECODE := # else each process compiles every file again
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign docs firmware native hardware clean
+.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign docs guide firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -59,6 +59,9 @@ docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (do
 	@$(BIN)/python -m sphinx -q -W -b html docs docs/build
 	@echo "open docs/build/index.html"
 
+guide: $(VENV)/.guide ## the build guide with log, bill of materials and full-size sheets as one PDF
+	@$(BIN)/python docs/guide_pdf.py docs/build/guide.pdf
+
 firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
 	@if command -v avr-gcc >/dev/null; then \
 	    $(MAKE) -s -C firmware hex native size PYTHON=$(CURDIR)/$(BIN)/python; fi
@@ -106,6 +109,12 @@ $(VENV)/.mutants: pyproject.toml | $(BIN)/python
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs]'
+	@touch $@
+
+# Debian: WeasyPrint prints with Pango.
+$(VENV)/.guide: pyproject.toml | $(BIN)/python
+	@ldconfig -p 2>/dev/null | grep -q libpangoft2-1.0 || sh firmware/toolchain.sh --apt libpangoft2-1.0-0
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs,guide]'
 	@touch $@
 
 clean: ## remove what was built (not the environment)

@@ -1,6 +1,6 @@
 """Bill of materials: reads bom.csv and tools.csv, checks them, writes docs/reference/bom.md.
 
-    python hardware/bom.py            write the page, and the table of screws in the guide
+    python hardware/bom.py            write the page; tables and legends of the guide
     python hardware/bom.py --check    exit 1 if a committed page differs
 """
 
@@ -12,19 +12,22 @@ import sys
 from pathlib import Path
 
 import guide  # beside this file: python hardware/bom.py
+import printed
 import screws
 from bom_page import page
 from bom_table import BomError, Row, Tool, load, load_tools
+from legend_lines import with_legends
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "reference" / "bom.md"
-DECK = HERE.parent / "docs" / "build_guide" / "05_deck.md"
+GUIDE = HERE.parent / "docs" / "build_guide"
+DECK, PRINT = GUIDE / "05_deck.md", GUIDE / "02_print_and_cut.md"
 
 
-def with_screws(text: str, table: str) -> str:
-    """A page of the guide with its table of screws replaced."""
-    block = f"<!-- screws -->\n{table}\n<!-- end of screws -->"
-    return re.sub(r"<!-- screws -->\n.*?<!-- end of screws -->", lambda _: block, text,
+def with_block(name: str, text: str, table: str) -> str:
+    """A page of the guide with the table between its marks replaced."""
+    return re.sub(rf"<!-- {name} -->\n.*?<!-- end of {name} -->",
+                  lambda _: f"<!-- {name} -->\n{table}\n<!-- end of {name} -->", text,
                   flags=re.DOTALL)
 
 
@@ -45,12 +48,14 @@ def unused(rows: list[Row], tools: list[Tool], steps: list[guide.Step]) -> list[
 
 def generated() -> dict[Path, str]:
     """Each page and what it should hold. Raises BomError."""
-    deck = DECK.read_text(encoding="utf-8")
     rows, tools = load(), load_tools()
     if wrong := unused(rows, tools, guide.steps()):
         raise BomError("\n".join(wrong))
-    return {PAGE: page(rows, tools),
-            DECK: with_screws(deck, screws.table(screws.load()))}
+    pages = {p: with_legends(p.read_text(encoding="utf-8"))
+             for p in sorted(GUIDE.glob("[0-9]*.md"))}
+    pages[DECK] = with_block("screws", pages[DECK], screws.table(screws.load()))
+    pages[PRINT] = with_block("printed", pages[PRINT], printed.table())
+    return {PAGE: page(rows, tools), **pages}
 
 
 def main() -> int:

@@ -134,6 +134,9 @@ def measure(url: str) -> tuple[float, float]:
 
 def main() -> int:
     """Measure, and print the line for car.toml."""
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        sys.stdout.write(__doc__ or "")
+        return 0
     url = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("DART_HAL_URL", "sim://")
     try:
         hertz, std = measure(url)

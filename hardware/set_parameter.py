@@ -77,6 +77,9 @@ def write(backend: Backend, param: Param, value: int) -> int:
 def main() -> int:
     """Write, and say what is in force."""
     args = sys.argv[1:]
+    if args in (["-h"], ["--help"]):
+        sys.stdout.write(__doc__ or "")
+        return 0
     url = args[2] if len(args) == 3 else os.environ.get("DART_HAL_URL", "sim://")
     try:
         if len(args) not in (2, 3):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import trimesh
 from bought import Item, deck_items, roof_low
-from chassis import axle_z, chassis_items, magnets_face, shock
+from cables import cables
+from chassis import CAP_LOW, axle_z, chassis_items, magnets_face, shock
 from geometry import Matrix, frame
 from parameters import Parameters
 from shapes import body
@@ -31,7 +32,7 @@ def deck(p: Parameters) -> list[Placement]:
     t, roof = p.sheet.thickness, roof_low(p)
     c = p.camera
     slot_low = roof - p.sheet.slot_play / 2
-    holders = [Placement(f"board_holder_{side}", "board_holder", frame((0, y, t)), "S12",
+    holders = [Placement(f"board_holder_{side}", "board_holder", frame((0, y, t)), "S08",
                          (-40, 0, 25)) for side, y in (("left", p.back.hole_half),
                                                       ("right", -p.back.hole_half))]
     holders += [Placement(f"small_board_holder_{side}", "small_board_holder",
@@ -40,12 +41,12 @@ def deck(p: Parameters) -> list[Placement]:
     return [
         Placement("base_plate", "base_plate", frame((0, 0, 0)), "S08", (0, 0, 0)),
         Placement("lidar_mount", "lidar_mount",
-                  frame((0, 0, t + p.lidar.pillar), y=(0.0, -1.0, 0.0)), "S08", (60, 0, 20)),
+                  frame((0, 0, t + p.lidar.pillar), y=(0.0, -1.0, 0.0)), "S11", (60, 0, 20)),
         Placement("nano_imu_mount", "nano_imu_mount", frame((0, 0, t)), "S08", (0, 0, 22)),
         Placement("upper_plate", "upper_plate", frame((0, 0, roof)), "S12", (0, 0, 140)),
         Placement("camera_bracket", "camera_bracket",
                   frame((p.upper.outline_left[-2] - c.depth, c.width / 2, slot_low - c.jaw),
-                        y=(0.0, 0.0, 1.0)), "S11", (55, 0, 150)),
+                        y=(0.0, 0.0, 1.0)), "S12", (55, 0, 150)),
         Placement("cutoff_holder", "cutoff_holder",
                   frame((p.upper.cutoff_x, p.upper.cutoff_y, roof + t)), "W09", (0, 0, 175)),
         *holders,
@@ -82,7 +83,7 @@ def shock_rings(p: Parameters) -> list[Placement]:
             lower, upper = (np.array(q) for q in shock(p, end == "front", sign))
             along = (upper - lower) / np.linalg.norm(upper - lower)
             x = np.array([1.0, 0.0, 0.0])
-            start = lower + 0.93 * (upper - lower) - along * p.shock.length
+            start = lower + CAP_LOW * (upper - lower) - along * p.shock.length
             found.append(Placement(f"shock_ring_{end}_{side}", "shock_ring",
                                    frame(tuple(start), tuple(x), tuple(np.cross(along, x))),
                                    "S06", (0, 35 * sign, -60)))
@@ -94,7 +95,7 @@ def placements(p: Parameters) -> list[Placement]:
 
 
 def items(p: Parameters) -> list[Item]:
-    return chassis_items(p) + deck_items(p)
+    return chassis_items(p) + deck_items(p) + cables(p)
 
 
 def item_mesh(item: Item) -> list[trimesh.Trimesh]:

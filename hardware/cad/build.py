@@ -4,7 +4,8 @@
     python hardware/cad/build.py --write    replace the committed files
     python hardware/cad/build.py --no-pictures   skip the slow half
 
-Exit code 0: no difference, 1: differences (listed), 2: impossible parameters.
+Exit code 0: no difference, 1: differences, or a car that cannot be put together (listed, nothing
+written), 2: impossible parameters.
 """
 
 from __future__ import annotations
@@ -22,33 +23,43 @@ from parameters import FILE, ParameterError, Parameters
 
 HARDWARE = Path(__file__).parents[1]
 TABLE = Path("cad") / "built.json"
-FOLDERS = (("stl", ".stl"), ("dxf", ".dxf"), ("pictures", ".png"))
+FOLDERS = (("stl", ".stl"), ("step", ".step"), ("dxf", ".dxf"), ("drill", ".svg"),
+           ("pictures", ".png"))
+DATE = "2026-01-01T00:00:00"
+"""Fixed time stamp of the STEP files: the same part gives the same file."""
 
 
-def build(p: Parameters, out: Path, pictures: bool) -> dict[str, object]:
-    """Writes stl/, dxf/, cad/built.json and pictures/ below `out`; returns the table."""
+def build(p: Parameters, out: Path) -> dict[str, object]:
+    """Writes stl/, step/, dxf/, drill/ and cad/built.json below `out`; returns the table."""
     import build123d as bd  # slow to import: after the parameters were found possible
     import drawings
+    import drill_sheets
     import families
 
     import report
 
-    for folder in ("stl", "dxf", "pictures", "cad"):
+    for folder in ("stl", "step", "dxf", "drill", "pictures", "cad"):
         (out / folder).mkdir(parents=True, exist_ok=True)
     made = families.all_parts(p)
     for part in made:
         bd.export_stl(part.solid, out / "stl" / f"{part.name}.stl", tolerance=0.01,
                       angular_tolerance=0.1 if part.process == "printed" else 0.2)
+        bd.export_step(part.solid, out / "step" / f"{part.name}.step", timestamp=DATE)
         if part.sheet is not None:
             drawings.write(part.sheet, out / "dxf" / f"{part.name}.dxf")
+            drill_sheets.write(part.sheet, out / "drill" / f"{part.name}.svg")
         print(f"  {part.name:20} {part.process:8} {part.solid.volume:9.1f} mm3")
     table = report.table(p, made, out / "stl")
     (out / TABLE).write_text(report.dump(table), encoding="utf-8")
-    if pictures:
-        import pictures as painter
-        painter.paint(table, out / "stl", out / "pictures")
-        print(f"  {len(list((out / 'pictures').glob('*.png')))} pictures")
     return table
+
+
+def paint(table: dict[str, object], out: Path) -> None:
+    """Pictures, the slow half, of a car that can be built."""
+    import pictures as painter
+
+    painter.paint(table, out / "stl", out / "pictures")
+    print(f"  {len(list((out / 'pictures').glob('*.png')))} pictures")
 
 
 def compare(out: Path, pictures: bool) -> list[tuple[str, str, str, str]]:
@@ -62,27 +73,47 @@ def compare(out: Path, pictures: bool) -> list[tuple[str, str, str, str]]:
                                   json.loads((out / TABLE).read_text(encoding="utf-8")))
     rows += comparison.stl_differences(HARDWARE / "stl", out / "stl")
     rows += comparison.dxf_differences(HARDWARE / "dxf", out / "dxf")
+    rows += comparison.step_differences(HARDWARE / "step", out / "step")
+    rows += comparison.text_differences(HARDWARE / "drill", out / "drill")
     if pictures:
         rows += comparison.picture_differences(HARDWARE / "pictures", out / "pictures")
     return rows
 
 
-def collide(table: dict[str, object]) -> list[str]:
-    """Pairs of the assembly that fill the same space, in words."""
+def collide(p: Parameters, table: dict[str, object], stl: Path) -> list[str]:
+    """Everything by which the car cannot be put together, in words: part and rule."""
+    import battery
+    import fit
+    import screws
+    import steering
     from collisions import TOUCH
 
-    return [f"{pair}: {volume} mm3" for pair, volume in table["overlaps_mm3"].items()
-            if volume > TOUCH]
+    rows, bodies = screws.load(p=p), fit.car(table, stl)
+    return [*(f"{pair}: both fill the same {volume} mm3"
+              for pair, volume in table["overlaps_mm3"].items() if volume > TOUCH),
+            *screws.wrong(rows, table["parts"]), *fit.problems(table, rows, bodies),
+            *fit.near_rotor(p, bodies), *steering.sweep(p, bodies), *battery.loose(bodies)]
+
+
+def same_drawings(out: Path) -> set[str]:
+    """Drawings that did not change: the library writes the head of a DXF in any order."""
+    import compare as comparison
+
+    new = {f.name for f in (out / "dxf").glob("*.dxf")}
+    return new - {row[0] for row in comparison.dxf_differences(HARDWARE / "dxf", out / "dxf")}
 
 
 def write(out: Path, pictures: bool) -> None:
     """Replaces the committed files by those below `out`; files of others stay."""
-    for folder, suffix in FOLDERS if pictures else FOLDERS[:2]:
+    for folder, suffix in FOLDERS if pictures else FOLDERS[:-1]:
         (HARDWARE / folder).mkdir(exist_ok=True)
+        same = same_drawings(out) if folder == "dxf" else set()
         for old in (HARDWARE / folder).glob(f"*{suffix}"):
-            old.unlink()
+            if old.name not in same:
+                old.unlink()
         for new in (out / folder).glob(f"*{suffix}"):
-            shutil.copy(new, HARDWARE / folder / new.name)
+            if new.name not in same:
+                shutil.copy(new, HARDWARE / folder / new.name)
     shutil.copy(out / TABLE, HARDWARE / TABLE)
 
 
@@ -109,14 +140,18 @@ def main() -> int:
         return 2
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        table = build(p, out, pictures)
-        clashes = collide(table)
+        table = build(p, out)
+        clashes = collide(p, table, out / "stl")
         if clashes:
-            print("parts of the assembly overlap, nothing was written:", *clashes, sep="\n  ")
+            print("the car cannot be put together, nothing was written:", *clashes, sep="\n  ",
+                  file=sys.stderr)
             return 1
+        if pictures:
+            paint(table, out)
         if options.write:
             write(out, pictures)
-            print("wrote stl, dxf, cad/built.json" + (", pictures" if pictures else ""))
+            print("wrote stl, step, dxf, drill, cad/built.json"
+                  + (", pictures" if pictures else ""))
             rows = []
         else:
             rows = compare(out, pictures)

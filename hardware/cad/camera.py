@@ -22,8 +22,8 @@ def camera_bracket(p: Parameters) -> Part:
     top = lens + c.pitch_v + 4.0  # 2 mm of camera board above its upper holes, 2 mm of air
     roof = 2.4
     profile = [(0, 0), (d + c.wall, 0), (d + c.wall, top), (d + c.wall + c.hood, top),
-               (d + c.wall + c.hood, top + roof), (d, top + roof), (d, jaw + slot + jaw + 6),
-               (d - 5, jaw + slot + jaw), (0, jaw + slot + jaw), (0, jaw + slot),
+               (d + c.wall + c.hood, top + roof), (d, top + roof), (d, jaw + slot + jaw + 2),
+               (d - 2, jaw + slot + jaw), (0, jaw + slot + jaw), (0, jaw + slot),
                (d, jaw + slot), (d, jaw), (0, jaw)]
     if c.hood == 0:
         profile = [*profile[:3], (d + c.wall, top + roof), *profile[5:]]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+from battery import battery
 from bought import BLACK, BLUE, DARK, RED, SILVER, WHITE, Item
 from parameters import Parameters
 from shapes import Shape, Vector, box, cylinder, hull, prism
+from steering import linkage, servo
 
 PLASTIC = "#4a4d52"
 
@@ -30,6 +32,10 @@ def wheel(x: float, y: float, z: float, radius: float) -> list[Shape]:
                                (x + reach * math.cos(a), y + 0.55 * out,
                                 z + reach * math.sin(a)), 1.9, SILVER, sides=12))
     return shapes
+
+
+CAP_LOW = 0.68
+"""Lower face of a shock's cap, share of the way from its lower to its upper end [photo]."""
 
 
 def shock(p: Parameters, front: bool, side: int) -> tuple[tuple[float, float, float],
@@ -58,8 +64,17 @@ def axle(p: Parameters, front: bool) -> list[Shape]:
     return shapes
 
 
+def front_wheels(p: Parameters) -> list[Item]:
+    """Both, each by itself: they turn."""
+    x = p.car.rear_axle_x + p.car.wheelbase
+    return [Item(f"front_wheel_{name}", "kit", 0.03 * p.mass.chassis, "S01",
+                 tuple(wheel(x, y * p.car.track / 2, axle_z(p), p.car.wheel_radius)))
+            for name, y in (("left", 1), ("right", -1))]
+
+
 def shocks(p: Parameters) -> Item:
-    """Rod, blue body and spring of all four; the printed or brass ring sits above the spring."""
+    """Rod, spring and blue hexagonal cap of all four; the printed or brass ring sits between spring
+    and cap."""
     shapes = []
     for front in (False, True):
         for side in (-1, 1):
@@ -69,16 +84,22 @@ def shocks(p: Parameters) -> Item:
                 x, y, z = (a + share * (b - a) for a, b in zip(low, high, strict=True))
                 return x, y, z
 
-            shapes += [cylinder(at(0.35), at(0.97), 4.8, BLUE, sides=24),
-                       cylinder(lower, at(0.35), 1.6, SILVER, sides=16),
-                       cylinder(at(0.97), at(1.0), 2.5, SILVER, sides=16)]
-            shapes += [cylinder(at(0.37 + 0.05 * k), at(0.39 + 0.05 * k), 6.2, SILVER, inner=5.0)
-                       for k in range(5)]
+            cap = CAP_LOW
+            shapes += [cylinder(at(cap), at(0.93), 6.6, "#2a86a8", sides=6),
+                       cylinder(at(0.3), at(cap), 4.6, "#3a3d42", sides=24),
+                       cylinder(lower, at(0.3), 1.6, SILVER, sides=16),
+                       cylinder(at(0.93), at(1.0), 2.5, DARK, sides=16)]
+            seat = cap - p.shock.length / math.dist(lower, upper) - 0.005
+            low = 0.1
+            for k in range(5):
+                start = low + (seat - low) * k / 5
+                shapes.append(cylinder(at(start), at(start + (seat - low) / 10), 6.0, DARK,
+                                       inner=4.8))
     return Item("shocks", "kit", 0.05 * p.mass.chassis, "S06", tuple(shapes))
 
 
 def rolling_chassis(p: Parameters) -> Item:
-    """Tub, axles, wheels, shaft, motor, ESC."""
+    """Tub, axles, rear wheels, shaft, motor, ESC."""
     c, z, f = p.car, axle_z(p), p.car.floor_z
     rear, front = c.rear_axle_x, c.rear_axle_x + c.wheelbase
     shapes = [prism([(rear - 20, -20), (rear + 28, -44), (front - 28, -44), (front + 22, -20),
@@ -89,9 +110,8 @@ def rolling_chassis(p: Parameters) -> Item:
               prism([(rear + 32, -44), (rear + 36, -68), (front - 40, -68), (front - 34, -44)],
                     f - 2, f, DARK)]
     shapes += axle(p, False) + axle(p, True)
-    for x in (rear, front):
-        for side in (-1, 1):
-            shapes += wheel(x, side * c.track / 2, z, c.wheel_radius)
+    for side in (-1, 1):
+        shapes += wheel(rear, side * c.track / 2, z, c.wheel_radius)
     gear = c.gear_x + c.gear_width / 2
     shapes += [cylinder((magnets_face(p) - p.hall.face_to_ring, 0, z), (front - 15, 0, z), 2,
                         SILVER, sides=24),
@@ -102,7 +122,7 @@ def rolling_chassis(p: Parameters) -> Item:
     shapes += [cylinder((p.base_holes.clear_front_x, y, f),
                         (p.base_holes.clear_front_x, y, c.board_z - 1.6), 2.5, WHITE, sides=6)
                for y in p.base_holes.clear_front_y]
-    return Item("chassis", "kit", 0.85 * p.mass.chassis, "S01", tuple(shapes))
+    return Item("chassis", "kit", 0.77 * p.mass.chassis, "S01", tuple(shapes))
 
 
 def magnets_face(p: Parameters) -> float:
@@ -149,33 +169,40 @@ def bumper(p: Parameters) -> Item:
                 (prism(outline, z - 13, z + 5, "#26262a"),))
 
 
+def four_cells(z: float) -> list[Shape]:
+    """18650 cells in their holder: red sleeve and silver button at plus. Two and two the other way
+    round [assumed: the print in the holder decides]."""
+    shapes = []
+    for y, plus in ((-30.0, 1), (-10.0, 1), (10.0, -1), (30.0, -1)):
+        ends = (60.7, 123.8) if plus > 0 else (124.4, 61.3)
+        band = ends[1] - plus * 12
+        shapes += [cylinder((ends[0], y, z), (band, y, z), 9.25, "#3d7a4b"),
+                   cylinder((band, y, z), (ends[1], y, z), 9.25, RED),
+                   cylinder((ends[1], y, z), (ends[1] + plus * 1.2, y, z), 3.0, SILVER),
+                   cylinder((ends[0] - plus * 0.6, y, z), (ends[0], y, z), 7.5, SILVER)]
+    return shapes
+
+
 def electronics(p: Parameters) -> list[Item]:
-    """Expansion board with four cells below, LiPo, servo, infrared module."""
+    """Expansion board with four cells below, infrared module, Hall switch."""
     c, f = p.car, p.car.floor_z
     top, z = c.board_z, axle_z(p)
     board = [box(0, 138, -40.5, 40.5, top - 1.6, top, "#17304f"),
              box(60, 76, -40, -28, top, top + 9, SILVER),
              box(20, 32, -39, -25, top, top + 6, WHITE),
              box(44, 66, 27, 38, top, top + 8, BLACK), box(82, 108, 5, 30, top, top + 3, BLACK)]
-    cells = [cylinder((60, y, top - 11.2), (125, y, top - 11.2), 9.25, "#3d7a4b")
-             for y in (-30, -10, 10, 30)]
-    servo = [box(75, 115, -63.5, -43.5, f, f + 36, BLACK),
-             box(68.5, 121.5, -63.5, -43.5, f + 26, f + 28.5, BLACK),
-             cylinder((85, -53.5, f + 36), (85, -53.5, f + 40.5), 3, SILVER),
-             box(83, 107, -55.5, -51.5, f + 40.5, f + 43, RED)]
+    cells = four_cells(top - 11.2)
+    holder = [box(59.1, 59.9, -40, 40, top - 14, top - 1.6, BLACK),
+              box(125.0, 125.4, -40, 40, top - 14, top - 1.6, BLACK)]
     slit = c.gear_x + c.gear_width / 2 + p.gate.to_gear
     start = slit + p.gate.depth
     module = [box(start + 1, start + 32, -7.5, 7.5, f, f + 1.6, BLUE),
               box(start + 18, start + 25, -3.5, 3.5, f + 1.6, f + 8, "#2d5fb3")]
     for y, colour in ((-3.2, BLACK), (3.2, WHITE)):
         module.append(cylinder((slit + 8, y, f + 4.6), (start + 4, y, f + 4.6), 2.5, colour))
-    lipo = [box(25, 108, 43.5, 72.5, f, f + 13, "#2f5aa8"),
-            box(40, 93, 46, 70, f + 13, f + 13.3, "#d8b23a")]
     return [Item("expansion_board", "expansion_board", p.mass.expansion_board, "S07",
-                 tuple(board)),
+                 tuple(board + holder)),
             Item("cells", "cells", 4 * p.mass.cell, "S07", tuple(cells)),
-            Item("lipo", "lipo", p.mass.lipo, "S14", tuple(lipo)),
-            Item("servo", "servo", p.mass.servo, "S06", tuple(servo)),
             Item("ir_module", "ir_module", p.mass.ir_module, "S04", tuple(module)),
             hall_sensor(p, z)]
 
@@ -193,4 +220,4 @@ def hall_sensor(p: Parameters, z: float) -> Item:
 
 def chassis_items(p: Parameters) -> list[Item]:
     return [rolling_chassis(p), shocks(p), rear_gearbox(p), main_gear(p), magnets(p), bumper(p),
-            *electronics(p)]
+            *electronics(p), servo(p), linkage(p), *front_wheels(p), *battery(p)]

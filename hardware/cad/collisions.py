@@ -28,10 +28,16 @@ def shared(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
         return abs(float(common.volume)) if len(common.faces) else 0.0
 
 
+MATES = {("jumpers", "nano")}
+"""Plugged into each other: pins of one in the sockets of the other."""
+
+
 def overlaps(bodies: Bodies) -> dict[str, float]:
-    """Shared volume [mm3] of every pair "a | b" that has any, sorted by name."""
+    """Shared volume [mm3] of every pair "a | b" that has any and is no plug, sorted by name."""
     found = {}
     for a, b in combinations(sorted(bodies), 2):
+        if (a, b) in MATES:
+            continue
         volume = sum(shared(x, y) for x in bodies[a] for y in bodies[b])
         if volume > 1e-3:
             found[f"{a} | {b}"] = round(volume, 3)

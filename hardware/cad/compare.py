@@ -39,6 +39,11 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[Row]:
     new_at = {q["name"]: q for q in new["placements"]}
     found += [(name, "placement", str(old_at.get(name)), str(new_at.get(name)))
               for name in sorted(set(old_at) | set(new_at)) if old_at.get(name) != new_at.get(name)]
+    old_item, new_item = ({i["name"]: [{**i, "shapes": len(i["shapes"])}, *i["shapes"]]
+                           for i in report["items"]} for report in (old, new))
+    for name in sorted(set(old_item) | set(new_item)):
+        pairs = _pairs(old_item.get(name, []), new_item.get(name, []))
+        found += [(name, "item", str(x), str(y)) for x, y in pairs if x != y][:1]
     found += [("assembly", key, str(old.get(key)), str(new.get(key)))
               for key in ("assembly", "lidar") if old.get(key) != new.get(key)]
     return found
@@ -74,6 +79,24 @@ def dxf_differences(old: Path, new: Path) -> list[Row]:
         a, b = drawings.entities(old / name), drawings.entities(new / name)
         found += [(name, "entity", str(x)[:70], str(y)[:70]) for x, y in _pairs(a, b) if x != y]
     return found
+
+
+def step_differences(old: Path, new: Path) -> list[Row]:
+    """STEP files that are not the same solid, header apart, or exist on one side only."""
+    def solid(path: Path) -> str:
+        return path.read_text(encoding="utf-8").partition("DATA;")[2] if path.is_file() else ""
+
+    return [(name, "solid", _there(old / name), _there(new / name))
+            for name in sorted({f.name for d in (old, new) for f in d.glob("*.step")})
+            if solid(old / name) != solid(new / name)]
+
+
+def text_differences(old: Path, new: Path, suffix: str = ".svg") -> list[Row]:
+    """Text files that differ by a character, or exist on one side only."""
+    return [(f, "text", _there(old / f), _there(new / f))
+            for f in sorted({f.name for d in (old, new) for f in d.glob(f"*{suffix}")})
+            if not (old / f).is_file() or not (new / f).is_file()
+            or (old / f).read_text(encoding="utf-8") != (new / f).read_text(encoding="utf-8")]
 
 
 def picture_differences(old: Path, new: Path) -> list[Row]:

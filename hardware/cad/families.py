@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import camera
+import coupon
 import holders
 import lidar
 import mounts
@@ -12,7 +13,7 @@ import sensors
 from geometry import Part
 from parameters import Parameters
 
-FAMILIES = (plates, rings, sensors, holders, camera, lidar, mounts)
+FAMILIES = (plates, rings, sensors, holders, camera, lidar, mounts, coupon)
 
 
 def all_parts(p: Parameters) -> list[Part]:

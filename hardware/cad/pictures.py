@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
+import screws  # beside the folder: fasteners.py puts it on the path
 import steps
 import trimesh
+from fasteners import fasteners
+from inserts import INSERTS, file
 from legends import LEGENDS
 from scene import MARK, Thing, add, look, save, stage
 from shapes import body, cylinder
@@ -19,7 +22,8 @@ from shapes import body, cylinder
 CLEAR = "base_plate", "upper_plate", "back_plate"
 VIEWS = {"camera_bracket": (1.2, 0.9, 0.9), "sensor_gate": (-0.7, -1.4, 1.3),
          "hall_holder": (0.9, -1.3, 1.1), "nano_imu_mount": (-0.6, -1.0, 1.6),
-         "board_holder": (1.2, -1.1, 0.9), "small_board_holder": (1.2, -1.1, 0.9)}
+         "board_holder": (1.2, -1.1, 0.9), "fit_coupon": (0.3, -0.8, 1.6),
+         "small_board_holder": (1.2, -1.1, 0.9)}
 
 
 def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
@@ -36,7 +40,8 @@ def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
 
 
 BELOW = ("chassis", "shocks", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
-         "board_posts", "antennas", "shock_ring")
+         "board_posts", "antennas", "shock_ring", "front_wheel", "linkage", "battery", "usb_",
+         "cable_6pin", "jumpers", "lidar_lead", "ir_ties", "nano_tie")
 ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
               "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
               "cutoff_board": (0, 0, 200), "standoffs_lower": (0, 0, 40),
@@ -46,7 +51,8 @@ ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
 
 
 def things(report: dict[str, Any], stl: Path) -> list[Thing]:
-    """Every body of the car, in its place."""
+    """Every body of the car, in its place; a screw of row n of screws.csv is "screw n head" and so
+    on."""
     found = [Thing(item["name"], item["step"], body(shape), shape["colour"], False,
                    ITEM_SHIFT.get(item["name"], (0.0, 0.0, 0.0)))
              for item in report["items"] for shape in item["shapes"]]
@@ -57,6 +63,11 @@ def things(report: dict[str, Any], stl: Path) -> list[Thing]:
                            q["part"] in CLEAR, tuple(q["lift_mm"])))
         found += [Thing(q["name"], q["step"], line, MARK, False, tuple(q["lift_mm"]))
                   for line in mark_lines(report["parts"][q["part"]], np.array(q["matrix"]))]
+    rows = screws.load()
+    for f in fasteners(report, rows):
+        found += [Thing(f"screw {rows.index(f.row)} {kind}", f.row.step, body(shape),
+                        shape["colour"])
+                  for kind, shape in f.pieces.items()]
     return found
 
 
@@ -77,7 +88,7 @@ def exploded(every: list[Thing], path: Path) -> None:
     """Deck and encoder pulled apart, without the chassis."""
     scene, drawn = stage((1900, 1900)), []
     for thing in every:
-        if thing.name.startswith(BELOW):
+        if thing.name.startswith((*BELOW, "screw")):
             continue
         mesh = thing.mesh.copy()
         mesh.apply_translation(thing.shift)
@@ -125,3 +136,5 @@ def paint(report: dict[str, Any], stl: Path, out: Path) -> None:
     car(every, out / "car_side.png", (0.0, 1.0, 0.06))
     for step in steps.STEPS:
         steps.step_picture(every, step, out / f"step_{step.name}.png")
+    for insert in INSERTS:
+        steps.insert_picture(every, report, insert, file(insert, out))

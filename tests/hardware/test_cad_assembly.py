@@ -166,11 +166,11 @@ def test_usb_of_the_nano_is_open_to_the_front():
     """A plug of 11 x 8 x 20 mm before the socket touches nothing."""
     def touched(x: float) -> list[str]:
         plug = trimesh.creation.box(bounds=[[x, -61.25, 4.6], [x + 20, -50.25, 10.6]])
-        return [name for name, bodies in CAR.items()
-                if sum(collisions.shared(plug, body) for body in bodies) > collisions.TOUCH]
+        return [name for name, bodies in CAR.items() if name != "usb_nano"  # that plug itself
+                and sum(collisions.shared(plug, body) for body in bodies) > collisions.TOUCH]
 
     assert touched(72.6) == []
-    assert touched(50.0) == ["nano"], "the control"
+    assert touched(35.0) == ["nano"], "the control"
 
 
 def balance() -> tuple[float, np.ndarray]:

@@ -68,7 +68,12 @@ def blind(report):
     report["lidar"]["free_left_deg"] = 20
 
 
+def thicker(report):
+    next(i for i in report["items"] if i["name"] == "lidar")["shapes"][0]["z"][1] += 0.5
+
+
 @pytest.mark.parametrize(("change", "name", "what"), [
+    (thicker, "lidar", "item"),
     (moved, "base_plate", "hole 0"), (heavier, "lidar_mount", "volume mm3"),
     (longer, "sensor_gate", "bounding box mm"), (gone, "shock_ring", "part"),
     (turned, "base_plate", "placement"), (blind, "assembly", "lidar")])

@@ -56,8 +56,7 @@ def test_every_hole_has_its_screw():
 
 def test_a_forgotten_screw_is_seen():
     rows = [s for s in screws.load() if s.step != "S11"]
-    assert set(uncovered(rows)) == {"upper_plate: camera_bracket", "camera_bracket: camera",
-                                    "camera_bracket: upper_plate"}
+    assert set(uncovered(rows)) == {"base_plate: lidar", "lidar_mount: lidar"}
 
 
 def test_the_diameter_is_that_of_the_hole():
@@ -87,3 +86,13 @@ def test_what_the_assembly_shows_is_in_the_bill_and_in_its_step(kind):
         name = thing.get("bom") or thing["part"]
         assert name in rows
         assert name == "kit" or thing["step"] in rows[name].used_in, (name, thing["step"])
+
+
+def test_a_thicker_cup_of_the_lidar_moves_head_and_nut():
+    """The grip comes from the parameter file: what was measured counts, and is refused by name."""
+    p = screws.parameters.read()
+    p.lidar.ear = 4.6
+    assert screws.wrong(screws.load(p=p), PARTS) == []
+    p.lidar.ear = 5.5
+    assert screws.wrong(screws.load(p=p), PARTS) == [
+        "S11 M3 x 25: 1.5 mm beyond a grip of 23.5, expected 2.4 to 6.4"]
