@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 
 import pytest
+import tomllib
 
 from dart_hal.cli.bench import AskedWorkshop, agreed
 from dart_hal.errors import CalibrationFailed
@@ -79,7 +79,8 @@ def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, ins
     text = (tmp_path / "sim-5" / "calibration.toml").read_text()
     assert f"{inside} = " in text
     told = tomllib.loads(text)["provenance"][name]
-    assert told["source"] == where[3] and told["duration_s"] > 10
+    assert told["source"] == where[3]
+    assert told["duration_s"] > 10
     assert f"throttle.{inside}" in result.out
     assert {**dry["quantities"], **dry["others"]}[f"throttle.{inside}"]
 
