@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.cli import report_page
+from dart_hal.cli.calibrate import command as calibrate
 from dart_hal.config import save_calibration
 from dart_hal.config.calibration import Calibration
 from dart_hal.config.history import calibration_changes, versions
@@ -59,6 +61,11 @@ def test_runs_are_told_newest_first_and_what_was_never_measured_is_named(home, v
     assert any("calibrate steering" in line for line in told["to_do"])
     page = (home / "report.html").read_text(encoding="utf-8")
     assert "drives.mcap" in page
+
+
+def test_each_verb_that_the_page_names_is_there():
+    told = calibrate.commands
+    assert told.keys() >= set(report_page.VERBS.values())
 
 
 def test_half_a_motion_capture_is_named(home, verb):

@@ -22,8 +22,8 @@ from dart_hal.report.numbers import significant
 from dart_hal.types import NINETY
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
-         "imu": "imu", "latency": "latency", "mocap": "mocap"}
-"""Of ``dart-hal calibrate``, by table of calibration.toml."""
+         "imu": "imu", "mocap": "mocap"}
+"""Of ``dart-hal calibrate``, by table of calibration.toml; nothing measures a latency yet."""
 CLEAR = 3.0  # common standard errors: a change that is no chance
 
 
@@ -38,12 +38,13 @@ class About:
     now: datetime
 
     def missing(self) -> list[str]:
-        """Quantities that were never measured on this car, and the steering map; of a motion
-        capture, which few have, only where some are."""
+        """What a verb measures and was never measured on this car; of a motion capture, which
+        few have, only where some is."""
         have = self.files.calibration.quantities() if self.files.calibration else {}
         seen = any(name.startswith("mocap.") for name in have)
+        asked = VERBS.keys() if seen else VERBS.keys() - {"mocap"}
         out = [name for name in QUANTITIES
-               if name not in have and (seen or not name.startswith("mocap."))]
+               if name not in have and name.partition(".")[0] in asked]
         mapped = self.files.calibration is not None and self.files.calibration.steering.map
         return out if mapped else ["steering.map", *out]
 
