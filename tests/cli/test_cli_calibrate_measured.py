@@ -6,9 +6,9 @@ import json
 import math
 
 import pytest
-import tomllib
 
 from dart_hal.cli.bench import AskedWorkshop, agreed
+from dart_hal.config import parse_calibration
 from dart_hal.errors import CalibrationFailed
 
 ENCODER = ("calibrate", "encoder", "--url", "sim://?seed=4&nano=mock", "--distance", "1",
@@ -78,7 +78,7 @@ def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, ins
     assert picture.is_file() == (name == "throttle")
     text = (tmp_path / "sim-5" / "calibration.toml").read_text()
     assert f"{inside} = " in text
-    told = tomllib.loads(text)["provenance"][name]
+    told = parse_calibration(text, "calibration.toml", "sim-5").provenance[name]
     assert told["source"] == where[3]
     assert told["duration_s"] > 10
     assert f"throttle.{inside}" in result.out
