@@ -86,11 +86,15 @@ def page(folder: Path) -> Path:
 
 def main() -> int:
     """Write the PDF named by the argument."""
-    out = Path(sys.argv[1])
+    args = sys.argv[1:]
+    if len(args) != 1 or args[0] in ("-h", "--help"):
+        sys.stdout.write(__doc__ or "")
+        return 0 if args in (["-h"], ["--help"]) else 2
+    out = Path(args[0])
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         HTML(str(page(Path(folder)))).write_pdf(out, optimize_images=True, dpi=220,
-                                                      presentational_hints=True)
+                                                presentational_hints=True)
     sys.stdout.write(f"{out}: {out.stat().st_size / 1e6:.1f} MB\n")
     return 0
 

@@ -19,6 +19,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE / "cad"))
 import checks  # noqa: E402 - found through the line above
 import parameters  # noqa: E402
+from bom import with_block  # noqa: E402
 
 PAGE = HERE.parent / "docs" / "build_guide" / "log.md"
 MEASURE = (
@@ -112,8 +113,7 @@ def table() -> str:
 
 def page(text: str) -> str:
     """The builder's log with its table as the parameter file has it."""
-    return re.sub(r"<!-- log -->\n.*?<!-- end of log -->",
-                  lambda _: f"<!-- log -->\n{table()}\n<!-- end of log -->", text, flags=re.DOTALL)
+    return with_block("log", text, table())
 
 
 def main() -> int:
