@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import socket
+import time
 
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 
 from dart_hal.car import Car
 from dart_hal.errors import PortBusy, RecordingError, UsageError
-from dart_hal.poses import open_poses
+from dart_hal.poses import open_poses, udp
 from dart_hal.poses.line import line, parse
 from dart_hal.poses.reading import Reading
 from dart_hal.types import Tracking
@@ -73,6 +75,16 @@ def test_datagrams_are_told_once_and_bad_ones_counted(source):
     assert source.refused == 3
     assert source.others == {"box"}
     assert source.poll(101.0) == []
+
+
+def test_datagrams_keep_their_order_however_slow_they_are_read(source, monkeypatch):
+    for t in range(1, 6):
+        send(source, b"dart-hal-pose 1 car room %d 0 0 0\n" % t)
+    each_look = itertools.count(time.time_ns() + 10**7, 10**7).__next__  # 10 ms later than the last
+    monkeypatch.setattr(udp.time, "time_ns", each_look)
+    poses = source.poll(100.0)
+    assert [pose.stamp for pose in poses] == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert 0.0 < poses[-1].arrival - poses[0].arrival < 0.01
 
 
 def test_the_first_body_is_the_car_if_none_is_named():

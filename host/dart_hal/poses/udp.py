@@ -72,12 +72,13 @@ class Port:
     def read(self) -> list[tuple[bytes, float]]:
         """As ``Datagrams``; at most ``AT_ONCE``."""
         out: list[tuple[bytes, float]] = []
+        now = time.time_ns()  # one for all: else the time that reading takes puts them out of order
         for _ in range(AT_ONCE):
             try:
                 data, ancillary, _, _ = self.socket.recvmsg(LARGEST, 64)
             except (BlockingIOError, ConnectionError):
                 break
-            out.append((data, _age(ancillary)))
+            out.append((data, _age(ancillary, now)))
         return out
 
     def close(self) -> None:
@@ -179,12 +180,12 @@ class UdpSource:
         self._datagrams.close()
 
 
-def _age(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """s since the kernel received the datagram; 0 where it does not tell."""
+def _age(ancillary: list[tuple[int, int, bytes]], now: int) -> float:
+    """s from when the kernel received the datagram to ``now`` [ns]; 0 where it does not tell."""
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(data) >= _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack_from(data)
-            age = (time.time_ns() - seconds * 10**9 - nanoseconds) * 1e-9
+            age = (now - seconds * 10**9 - nanoseconds) * 1e-9
             return age if 0.0 <= age < _MAX_AGE else 0.0
     return 0.0
 
