@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -102,7 +103,8 @@ class Bench:
             self._settle(0.7)
             self.car.arm(waive=WAIVE)
             return self.car
-        for _ in range(8):
+        deadline = time.monotonic() + 4 * PATIENCE
+        while time.monotonic() < deadline:
             self._settle(0.7)
             with contextlib.suppress(NotArmed, LinkLost):
                 self.car.arm(waive=WAIVE)

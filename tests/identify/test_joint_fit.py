@@ -33,7 +33,7 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
     t, unknown = np.arange(n) * 0.01, np.full(n, np.nan)
     commands = Grid(t, *[unknown] * 6, throttle, steering, unknown, np.zeros(n, dtype=bool),
                     SEP_24)
-    tau, delta = actuated(vehicle, commands, smooth=True)
+    tau, delta = actuated(vehicle, commands, smooth=True, sampled="mean")
     start = np.array([[0.0], [0.0], [0.0], [1.2], [0.0], [0.0]])
     states = rollout(vehicle, start, tau[:, None], delta[:, None])[:, :, 0]
     states = np.concatenate([start.T, states[:-1]])
@@ -64,6 +64,25 @@ def test_predictions_reach_the_noise(joint):
     assert joint.before[2] > 4.0 * joint.after[2]
     assert joint.after[0] < 0.02
     assert joint.after[2] < 0.06
+
+
+def test_a_lag_enters_the_prediction_without_a_jump():
+    problem = Problem.of([driven(1, 10.0)])
+    none, hardly = (problem.predict(with_values(TRUE, {
+        "delay.steering_lag_s": lag, "delay.throttle_lag_s": lag})) for lag in (0.0, 1e-4))
+    some = problem.predict(TRUE)
+    assert np.abs(hardly - none).max() < 0.01 * np.abs(some - none).max()
+
+
+@pytest.mark.more
+def test_a_car_without_lags_is_fitted_to_the_end():
+    """Commands of every frame, as in runs of our own: a jump at no lag stopped the fit."""
+    prompt = with_values(TRUE, {"delay.steering_s": 0.018, "delay.steering_lag_s": 0.0,
+                                "delay.throttle_lag_s": 0.0})
+    joint = fit_jointly(Problem.of([driven(5, vehicle=prompt, noise=(0.004, 0.002, 0.01))]), PAPER)
+    assert [name for name, fit in joint.fits.items() if not fit.converged] == []
+    assert joint.vehicle.delay.steering_s + joint.vehicle.delay.steering_lag_s == pytest.approx(
+        0.018, abs=0.004)
 
 
 @pytest.mark.more
