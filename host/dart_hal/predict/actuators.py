@@ -78,9 +78,10 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     return np.asarray(out.reshape(padded.shape)[..., :n])
 
 
-def actuated(p: Vehicle, g: Grid, *, smooth: bool = False) -> tuple[FloatArray, FloatArray]:
+def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
+             ) -> tuple[FloatArray, FloatArray]:
     """(throttle -1..1, road-wheel angle [rad]) of every sample of a recording, (n,) each."""
-    throttle, angle = (behind_actuator(p, channel, command, g.t, smooth=smooth)
+    throttle, angle = (behind_actuator(p, channel, command, g.t, smooth=smooth, sampled=sampled)
                        for channel, command in (("throttle", g.throttle),
                                                 ("steering", g.steering)))
     return throttle, angle

@@ -17,7 +17,7 @@ from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 
-from .actuators import actuated
+from .actuators import Sampled, actuated
 
 Parts = Sequence[tuple[Grid, IntArray]]
 Progress = Callable[[float], None]
@@ -53,10 +53,11 @@ def windowed(series: FloatArray, at: IntArray, samples: int) -> FloatArray:
     return np.asarray(series[at[None, :] + np.arange(samples)[:, None]])
 
 
-def inputs(p: Vehicle, parts: Parts, smooth: bool = False
+def inputs(p: Vehicle, parts: Parts, smooth: bool = False, sampled: Sampled = "start"
            ) -> tuple[FloatArray, FloatArray, IntArray]:
     """(throttle, road-wheel angle, starts) as ``joined``, behind the actuators."""
-    throttle, angle = zip(*(actuated(p, g, smooth=smooth) for g, _ in parts), strict=True)
+    throttle, angle = zip(*(actuated(p, g, smooth=smooth, sampled=sampled) for g, _ in parts),
+                          strict=True)
     tau, at = joined(parts, throttle)
     return tau, np.concatenate(angle), at
 
@@ -67,12 +68,12 @@ def batches(n: int) -> Iterator[slice]:
 
 
 def predict(p: Vehicle, parts: Parts, at: Sequence[int], *, smooth: bool = False,
-            progress: Progress | None = None) -> FloatArray:
+            sampled: Sampled = "start", progress: Progress | None = None) -> FloatArray:
     """What the model says so many samples after each start, (len(at), 6, windows).
 
-    smooth: as ``actuated``; progress(share) is called as it goes.
+    smooth, sampled: as ``behind_actuator``; progress(share) is called as it goes.
     """
-    throttle, angle, first = inputs(p, parts, smooth)
+    throttle, angle, first = inputs(p, parts, smooth, sampled)
     start = measured(parts, (0,))[0]
     out = np.empty((len(at), 6, len(first)))
     for some in batches(len(first)):

@@ -52,5 +52,8 @@ class Problem:
         return int(self.measured.shape[-1])
 
     def predict(self, p: Vehicle) -> FloatArray:
-        """CHANNELS at READ by the model, (len(READ), 3, n)."""
-        return np.asarray(predict(p, self.parts, AT, smooth=True)[:, 3:])
+        """CHANNELS at READ by the model, (len(READ), 3, n).
+
+        Samples hold the mean of what a lag has reached: continuous down to no lag at all.
+        """
+        return np.asarray(predict(p, self.parts, AT, smooth=True, sampled="mean")[:, 3:])
