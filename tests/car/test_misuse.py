@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import pytest
 
@@ -60,3 +61,33 @@ def test_a_speed_beyond_the_limit_says_so():
         assert "RANGE" in car.drive_speed(steering=0.0, speed=99.0).limited
         with pytest.raises(BadCommand):
             car.drive_speed(steering=0.0, speed=math.inf)
+
+
+def read_in_a_thread(car, n):
+    frames = car.states()
+    thread = threading.Thread(target=lambda: [next(frames) for _ in range(n)])
+    thread.start()
+    thread.join()
+
+
+def test_what_a_loop_loses_to_another_thread_is_counted_and_said(caplog):
+    with Car.open(MOCK) as car:
+        mine = car.states()
+        next(mine)
+        for lost in (5, 12):
+            read_in_a_thread(car, 5 if lost == 5 else 7)
+            assert next(mine).health.skipped == lost
+            assert car.timing.skipped == lost
+        assert len([r for r in caplog.records if "two threads" in r.message]) == 1
+
+
+def test_a_loop_that_goes_on_in_another_thread_has_lost_nothing(caplog):
+    """The control: one after the other is no sharing, nor is arming within a loop."""
+    with Car.open(MOCK) as car:
+        next(car.states())
+        read_in_a_thread(car, 5)
+        mine = car.states()
+        next(mine)
+        car.arm()
+        assert next(mine).health.skipped == 0
+        assert not [r for r in caplog.records if "two threads" in r.message]

@@ -162,8 +162,8 @@ class Car(Arming, Shown):
                every: int = 1) -> Iterator[State]:
         """One State per telemetry frame, 100 Hz: the loop's clock; or ``every`` n-th: 10 for 10 Hz.
 
-        Blocks on the next frame; a loop that is too slow gets the newest one
-        (``health.skipped`` counts the others). Ends after ``duration`` s of the
+        Blocks on the next frame; a loop that is too slow gets the newest one, one of two
+        threads only some (``health.skipped`` counts the others). Ends after ``duration`` s of the
         car's time, or at the end of a recording. Between, a command holds for its
         ``valid_for``. Raises LinkLost after ``timeout`` s without a frame,
         UsageError for times that are none and an ``every`` that is not of 1 to 25.
@@ -171,6 +171,7 @@ class Car(Arming, Shown):
         check_times(duration=duration, timeout=timeout)
         check_every(every)
         start: float | None = None
+        self._timer.begin()
         while True:
             try:
                 state = self._next(timeout, every if start is not None else 1)
@@ -190,7 +191,7 @@ class Car(Arming, Shown):
         while frames < every:
             state, skipped = self._pump.next(timeout)
             frames += 1 + skipped
-        self._timer.tick(self._engine.now, frames - every)
+        self._timer.tick(self._engine.now, frames, every)
         if self._timer.skipped:
             state = replace(state, health=replace(state.health, skipped=self._timer.skipped))
         self._state = state

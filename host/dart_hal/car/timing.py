@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -65,13 +66,32 @@ class LoopTimer:
         self._work: deque[float] = deque(maxlen=KEPT)
         self._wall, self._given = wall, float("nan")
         self._last: float | None = None
-        self.skipped = self.late = 0
+        self._frames = 0
+        self._seen: dict[int, int] = {}
+        self.skipped = self.late = self.elsewhere = 0
 
-    def tick(self, now: float, skipped: int) -> None:
+    def begin(self) -> None:
+        """A loop of this thread begins; what was read before is not lost to it."""
+        self._seen[threading.get_ident()] = self._frames
+
+    def tick(self, now: float, frames: int, every: int) -> None:
+        """``frames`` have come, the last of which goes to a loop that asked for ``every`` n-th.
+
+        Those that went to a loop of another thread meanwhile are lost to this one.
+        """
         if self._last is not None:
             self._periods.append(now - self._last)
         self._last = now
-        self.skipped += skipped
+        me = threading.get_ident()
+        elsewhere = self._frames - self._seen.get(me, self._frames)
+        self._frames += frames
+        self._seen[me] = self._frames
+        self.skipped += frames - every + elsewhere
+        if elsewhere and not self.elsewhere:
+            log.warning("two threads read the States of one car, so each gets only some of them: "
+                        "read them in one, and let the other take car.on_state(listener); "
+                        "health.skipped counts those that a loop did not get")
+        self.elsewhere += elsewhere
 
     def give(self) -> None:
         """A State is handed to the loop."""
