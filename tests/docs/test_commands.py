@@ -39,13 +39,13 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
     ran, printed = [], ""
     for block in handbook.blocks(page.read_text(encoding="utf-8")):
         where = f"{page.name}, line {block.line}"
+        text = block.text if slow else block.text.replace("sim://?", "sim://?nano=mock&")
         if block.file:
-            (folder / block.file).write_text(block.text, encoding="utf-8")
+            (folder / block.file).write_text(text, encoding="utf-8")
         elif block.mark == "output":
             if ran and printed:
                 assert handbook.as_shown(block.text, printed), f"{where}: printed\n{printed}"
         elif block.runs and (slow or not block.slow):
-            text = block.text if slow else block.text.replace("sim://?", "sim://?nano=mock&")
             words = [sys.executable, "-c", text] if block.kind == "python" else [
                 "bash", "-euo", "pipefail", "-c", text]
             done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True,
