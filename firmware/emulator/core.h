@@ -180,6 +180,7 @@ void pins_show(emu_t *e, int port, int bit, uint8_t ddr, int port_level);
 /* compare.c: D9 and D10 as outputs of Timer1 */
 int compare_init(emu_t *e);
 void compare_after_reset(emu_t *e);
+int timer_flags_init(emu_t *e);
 
 int watchdog_init(emu_t *e);
 void watchdog_after_reset(emu_t *e);

@@ -54,6 +54,14 @@ def bench(tmp_path):
     made.car.close()
 
 
+def test_pulses_after_a_restart_say_that_it_was_one(bench):
+    with bench.car.raw():
+        bench.spin(0.3)
+        bench.world.nano.reset("brownout")
+        with pytest.raises(BadCommand, match="DISARMED since MCU_REBOOTED"):
+            bench.spin(3.0)
+
+
 def test_a_loop_that_stalls_in_raw_is_stopped(bench):
     car = bench.car
     with car.raw():

@@ -183,7 +183,8 @@ class Supervisor:
         return Event.THIRD_TRIP if third and event is Event.TRIP else event
 
     def _enter(self, to: ArmState, event: Event, now: float, why: tuple[str, ...]) -> None:
-        if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST):
+        if event in (Event.TRIP, Event.THIRD_TRIP, Event.BUS_LOST) or (
+                why and self.state is ArmState.RAW):
             self.causes = why
         if self.state is ArmState.ARMED and event not in (Event.STOP, Event.CLOSE):
             self.ended_by = why
