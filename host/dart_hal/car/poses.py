@@ -11,6 +11,7 @@ from dart_hal.estimation.pose_tracking import PoseTracker
 from dart_hal.links.base import Backend
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_poses
+from dart_hal.poses.clock_steps import ClockSteps
 from dart_hal.types import ExternalPose, State
 
 
@@ -21,6 +22,7 @@ class PoseFeed:
         self.source = source
         self.record: Callable[[ExternalPose], None] = lambda pose: None
         self._tracker = PoseTracker()
+        self._clock = ClockSteps()
         self._waiting: deque[ExternalPose] = deque()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
@@ -35,7 +37,9 @@ class PoseFeed:
         while self._waiting and self._waiting[0].arrival <= t:
             pose = self._waiting.popleft()
             self.record(pose)
-            self._tracker.add(pose)
+            told = self._clock.through(pose)
+            if told is not None:
+                self._tracker.add(told)
         return [replace(state, external=self._tracker.at(state.t)) for state in states]
 
 
