@@ -37,7 +37,10 @@ def flat(state):
     pose = None if e.pose is None else (e.pose.x, e.pose.y, e.pose.yaw, e.pose.cov.tobytes())
     newest = e.newest and (e.newest.stamp, e.newest.arrival, e.newest.x, e.newest.yaw,
                            e.newest.cov.tobytes())
-    return state.t, e.tracking, e.age, pose, newest
+    told = state.estimate.at(state.t + 0.02)
+    best = (told.t, told.pose.x, told.pose.y, told.pose.yaw, told.speed, told.yaw_rate,
+            told.cov.tobytes(), told.frame)
+    return state.t, e.tracking, e.age, pose, newest, best
 
 
 @pytest.mark.cpu(5)
@@ -47,6 +50,7 @@ def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path)
     late = hidden_mocap(3).latency
     for state, x, y in told:
         assert state.external.tracking is Tracking.TRACKING
+        assert state.estimate.frame == "mocap"
         # the clock of the source is known to its least latency
         assert hypot(state.external.pose.x - x, state.external.pose.y - y) < (
             0.01 + state.speed * (late + 0.001))

@@ -1,4 +1,4 @@
-"""A source whose clock is set: stamps as if it had not been, and no word of it on a slow network."""
+"""A source whose clock is set: stamps as if it had not been; a slow network is no such clock."""
 
 from __future__ import annotations
 
