@@ -63,6 +63,7 @@ def test_with_a_source_it_is_the_axle_in_the_room():
     assert last.speed > 0.2
 
 
+@pytest.mark.more
 @pytest.mark.cpu(5)
 def test_it_is_less_sure_while_nobody_sees_the_car():
     told = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{SEEN},occlusion=30")]
@@ -87,6 +88,7 @@ def test_a_false_lock_does_not_move_it():
     assert max(off(e.pose, place) for e, place in in_room) < FAR
 
 
+@pytest.mark.more
 @pytest.mark.cpu(5)
 def test_a_clock_that_is_set_does_not_move_it():
     told = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]

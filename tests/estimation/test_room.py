@@ -7,7 +7,7 @@ from math import cos, hypot, sin, tau
 import numpy as np
 import pytest
 
-from dart_hal.estimation import Odometry, RoomEstimator
+from dart_hal.estimation import Odometry, PoseFilter, RoomEstimator
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN
 from dart_hal.types import ExternalPose, pose_cov
@@ -45,7 +45,7 @@ def seen(t, rng, std=0.005):
                         pose_cov(std, std))
 
 
-def drive(marker, seconds, seed=1, told=lambda t, pose: pose):
+def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.005):
     """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
     rng, odometry, travel, out = np.random.default_rng(seed), Odometry(), 0.0, []
     room, waiting = RoomEstimator(odometry, marker), []
@@ -55,7 +55,7 @@ def drive(marker, seconds, seed=1, told=lambda t, pose: pose):
         rate = (true(t - 0.009)[2] - true(t - 0.019)[2]) / 0.01
         motion = odometry.update(t, travel, speed(t), rate + 4e-3 * rng.standard_normal(), t - 4e-3)
         room.moved(t, odometry.pose, motion)
-        if k % 10 == 0 and (pose := told(t, seen(t, rng))) is not None:
+        if k % every == 0 and (pose := told(t, seen(t, rng, std))) is not None:
             waiting.append(pose)
         while waiting and waiting[0].arrival <= t:
             room.add(waiting.pop(0))
@@ -98,6 +98,25 @@ def test_half_a_second_without_poses_is_survived():
     sure = {round(t, 2): np.trace(e.estimate.pose.cov[:2, :2]) for t, e in told if t > 4.0}
     assert sure[5.5] > sure[5.3] > sure[5.15]
     assert sure[6.5] < sure[5.5]
+
+
+@pytest.mark.cpu(4)
+def test_a_lock_while_it_drives_is_undone(monkeypatch):
+    held = []
+
+    def lock(t, pose):
+        held.append(pose) if t < 4.0 else None
+        last = held[-1]
+        return ExternalPose(pose.stamp, pose.arrival, last.x, last.y, last.yaw, last.cov)
+
+    def worst():
+        held.clear()
+        told = drive(KNOWN, 4.6, told=lock, every=1, std=0.03)
+        return max(nees(external, t) for t, external in told if t > 4.4)  # it is known by then
+
+    assert worst() < 11.3  # one honest estimate in a hundred is beyond
+    monkeypatch.setattr(PoseFilter, "forget", lambda self, age: None)
+    assert worst() > 11.3, "what the lock told is not undone, and it makes no difference"
 
 
 def test_before_the_first_pose_it_knows_no_place_in_the_room():
