@@ -24,6 +24,7 @@ import bench_firmware
 import bench_identify
 import bench_joint
 import bench_light
+import bench_room
 import bench_solver
 import bench_vehicle
 from figures import Figure, machine
@@ -41,13 +42,19 @@ def estimation(scale: float = 1.0) -> list[Figure]:
     costs = bench_estimation.cost()
     total = sum(best for best, _ in costs.values())
     parts = ", ".join(f"{name} {best:.1f}" for name, (best, _) in costs.items())
-    return [Figure("estimators, CPU per frame", total, "us", note=parts)]
+    rows = [Figure("estimators, CPU per frame", total, "us", note=parts)]
+    for rate in (10, 100):
+        room = bench_estimation.cost_in_a_room(rate)
+        rows.append(Figure(f"with poses at {rate} Hz: more", room["room"][0], "us",
+                           note=f"of it which to believe: {room['tracking'][0]:.0f}"))
+    return rows
 
 
 BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "encoder": bench_encoder.figures,
     "decode": bench_decode.figures,
     "estimation": estimation,
+    "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,
     "light": bench_light.figures,
     "emulation": bench_emulation.figures,

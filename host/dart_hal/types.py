@@ -7,9 +7,9 @@ when its unit is not SI (``_us``, ``_deg``, ``_ticks``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from math import degrees, isfinite, tau
+from math import cos, degrees, isfinite, sin, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,19 +184,76 @@ class Tracking(str, Enum):
         return self.value
 
 
+AHEAD = 0.5
+"""s that a motion is predicted at most: longer than any delay that a controller makes up for."""
+CHANGES = (2.0, 5.0)
+"""m/s2 and rad/s2 rms by which a motion that goes on as it did is wrong: the throttle, and a
+steering angle that goes from 0 to 0.3 rad in 0.4 s at 1 m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEstimate:
+    """Where the rear axle is at ``t`` [s] on the car's clock, and how it moves.
+
+    pose: x, y [m], yaw [rad]; speed [m/s] signed; yaw_rate [rad/s]; cov (5, 5) of x, y, yaw,
+    speed, yaw_rate, read-only, its first three the covariance of ``pose``. frame: the room's, by
+    wheels, gyro and external poses in a Kalman filter (``estimation/room.py``); ``START`` where no
+    source has told a pose yet: dead reckoning from where the car was opened. tracking: what the
+    source does.
+    """
+
+    t: float
+    pose: Pose
+    speed: float
+    yaw_rate: float
+    cov: FloatArray
+    frame: str
+    tracking: Tracking
+
+    def at(self, t: float) -> MotionEstimate:
+        """Predicted to t [s], as ``car.now``: it goes on at its speed and yaw rate, for 0.5 s at
+        most, and grows less sure by ``CHANGES``. An earlier t changes nothing."""
+        dt = min(t - self.t, AHEAD)
+        if dt <= 0.0:
+            return self
+        pose, length, turn = self.pose, self.speed * dt, self.yaw_rate * dt
+        c, s = cos(pose.yaw + 0.5 * turn), sin(pose.yaw + 0.5 * turn)
+        step = np.eye(5)
+        step[:2, 2] = -length * s, length * c
+        step[:2, 3] = dt * c, dt * s
+        step[:2, 4] = -0.5 * dt * length * s, 0.5 * dt * length * c
+        step[2, 4] = dt
+        along, turned = (change * dt for change in CHANGES)
+        by = np.zeros((5, 2))  # half of each change acts within dt
+        by[:2, 0], by[3, 0] = 0.5 * dt * along * np.array((c, s)), along
+        by[:3, 1], by[4, 1] = 0.5 * turned * step[:3, 4], turned
+        cov = step @ self.cov @ step.T + by @ by.T
+        cov.setflags(write=False)
+        moved = Pose(pose.x + length * c, pose.y + length * s, pose.yaw + turn, cov[:3, :3])
+        return replace(self, t=self.t + dt, pose=moved, cov=cov)
+
+
+START = "start"
+"""Frame of dead reckoning: the pose at which the car was opened."""
+GYRO_STD, NO_GYRO_STD = 0.02, 0.3
+"""rad/s, one sigma of ``State.yaw_rate`` at its time, and of a yaw rate that nobody measures."""
+
+
 @dataclass(frozen=True, slots=True)
 class External:
     """Where the car is in the room, as a source of external poses and its own wheels tell.
 
     pose: the marker frame at ``State.t``: the last believed pose and the odometry
     since, with a covariance that grows (None before the first); age [s] of that
-    last one (inf = none); newest: what came last, believed or not.
+    last one (inf = none); newest: what came last, believed or not; estimate: of the Kalman
+    filter in the room's frame, None until a believed pose has begun it.
     """
 
     tracking: Tracking
     age: float
     pose: Pose | None
     newest: ExternalPose | None
+    estimate: MotionEstimate | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,6 +317,25 @@ class State:
     applied: Applied
     health: Health
     external: External | None = None
+
+    @property
+    def estimate(self) -> MotionEstimate:
+        """The best that is known of pose, speed and yaw rate at ``t``, with one covariance.
+
+        By the Kalman filter in the room's frame once a source of poses has told one; until then,
+        and without a source, dead reckoning (``pose``) in the frame ``START``. For the present
+        moment: ``state.estimate.at(car.now)``.
+        """
+        seen = self.external
+        if seen is not None and seen.estimate is not None:
+            return seen.estimate
+        cov = np.zeros((5, 5))
+        cov[:3, :3] = self.pose.cov
+        cov[3, 3] = self.speed_std**2
+        cov[4, 4] = (NO_GYRO_STD if self.yaw_rate is None else GYRO_STD)**2
+        cov.setflags(write=False)
+        return MotionEstimate(self.t, self.pose, self.speed, self.yaw_rate or 0.0, cov, START,
+                              Tracking.DEAD_RECKONING if seen is None else seen.tracking)
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """What a person looks for first: (name, value with its unit)."""

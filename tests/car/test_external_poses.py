@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import cos, hypot, sin
 
 import pytest
 
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
+from dart_hal.recording.run import RunReader
 from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import truth
 from dart_hal.types import Tracking
@@ -35,7 +37,10 @@ def flat(state):
     pose = None if e.pose is None else (e.pose.x, e.pose.y, e.pose.yaw, e.pose.cov.tobytes())
     newest = e.newest and (e.newest.stamp, e.newest.arrival, e.newest.x, e.newest.yaw,
                            e.newest.cov.tobytes())
-    return state.t, e.tracking, e.age, pose, newest
+    told = state.estimate.at(state.t + 0.02)
+    best = (told.t, told.pose.x, told.pose.y, told.pose.yaw, told.speed, told.yaw_rate,
+            told.cov.tobytes(), told.frame)
+    return state.t, e.tracking, e.age, pose, newest, best
 
 
 @pytest.mark.cpu(5)
@@ -45,6 +50,7 @@ def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path)
     late = hidden_mocap(3).latency
     for state, x, y in told:
         assert state.external.tracking is Tracking.TRACKING
+        assert state.estimate.frame == "mocap"
         # the clock of the source is known to its least latency
         assert hypot(state.external.pose.x - x, state.external.pose.y - y) < (
             0.01 + state.speed * (late + 0.001))
@@ -62,6 +68,16 @@ def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
     assert fooled, "no false lock while driving: this test would show nothing"
     assert all(s.external.tracking is Tracking.JUMPED for s, _, _ in fooled)
     assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.3 for s, x, y in fooled)
+
+
+@pytest.mark.cpu(5)
+def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
+    path = tmp_path / "run.mcap"
+    told = drive(f"{URL}&mocap=step=40", 6.0, path)
+    raw = [p.stamp for p in RunReader(path).poses()]
+    assert min(b - a for a, b in pairwise(raw)) < -0.2, "never set back: this shows nothing"
+    assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.06 for s, x, y in told)
+    assert {s.external.tracking for s, _, _ in told} <= {Tracking.TRACKING, Tracking.DEAD_RECKONING}
 
 
 def test_a_car_that_nobody_sees_says_so():

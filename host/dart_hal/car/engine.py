@@ -23,7 +23,7 @@ from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
-from dart_hal.car.poses import PoseFeed
+from dart_hal.car.poses import PoseFeed, room_of
 from dart_hal.car.receive import Receiver
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
@@ -68,7 +68,10 @@ class Engine:
         self._late: deque[float] = deque(maxlen=500)
         self._noted: Applied | None = None
         self.recorder: Any = None
-        self.poses = PoseFeed(backend.poses) if backend.poses is not None else None
+        self.poses: PoseFeed | None = None
+        if backend.poses is not None:
+            self.telemetry.room = room = room_of(files, self.telemetry.odometry)
+            self.poses = PoseFeed(backend.poses, room)
         self.listeners: list[Callable[[State], None]] = []
 
     @property

@@ -7,36 +7,56 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.estimation.pose_tracking import PoseTracker
+from dart_hal.config import CarFiles
+from dart_hal.estimation.odometry import Odometry
+from dart_hal.estimation.pose_model import Marker
+from dart_hal.estimation.room import UNKNOWN, RoomEstimator
 from dart_hal.links.base import Backend
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_poses
+from dart_hal.poses.clock_steps import ClockSteps
 from dart_hal.types import ExternalPose, State
 
 
 class PoseFeed:
     """One per open car with a source of poses. ``record`` is called with each pose taken."""
 
-    def __init__(self, source: PoseSource) -> None:
+    def __init__(self, source: PoseSource, room: RoomEstimator) -> None:
         self.source = source
         self.record: Callable[[ExternalPose], None] = lambda pose: None
-        self._tracker = PoseTracker()
+        self._room = room
+        self._clock = ClockSteps()
         self._waiting: deque[ExternalPose] = deque()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
-        """States of a chunk that arrived at ``t``, with what the room knew by then.
+        """States of a chunk that arrived at ``t``; the newest with what the room knew by then.
 
         What arrived later waits: a replay, which knows nothing but stamps, then
         sees the same. now [s]: the car's clock.
         """
         self._waiting.extend(self.source.poll(now))
-        for state in states:
-            self._tracker.moved(state.t, state.pose)
         while self._waiting and self._waiting[0].arrival <= t:
             pose = self._waiting.popleft()
             self.record(pose)
-            self._tracker.add(pose)
-        return [replace(state, external=self._tracker.at(state.t)) for state in states]
+            told = self._clock.through(pose)
+            if told is not None:
+                self._room.add(told)
+        if states:
+            states[-1] = replace(states[-1], external=self._room.at(states[-1].t))
+        return states
+
+
+def room_of(files: CarFiles, odometry: Odometry) -> RoomEstimator:
+    """For a car of these files: its marker as ``calibrate mocap`` has measured it, else unknown."""
+    table = files.calibration.mocap if files.calibration else None
+    if table is None:
+        return RoomEstimator(odometry)
+    known = table.marker_x, table.marker_y, table.marker_yaw, table.latency
+    lx, ly, theta, latency = (quantity.value if quantity else unknown
+                              for quantity, unknown in zip(known, UNKNOWN[:4], strict=True))
+    a, b, c, d = (quantity.std if quantity else unknown
+                  for quantity, unknown in zip(known, UNKNOWN.std, strict=True))
+    return RoomEstimator(odometry, Marker(lx, ly, theta, latency, (a, b, c, d)))
 
 
 def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:

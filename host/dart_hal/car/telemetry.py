@@ -10,14 +10,18 @@ from dart_hal.estimation.consistency import EncoderCheck, covering
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
 from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
+from dart_hal.estimation.room import RoomEstimator
 from dart_hal.estimation.speed import WheelSpeed
-from dart_hal.types import Applied, Health, Limit, State
+from dart_hal.types import Applied, Doubt, Health, Limit, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import Frame
 from dart_hal.wire.messages import STATE, STATE_FLAGS
 
 BITS_PER_BYTE = 10
 """8N1: start, eight data bits, stop."""
+SLIDES = 0.5
+"""Share of the speed that goes sideways where CAR_SLIDES is said: a slip angle of 30 degrees of the
+rear axle, beyond which a car spins."""
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 
@@ -53,6 +57,8 @@ class Telemetry:
         self.imu = ImuCheck(self._wheelbase)
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
                                     files.metres_per_edge.value, files.config.imu.x)
+        self.room: RoomEstimator | None = None
+        """Fuses external poses, where there is a source of them."""
         self._ticks = 0
         self.last_dev = 0.0
         self.restarted = False
@@ -86,16 +92,28 @@ class Telemetry:
                                              sample.t_dev, rate, hint)
         gyro_z, acc = self._judged(sample, speed, speed_std, applied, rate)
         odometry = self.odometry
-        odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, sample.imu_t, rate,
-                        speed * tan(applied.steering) / self._wheelbase)
+        motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, sample.imu_t,
+                                 rate, speed * tan(applied.steering) / self._wheelbase,
+                                 self._missed(speed, speed_std))
         self.last_dev = sample.t_dev
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
                         t_std, "linear", sample.calib, self.imu.doubts | self.encoder.doubts)
+        pose = odometry.pose
+        external = self.room.moved(t, pose, motion) if self.room is not None else None
         return State(
             t, seq, speed, covering(speed_std, self.encoder.std),
             None if gyro_z is None else gyro_z - odometry.bias.value,
-            acc[0] if acc else None, acc[1] if acc else None, sample.ticks, odometry.pose,
-            applied, health)
+            acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,
+            applied, health, external)
+
+    def _missed(self, speed: float, std: float) -> float:
+        """Speed [m/s] that the wheels may not tell, while there is a doubt against them."""
+        found = self.encoder.std if self.encoder.doubts else 0.0
+        if self.speed.rejected:
+            found = max(found, std)
+        if Doubt.CAR_SLIDES.value in self.imu.doubts:
+            found = max(found, SLIDES * abs(speed))
+        return found
 
     def _judged(self, sample: Sample, speed: float, std: float, applied: Applied,
                 rate: float) -> tuple[float | None, Vector | None]:

@@ -70,7 +70,9 @@ class Motion(NamedTuple):
 
     speed [m/s]: travel of the wheels / dt; yaw_rate [rad/s]: of the gyro, with its bias, or of
     the steering angle where ``gyro`` is False; yaw_variance [rad2]: of the turn, beyond the noise
-    of the gyro; standing: the car is at rest, not only between two edges of its encoder.
+    of the gyro; standing: the car is at rest, not only between two edges of its encoder; missed
+    [m/s]: what the wheels may not tell while they are doubted, and place_variance [m2] on each
+    side by it.
     """
 
     dt: float
@@ -79,6 +81,8 @@ class Motion(NamedTuple):
     yaw_variance: float = 0.0
     gyro: bool = True
     standing: bool = False
+    missed: float = 0.0
+    place_variance: float = 0.0
 
 
 class Odometry:
@@ -105,7 +109,7 @@ class Odometry:
         self._t_gyro: float | None = None
         self._t_valid = -inf
         self._distance: float | None = None
-        self._now = self._blind = 0.0
+        self._now = self._blind = self._astray = 0.0
 
     def restart(self) -> None:
         """The device clock began anew: keep the pose, forget the times."""
@@ -119,29 +123,43 @@ class Odometry:
         return self._rate
 
     def update(self, now: float, distance: float, speed: float, gyro_z: float | None,
-               t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0) -> Motion:
+               t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0,
+               missed: float = 0.0) -> Motion:
         """One frame; returns the motion since the last one, for a filter.
 
         now, t_gyro [s]: device times of the latch and of the IMU read;
         distance [m]: signed travel so far; speed [m/s]: 0.0 means standing;
         gyro_z [rad/s]: body axes, None = not valid; rate: host seconds per
         device second; yaw_rate_hint [rad/s]: used while there is no gyro
-        (speed tan(delta) / wheelbase of the applied steering angle).
+        (speed tan(delta) / wheelbase of the applied steering angle); missed
+        [m/s]: what the car may do that its wheels do not tell, 0.0 = nothing.
         """
         if self._distance is None or now < self._now:
             self._distance, self._now = distance, now
         travel = distance - self._distance
         dt = (now - self._now) * rate
         self._distance, self._now = distance, now
-        standing = speed == 0.0 and travel == 0.0
+        standing = speed == 0.0 and travel == 0.0 and missed == 0.0
         turn, noise, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
         if standing:
             return Motion(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, standing=True)
         self._move(travel, turn, noise, seconds, speed * self._rate)
+        place = self._stray(missed, dt)
         if dt <= 0.0:
             return Motion(0.0, 0.0, 0.0)
         biased, known = turn + self.bias.value * seconds, seconds > 0.0
-        return Motion(dt, travel / dt, biased / dt, 0.0 if known else noise, known)
+        return Motion(dt, travel / dt, biased / dt, 0.0 if known else noise, known,
+                      missed=missed, place_variance=place)
+
+    def _stray(self, missed: float, dt: float) -> float:
+        """What a doubted wheel adds to the variance of the place [m2]: the same error for as long
+        as it is doubted, so it grows with the time, not its root."""
+        before = self._astray
+        self._astray = before + missed * dt if missed else 0.0
+        added = max(self._astray**2 - before**2, 0.0)
+        xx, xy, xt, yy, yt, tt = self._noise6
+        self._noise6 = xx + added, xy, xt, yy + added, yt, tt
+        return added
 
     def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
               hint: float, standing: bool) -> tuple[float, float, float]:

@@ -21,17 +21,20 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.estimation.odometry import Motion, OdometryNoise
 from dart_hal.estimation.pose_model import (
+    BIAS,
     CHI2_3,
     FINEST,
+    RATE,
     SPEED,
     Belief,
+    Marker,
     distance2,
     fused,
     moved,
     placed,
     started,
 )
-from dart_hal.types import FloatArray, Pose
+from dart_hal.types import FloatArray, MotionEstimate, Pose, Tracking
 
 HISTORY = 0.5
 """s that a pose may be late: several times the 40 to 60 ms of motion capture over a network."""
@@ -54,7 +57,7 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """mean (9,), cov (9, 9) in the order and the units of ``pose_model``; read-only."""
+    """mean (13,), cov (13, 13) in the order and the units of ``pose_model``; read-only."""
 
     mean: FloatArray
     cov: FloatArray
@@ -63,6 +66,12 @@ class Estimate:
     def pose(self) -> Pose:
         x, y, yaw = self.mean[:SPEED].tolist()
         return Pose(x, y, yaw, self.cov[:SPEED, :SPEED])
+
+    def motion(self, t: float, frame: str, tracking: Tracking) -> MotionEstimate:
+        """As a State tells it, for its time t [s]."""
+        cov = self.cov[:BIAS, :BIAS]
+        return MotionEstimate(t, self.pose, float(self.mean[SPEED]), float(self.mean[RATE]), cov,
+                              frame, tracking)
 
 
 class _Seen(NamedTuple):
@@ -84,14 +93,17 @@ class PoseFilter:
     Begins at the origin like dead reckoning; ``start`` at the first external pose, and where the
     track was lost.
 
-    gyro_bias [rad/s] and its one sigma: of the calibration, if there is one.
+    gyro_bias [rad/s] and its one sigma: of the calibration, if there is one; slip_gain
+    [rad per m/s2]: of the rear tyres; marker: where poses are measured, by default at the rear
+    axle and at the time that is said.
     """
 
     def __init__(self, noise: OdometryNoise | None = None, *, gyro_bias: float = 0.0,
-                 gyro_bias_std: float | None = None) -> None:
+                 gyro_bias_std: float | None = None, slip_gain: float = 0.0,
+                 marker: Marker | None = None) -> None:
         self._noise = n = noise or OdometryNoise()
         std = n.gyro_bias if gyro_bias_std is None else gyro_bias_std
-        self._steps = [_Step(0.0, None, started(n, gyro_bias, std))]
+        self._steps = [_Step(0.0, None, started(n, gyro_bias, std, slip_gain, marker or Marker()))]
         self.outliers = 0
         """Outliers in a row; the caller decides when the track is lost and begins anew."""
 
@@ -112,14 +124,16 @@ class PoseFilter:
         self.outliers = 0
 
     def predict(self, dt: float, speed: float, yaw_rate: float, yaw_variance: float = 0.0,
-                gyro: bool = True, standing: bool = False) -> None:
+                gyro: bool = True, standing: bool = False, missed: float = 0.0,
+                place_variance: float = 0.0) -> None:
         """The next ``dt`` s; the arguments are those of ``Motion``, nothing happens below SHORTEST.
 
         Raises UsageError, and changes nothing, for numbers that no car drives.
         """
-        motion = Motion(dt, speed, yaw_rate, yaw_variance, gyro, standing)
+        motion = Motion(dt, speed, yaw_rate, yaw_variance, gyro, standing, missed, place_variance)
         if not (all(map(isfinite, motion)) and abs(speed) <= FASTEST and abs(yaw_rate) <= QUICKEST
-                and dt <= LONGEST and 0.0 <= yaw_variance <= (QUICKEST * LONGEST)**2):
+                and dt <= LONGEST and 0.0 <= yaw_variance <= (QUICKEST * LONGEST)**2
+                and 0.0 <= missed <= FASTEST and place_variance >= 0.0):
             raise UsageError(f"{motion}", expected=f"finite numbers, at most {FASTEST:g} m/s, "
                              f"{QUICKEST:g} rad/s and {LONGEST:g} s")
         if dt < SHORTEST:
@@ -131,7 +145,7 @@ class PoseFilter:
             del self._steps[0]
 
     def correct(self, pose: Pose, age: float) -> Verdict:
-        """Fuse a pose of the rear axle that was measured ``age`` s before the last ``predict``."""
+        """Fuse a pose of the marker that was measured ``age`` s before the last ``predict``."""
         seen = _usable(pose)
         if seen is None or not 0.0 <= age < inf:
             return Verdict.UNUSABLE
@@ -145,6 +159,13 @@ class PoseFilter:
         self.outliers = 0
         self._steps = before + self._again(before[-1], [seen, *after])
         return Verdict.FUSED
+
+    def forget(self, age: float) -> None:
+        """Undo the poses of the last ``age`` s: they were of something else."""
+        t = max(self._steps[-1].t - age, self._steps[0].t)
+        before, after = self._split(t)
+        self._steps = before + self._again(
+            before[-1], [event for event in after if isinstance(event, Motion)])
 
     def estimate(self, ahead: float = 0.0) -> Estimate:
         """What is believed of the time of the last ``predict``, or ``ahead`` s later if the car
@@ -164,8 +185,8 @@ class PoseFilter:
         after = [step.event for step in self._steps[len(before):]]
         part = t - before[-1].t
         if after and isinstance(motion := after[0], Motion) and part > SHORTEST:
-            share = motion.yaw_variance / motion.dt
-            first, rest = (motion._replace(dt=dt, yaw_variance=share * dt)
+            turn, place = motion.yaw_variance / motion.dt, motion.place_variance / motion.dt
+            first, rest = (motion._replace(dt=dt, yaw_variance=turn * dt, place_variance=place * dt)
                            for dt in (part, motion.dt - part))
             before += self._again(before[-1], [first])
             after[0] = rest

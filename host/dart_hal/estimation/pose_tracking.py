@@ -12,6 +12,7 @@ metres: while it stands nobody can tell a right pose from a wrong one.
 from __future__ import annotations
 
 from collections import deque
+from enum import Enum
 from itertools import pairwise
 from math import atan2, cos, hypot, inf, sin, sqrt, tau
 from typing import NamedTuple
@@ -51,6 +52,17 @@ class _Fix(NamedTuple):
     odometry: Pose
 
 
+class Taken(Enum):
+    """What became of a pose."""
+
+    FIRST = "there was none before"
+    FITS = "it goes on from the last one believed"
+    ANEW = "the track goes on elsewhere: it has moved there as the car did"
+    FOOLED = "it is a false lock, and so were all since the time that is given"
+    REFUSED = "the car cannot have reached it"
+    OLD = "it is no news"
+
+
 class PoseTracker:
     """One per open car. ``moved`` for each State, ``add`` for each pose, ``at`` to ask."""
 
@@ -74,13 +86,16 @@ class PoseTracker:
         while kept[0][0] < t - HISTORY:
             kept.popleft()
 
-    def add(self, pose: ExternalPose) -> None:
-        """A pose that has arrived; one out of order is only noted as the newest."""
+    def add(self, pose: ExternalPose) -> tuple[Taken, float]:
+        """A pose that has arrived; one out of order is only noted as the newest.
+
+        Returns what became of it and the time [s] of its measurement on the car's clock.
+        """
         self._newest = pose
         if self._first_stamp is None:
             self._first_stamp = pose.stamp
         if pose.stamp <= self._stamp or not self._odometry:
-            return
+            return Taken.OLD, pose.arrival
         self._stamp = pose.stamp
         since = pose.stamp - self._first_stamp
         self._clock.add_frame(since, pose.arrival, 0.0)
@@ -89,9 +104,8 @@ class PoseTracker:
         self._newest_t = t
         fix = _Fix(t, pose, self._odometry_at(t))
         if not self._candidates and self._agrees(fix):
-            self._believe(fix)
-        else:
-            self._take_up(fix)
+            return self._believe(fix)
+        return self._take_up(fix)
 
     def at(self, t: float) -> External:
         """What is known for the State at t [s], the newest that was ``moved``."""
@@ -127,15 +141,16 @@ class PoseTracker:
         """Whether the car can have come from the last believed pose to this one."""
         return not self._believed or _reachable(self._believed[-1], fix)
 
-    def _believe(self, fix: _Fix) -> None:
+    def _believe(self, fix: _Fix) -> tuple[Taken, float]:
         """Believe, unless for a while poses have stood that the wheels left behind."""
         kept = self._believed
+        taken = Taken.FITS if kept else Taken.FIRST
         kept.append(fix)
         while len(kept) > 1 and kept[0].t < fix.t - HISTORY:
             kept.popleft()
         start = next((old for old in reversed(kept) if old.t <= fix.t - STANDS_FOR), None)
         if start is None:
-            return
+            return taken, fix.t
         seconds = fix.t - start.t
         drove = _distance(start.odometry, fix.odometry)
         moved = hypot(fix.pose.x - start.pose.x, fix.pose.y - start.pose.y)
@@ -143,15 +158,16 @@ class PoseTracker:
             while len(kept) > 1 and kept[-1].t > start.t:
                 kept.pop()
             self._candidates = [fix]
+            return Taken.FOOLED, start.t
+        return taken, fix.t
 
-    def _take_up(self, fix: _Fix) -> None:
+    def _take_up(self, fix: _Fix) -> tuple[Taken, float]:
         """Poses beside the track: believed again once they move as the car does."""
         found = self._candidates
         if found and not _reachable(found[-1], fix):
             found.clear()
         if not found and self._agrees(fix):
-            self._believe(fix)
-            return
+            return self._believe(fix)
         found.append(fix)
         start = found[0]
         travel = sum(_distance(a.odometry, b.odometry) for a, b in pairwise(found))
@@ -160,8 +176,9 @@ class PoseTracker:
                 found.clear()
                 self._believed.clear()
                 self._believed.append(fix)
-            else:
-                self._candidates = [fix]
+                return Taken.ANEW, fix.t
+            self._candidates = [fix]
+        return Taken.REFUSED, fix.t
 
 
 def _moved(pose: ExternalPose, start: Pose, end: Pose) -> tuple[float, float, float]:

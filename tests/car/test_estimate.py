@@ -1,0 +1,124 @@
+"""``State.estimate``: where the car is and how it moves, and never surely where it is not."""
+
+from __future__ import annotations
+
+from math import cos, hypot, sin
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.car.telemetry import Telemetry
+from dart_hal.links.base import open_backend
+from dart_hal.sim.mocap import mocap_of
+from dart_hal.sim.truth import truth
+from dart_hal.types import START, Tracking
+
+SEEN = "rate=10,noise=0.005,yaw_noise=0.005"
+URL = "sim://?seed=3&nano=mock&physics=kinematic"
+FAR = 16.27
+"""Normalised error squared (3) of one honest estimate in a thousand."""
+
+
+def drive(url, seconds, seen=""):
+    """(State, true x, y, yaw of the axle: in the room, or from the start) of each frame."""
+    backend, told = open_backend(f"{url}&mocap={seen}" if seen else url), []
+    room = mocap_of(seen, 3) if seen else None
+    with Car.over(backend) as car:
+        car.arm()
+        for state in car.states(duration=seconds):
+            real = truth(backend, state.t)
+            place = real.x, real.y, real.yaw
+            if room is not None:
+                c, s = cos(room.yaw), sin(room.yaw)
+                place = (room.x + c * real.x - s * real.y, room.y + s * real.x + c * real.y,
+                         room.yaw + real.yaw)
+            told.append((state, place))
+            car.drive(steering=0.2 * sin(state.t), throttle=0.25)
+    return told
+
+
+def off(pose, place):
+    """Normalised error squared of x and y."""
+    error = np.array((pose.x - place[0], pose.y - place[1]))
+    return float(error @ np.linalg.solve(pose.cov[:2, :2] + 1e-6 * np.eye(2), error))
+
+
+def test_without_a_source_it_is_dead_reckoning():
+    for state, _ in drive(URL, 0.5):
+        told = state.estimate
+        assert (told.frame, told.tracking) == (START, Tracking.DEAD_RECKONING)
+        assert told.pose is state.pose
+        assert (told.t, told.speed, told.yaw_rate) == (state.t, state.speed, state.yaw_rate)
+        assert np.sqrt(told.cov[3, 3]) == pytest.approx(state.speed_std)
+
+
+@pytest.mark.cpu(4)
+def test_with_a_source_it_is_the_axle_in_the_room():
+    told = [(state.estimate, place) for state, place in drive(URL, 4.0, SEEN)]
+    assert {e.frame for e, _ in told} == {"mocap"}
+    assert max(off(e.pose, place) for e, place in told) < FAR
+    last, place = told[-1]
+    assert hypot(last.pose.x - place[0], last.pose.y - place[1]) < 0.05
+    assert last.speed > 0.2
+
+
+@pytest.mark.more
+@pytest.mark.cpu(5)
+def test_it_is_less_sure_while_nobody_sees_the_car():
+    told = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{SEEN},occlusion=30")]
+    hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in told]
+    sure = [float(np.trace(e.pose.cov[:2, :2])) for e, _ in told]
+    driven = [(a, b) for a, b, h, (e, _) in zip(sure, sure[1:], hidden[1:], told[1:], strict=False)
+              if h and e.speed > 0.2]
+    assert len(driven) > 20, "never hidden while driving: this shows nothing"
+    assert all(b > a for a, b in driven)
+    assert max(off(e.pose, place) for e, place in told) < FAR
+
+
+@pytest.mark.cpu(5)
+def test_a_false_lock_does_not_move_it():
+    told = drive(URL, 8.0, f"{SEEN},lock=20")
+    fooled = [(s.estimate, place) for s, place in told
+              if hypot(s.external.newest.x - place[0], s.external.newest.y - place[1]) > 2.0]
+    in_room = [(e, place) for e, place in fooled if e.frame != START]
+    assert any(e.speed > 0.3 for e, _ in in_room), "no false lock: this would show nothing"
+    assert len(in_room) < len(fooled), "not locked from the first"
+    assert {e.tracking for e, _ in fooled} <= {Tracking.JUMPED, Tracking.DEAD_RECKONING}
+    assert max(off(e.pose, place) for e, place in in_room) < FAR
+
+
+@pytest.mark.more
+@pytest.mark.cpu(5)
+def test_a_clock_that_is_set_does_not_move_it():
+    told = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]
+    assert any(e.tracking is not Tracking.TRACKING for e, _ in told), "it was never set"
+    assert max(off(e.pose, place) for e, place in told) < FAR
+
+
+@pytest.mark.cpu(4)
+@pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
+def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
+    def worst():
+        told = drive(f"{URL}&fail={fault}", 4.0)
+        assert any(s.health.doubts for s, _ in told)
+        return max(off(s.estimate.pose, place) for s, place in told
+                   if s.health.doubts or s.t < 4.0)
+
+    assert worst() < FAR
+    monkeypatch.setattr(Telemetry, "_missed", lambda self, speed, std: 0.0)
+    assert worst() > FAR, "the doubt makes no difference"
+
+
+def test_ahead_it_goes_on_along_its_arc():
+    state = drive(URL, 3.0)[-1][0]
+    now = state.estimate
+    soon = now.at(state.t + 0.1)
+    assert soon.t == pytest.approx(state.t + 0.1)
+    assert hypot(soon.pose.x - now.pose.x, soon.pose.y - now.pose.y) == pytest.approx(
+        0.1 * now.speed)
+    assert soon.pose.yaw - now.pose.yaw == pytest.approx(0.1 * now.yaw_rate)
+    assert (np.diag(soon.cov) > np.diag(now.cov)).all()
+    assert np.linalg.eigvalsh(soon.cov)[0] > 0.0
+    assert now.at(state.t - 1.0) is now
+    assert now.at(state.t + 99.0).t == pytest.approx(state.t + 0.5)

@@ -1,0 +1,136 @@
+"""External poses of a marker, fused with the motion: where the axle is, and how sure that is."""
+
+from __future__ import annotations
+
+from math import cos, hypot, sin, tau
+
+import numpy as np
+import pytest
+
+from dart_hal.estimation import Odometry, PoseFilter, RoomEstimator
+from dart_hal.estimation.pose_model import Marker
+from dart_hal.estimation.room import UNKNOWN
+from dart_hal.types import ExternalPose, pose_cov
+
+FRAME, FIRST = 0.01, 700.0
+LX, LY, THETA, LATE = 0.1, -0.008, 0.02, 0.012
+KNOWN = Marker(LX, LY, THETA, LATE, (2e-4, 2e-4, 2e-4, 1e-3))
+PLACE = 1.0, -2.0, 2.5
+"""Of the room, where the car's start is."""
+
+
+def true(t):
+    """x, y, yaw of the axle in the frame of the start: a bent way at 1 m/s, after 2 s of rest."""
+    way = max(t - 2.0, 0.0)
+    return way, 0.3 * sin(way), np.arctan2(0.3 * cos(way), 1.0) if way else np.arctan2(0.3, 1.0)
+
+
+def speed(t):
+    return hypot(1.0, 0.3 * cos(t - 2.0)) if t > 2.0 else 0.0
+
+
+def in_room(pose):
+    x, y, yaw = pose
+    c, s = cos(PLACE[2]), sin(PLACE[2])
+    return PLACE[0] + c * x - s * y, PLACE[1] + s * x + c * y, yaw + PLACE[2]
+
+
+def seen(t, rng, std=0.005):
+    """The marker as it is measured at t [s], told LATE after it."""
+    x, y, yaw = in_room(true(t))
+    c, s = cos(yaw), sin(yaw)
+    noise = std * rng.standard_normal(3)
+    return ExternalPose(FIRST + t, t + LATE, x + LX * c - LY * s + noise[0],
+                        y + LX * s + LY * c + noise[1], yaw - THETA + noise[2],
+                        pose_cov(std, std))
+
+
+def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.005):
+    """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
+    rng, odometry, travel, out = np.random.default_rng(seed), Odometry(), 0.0, []
+    room, waiting = RoomEstimator(odometry, marker), []
+    for k in range(round(seconds / FRAME)):
+        t = k * FRAME
+        travel += speed(t - FRAME / 2) * FRAME
+        rate = (true(t - 0.009)[2] - true(t - 0.019)[2]) / 0.01
+        motion = odometry.update(t, travel, speed(t), rate + 4e-3 * rng.standard_normal(), t - 4e-3)
+        room.moved(t, odometry.pose, motion)
+        if k % every == 0 and (pose := told(t, seen(t, rng, std))) is not None:
+            waiting.append(pose)
+        while waiting and waiting[0].arrival <= t:
+            room.add(waiting.pop(0))
+        out.append((t, room.at(t)))
+    return out
+
+
+def error(external, t):
+    off = np.subtract((external.estimate.pose.x, external.estimate.pose.y,
+                       external.estimate.pose.yaw), in_room(true(t)))
+    off[2] -= tau * round(off[2] / tau)
+    return off
+
+
+def nees(external, t):
+    off = error(external, t)
+    return float(off @ np.linalg.solve(external.estimate.pose.cov, off))
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("marker", [KNOWN, UNKNOWN], ids=["known", "unknown"])
+def test_it_is_honest_about_the_axle(marker):
+    values = [nees(told, t) for seed in range(8) for t, told in drive(marker, 12.0, seed)
+              if t > 4.0]
+    assert 1.0 < np.mean(values) < 5.0
+
+
+@pytest.mark.cpu(3)
+def test_a_marker_that_is_elsewhere_than_it_is_said_is_not_honest():
+    """Control: the same poses, said to be those of the axle."""
+    values = [nees(told, t) for t, told in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
+    assert np.mean(values) > 30.0
+
+
+@pytest.mark.cpu(3)
+def test_half_a_second_without_poses_is_survived():
+    told = drive(KNOWN, 7.0, told=lambda t, pose: None if 5.0 < t < 5.5 else pose)
+    worst = max(hypot(*error(external, t)[:2]) for t, external in told if t > 4.0)
+    assert worst < 0.02
+    sure = {round(t, 2): np.trace(e.estimate.pose.cov[:2, :2]) for t, e in told if t > 4.0}
+    assert sure[5.5] > sure[5.3] > sure[5.15]
+    assert sure[6.5] < sure[5.5]
+
+
+@pytest.mark.cpu(4)
+def test_a_lock_while_it_drives_is_undone(monkeypatch):
+    held = []
+
+    def lock(t, pose):
+        held.append(pose) if t < 4.0 else None
+        last = held[-1]
+        return ExternalPose(pose.stamp, pose.arrival, last.x, last.y, last.yaw, last.cov)
+
+    def worst():
+        held.clear()
+        told = drive(KNOWN, 4.6, told=lock, every=1, std=0.03)
+        return max(nees(external, t) for t, external in told if t > 4.4)  # it is known by then
+
+    assert worst() < 11.3  # one honest estimate in a hundred is beyond
+    monkeypatch.setattr(PoseFilter, "forget", lambda self, age: None)
+    assert worst() > 11.3, "what the lock told is not undone, and it makes no difference"
+
+
+def test_before_the_first_pose_it_knows_no_place_in_the_room():
+    assert all(e.estimate is None for _, e in drive(KNOWN, 0.3, told=lambda t, pose: None))
+
+
+def test_poses_that_stand_from_the_first_are_no_place():
+    """A false lock that was there when the car was opened."""
+    first = []
+
+    def lock(t, pose):
+        first.append(pose)
+        return ExternalPose(pose.stamp, pose.arrival, first[0].x, first[0].y, first[0].yaw)
+
+    told = drive(KNOWN, 3.0, told=lock)
+    assert told[150][1].estimate is not None  # at rest nobody can tell
+    assert all(e.estimate is None for t, e in told if t > 2.6)
