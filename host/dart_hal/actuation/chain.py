@@ -79,7 +79,8 @@ class Actuator:
         self.watched = self._watching = False
         self._sending, self._sleep, self._opened = bus is not None, sleep, False
         self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame)
-        self._quantisers = tuple(Quantiser(self.pca.count_us) for _ in range(2))
+        self._quantisers = tuple(Quantiser(self.pca.count_us, car.pwm.error_feedback)
+                                 for _ in range(2))
         self._trips: list[str] = []
         self._lapsed: Command | Pulses | None = None
         self._checked_at = self._tried_at = -math.inf

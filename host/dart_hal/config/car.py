@@ -66,7 +66,8 @@ class Pwm(Table, frozen=True, kw_only=True):
 
     ``oscillator_hz``: measured by hand with a scope or logic analyser; the
     value in calibration.toml wins. ``clock_channel``: the spare channel wired
-    to the Nano's D8, which can measure the clock.
+    to the Nano's D8, which can measure the clock. ``error_feedback``: what a pulse
+    is off by, as counts are whole, is made up for in the next frames.
     """
 
     address: int = 0x40
@@ -74,6 +75,7 @@ class Pwm(Table, frozen=True, kw_only=True):
     frequency: float = 50.0
     oscillator_hz: Quantity | None = None
     clock_channel: int = 15
+    error_feedback: bool = True
 
 
 class Encoder(Table, frozen=True, kw_only=True):
