@@ -28,7 +28,7 @@ from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles, left_aside, load_car, parse_car
-from dart_hal.control.speed import SpeedLoop
+from dart_hal.control.loop import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import PoseSource
@@ -232,8 +232,9 @@ class Car(Arming, Shown):
                     source: str = "user") -> Applied:
         """Command steering [rad] and a speed [m/s] held by the built-in loop.
 
-        Feed-forward from model.toml (else the paper's model) and a PI part, whose
-        integral is forgotten at a stop and when commands expired. While the speed is
+        Feed-forward from model.toml (else the paper's model) and a PI part, tuned from how
+        late the car answers; its integral is forgotten at a stop and when commands expired.
+        Where rolling out is too slow, the ESC's brake is pulled; 0 is neutral. While the speed is
         doubted (``health.speed_doubted``) the feed-forward alone drives, at most
         [limits] encoder_lost_throttle: ENCODER_DOUBTED. Beyond [limits] max_speed:
         RANGE. Backward after forward, the ESC is braked first: REVERSING. Raises as ``drive``.

@@ -86,10 +86,19 @@ class ImuCalibration(Table, frozen=True, kw_only=True):
 
 
 class LatencyCalibration(Table, frozen=True, kw_only=True):
-    """Delays [s] of the loop."""
+    """Delays [s] of the loop, and the first-order lags behind them.
+
+    command_to_pulse: to the end of the first pulse that carries a command, mean;
+    pulse_to_wheel, pulse_to_wheel_lag: from there to the force of the motor;
+    pulse_to_yaw, pulse_to_yaw_lag: to the road wheels, by the yaw rate;
+    sensor_to_host: from the instant of a sample to the arrival of its State.
+    """
 
     command_to_pulse: Quantity | None = None
     pulse_to_wheel: Quantity | None = None
+    pulse_to_wheel_lag: Quantity | None = None
+    pulse_to_yaw: Quantity | None = None
+    pulse_to_yaw_lag: Quantity | None = None
     sensor_to_host: Quantity | None = None
 
 
@@ -150,6 +159,7 @@ QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
               "throttle.saturation_us", "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
+              "latency.pulse_to_wheel_lag", "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag",
               "latency.sensor_to_host")
 """Names of the measured quantities, as the verbs print them."""
 
