@@ -33,6 +33,8 @@ class Steering(Table, frozen=True, kw_only=True):
     """The servo: pulse = center_us + direction x span_us x command, command +1 = full left.
 
     ``follow_disarmed``: the servo obeys commands while the car is disarmed.
+    ``take_up_backlash``: pulses go half the measured backlash further in the direction in
+    which the wheels have to move.
     """
 
     channel: int = 0
@@ -40,6 +42,7 @@ class Steering(Table, frozen=True, kw_only=True):
     span_us: float = 375.0
     direction: Literal[-1, 1] = 1
     follow_disarmed: bool = False
+    take_up_backlash: bool = False
 
 
 class Throttle(Table, frozen=True, kw_only=True):
