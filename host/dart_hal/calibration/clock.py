@@ -43,7 +43,7 @@ CHANGED = 1e-3
 class ClockCar(AskingCar, WatchedCar, Protocol):
     """What the procedure needs of a Car."""
 
-    def clock_pulse(self, on: bool) -> None: ...
+    def clock_pulse(self, on: bool, longer_us: float = ...) -> float: ...
 
 
 def plan(files: CarFiles) -> str:

@@ -18,7 +18,9 @@ from .result import number
 UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
     "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
-    "imu.mount_pitch": "rad", "imu.mount_roll": "rad",
+    "imu.mount_pitch": "rad", "imu.mount_roll": "rad", "latency.command_to_pulse": "s",
+    "latency.pulse_to_wheel": "s", "latency.pulse_to_wheel_lag": "s", "latency.pulse_to_yaw": "s",
+    "latency.pulse_to_yaw_lag": "s", "latency.sensor_to_host": "s", "steering.slew_us_s": "us/s",
 }
 """Of the quantities that these procedures measure."""
 

@@ -73,7 +73,7 @@ class Runner:
             start = state.t if start is None else start
             seen.append(state)
             if state.health.speed_doubted:
-                raise _doubted(state)
+                raise doubted(state)
             throttle = self._law.throttle(speed, state.speed, dt)
             self._car.pulses(steering_us=steering_us,
                              throttle_us=self._neutral + self._span * throttle)
@@ -93,7 +93,7 @@ class Runner:
             seen += self.hold(0.5, steering_us, speed)
             if check_pull(seen, speed, bias) and seen[-1].t - seen[0].t > 2.0:
                 break
-        _check_turning(seen[-40:], bias, left)
+        check_turning(seen[-40:], bias, left)
         return seen
 
 
@@ -122,7 +122,7 @@ def yaw_rates(states: list[State]) -> list[float]:
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
 
 
-def _doubted(state: State) -> CalibrationFailed:
+def doubted(state: State) -> CalibrationFailed:
     return CalibrationFailed(
         "the encoder does not count what the car drives",
         found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
@@ -149,7 +149,7 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
         remedy="switch the ESC on, put the car on the floor, run dart-hal doctor")
 
 
-def _check_turning(recent: list[State], bias: float, left: bool) -> None:
+def check_turning(recent: list[State], bias: float, left: bool) -> None:
     rates = yaw_rates(recent)
     if any(Doubt.IMU_DISAGREES.value in s.health.doubts for s in recent):
         raise _wrong_way(left, "the other way", Doubt.IMU_DISAGREES.value)

@@ -325,15 +325,17 @@ class Car(Arming, Shown):
         with self._engine.lock:
             return self._engine.receiver.taken(name)
 
-    def clock_pulse(self, on: bool) -> None:
-        """A pulse on the PCA9685's spare channel, by which its clock is measured. Raises BusError.
+    def clock_pulse(self, on: bool, longer_us: float = 0.0) -> float:
+        """A pulse on the PCA9685's spare channel, by which its clock is measured, ``longer_us``
+        than usual; returns when it was written [s]. Raises BusError.
 
         Where a cut-off is watched the pulse is there all the time, and stays.
         """
         with self._engine.lock:
-            actuator = self._engine.driver.actuator
-            if not actuator.watched:
-                actuator.clock_pulse(WATCH_PULSE_US if on else None)
+            actuator, now = self._engine.driver.actuator, self._engine.now
+            there = on or actuator.watched
+            actuator.clock_pulse(WATCH_PULSE_US + max(longer_us, 0.0) if there else None)
+            return now
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""

@@ -13,7 +13,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.bench import agreed, say_where_used
-from dart_hal.cli.calibrate_measured import clock, encoder, imu
+from dart_hal.cli.calibrate_measured import clock, encoder, imu, latency
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.session import opened
@@ -33,6 +33,7 @@ def command() -> None:
 command.add_command(clock)
 command.add_command(encoder)
 command.add_command(imu)
+command.add_command(latency)
 
 
 @command.command("steering")

@@ -51,11 +51,13 @@ class PaperForm(Table, frozen=True, kw_only=True):
 
 
 class SteeringCalibration(Table, frozen=True, kw_only=True):
-    """The map, its paper form, backlash [rad] and the fit's residual [rad]."""
+    """The map, its paper form, backlash [rad], slew of the servo [us of pulse per s], and the
+    fit's residual [rad]."""
 
     map: SteeringTable | None = None
     paper_form: PaperForm | None = None
     backlash: Quantity | None = None
+    slew_us_s: Quantity | None = None
     residual_rms_rad: float | None = None
 
 
@@ -154,7 +156,7 @@ class Calibration(Table, frozen=True, kw_only=True):
 
 
 TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency")
-QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
+QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
               "throttle.saturation_us", "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
