@@ -1,10 +1,11 @@
 """How often the 90 % intervals of the measuring procedures hold the hidden truth.
 
     python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu]
-        [esc] [throttle] [circle] [mocap]
+        [esc] [throttle] [circle] [latency] [mocap]
 
-Slow (1 to 10 s a car and verb). Prints one row per quantity: how many intervals
-hold it, rms of error by standard error, worst error. The clock's intervals are wide
+Slow (1 to 10 s a car and verb). Each car of the latency has a delay and a lag of its motor drawn
+from its seed, and its steering is calibrated before. Prints one row per quantity: how many
+intervals hold it, rms of error by standard error, worst error. The clock's intervals are wide
 here: the crystal of a simulated host has no error.
 """
 

@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 import msgspec
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.quantiser import counter_of
 from dart_hal.config import (
     CarFiles,
     PaperForm,
@@ -66,9 +66,7 @@ WAIVED_BY_RAW = {
 def plan(files: CarFiles, *, levels: int = LEVELS,
          speeds: tuple[float, float] = SPEEDS) -> Plan:
     """What ``calibrate_steering`` will do with this car: time, floor, speed."""
-    steering, pwm = files.config.steering, files.config.pwm
-    oscillator = files.oscillator_hz
-    count = count_us(prescale_for(pwm.frequency), oscillator.value if oscillator else NOMINAL_HZ)
+    steering, count = files.config.steering, counter_of(files)[1]
     steps = make_steps(center_us=steering.center_us, span_us=steering.span_us,
                        direction=steering.direction, count=count, levels=levels, speeds=speeds)
     return make_plan(steps, files.config.geometry.wheelbase)
