@@ -185,7 +185,8 @@ def _wrong_way(left: bool, answer: str, found: str) -> CalibrationFailed:
     return CalibrationFailed(
         f"a command to the {'left' if left else 'right'} gives a yaw rate {answer}", found=found,
         expected="left commands give positive yaw rates",
-        likely="the servo's direction is reversed, or the IMU is mounted upside down "
-               "(push the car to the left by hand: the yaw rate must be positive)",
+        likely="the servo's direction is reversed, the IMU is mounted upside down (push the car to "
+               "the left by hand: the yaw rate must be positive), or the car drove backward",
         remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
-               "turn the right way: mount_roll = 3.1416 under [imu]")
+               "turn the right way: mount_roll = 3.1416 under [imu]; backward: swap the two leads "
+               "of the motor")
