@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.latency_pulse import Grid, unseen_grid
@@ -25,7 +26,7 @@ def measured(url, tmp_path, begin=lambda backend: None):
     begin(backend)
     with Car.over(backend, cars=tmp_path) as car:
         try:
-            return car.files, calibrate_latency(car)
+            return car.files, calibrate_latency(car, backend.workshop)
         finally:
             assert car.mode != "RAW"
             assert not list(tmp_path.rglob("calibration.toml"))
@@ -60,37 +61,76 @@ def test_without_the_wire_the_wait_is_derived_and_said(tmp_path):
 
 
 @pytest.mark.more
-@pytest.mark.parametrize(("more", "why"), [
-    ("&fail=enc:off@0s", "does not count|does not move"),
-    ("&fail=enc:off@20s", "does not count|does not follow")])
-def test_a_missing_encoder_is_named(tmp_path, more, why):
-    with pytest.raises(CalibrationFailed, match=why):
-        measured(f"{URL}2{more}", tmp_path)
+@pytest.mark.parametrize(("fail", "why"), [
+    pytest.param(fail, why, id=fail) for fail, why in (
+        ("enc:off@0", "encoder does not count"), ("enc:off@24", "encoder does not count"),
+        ("wheel:stuck@0", "a wheel is blocked"), ("wheel:stuck@24", "a wheel is blocked"),
+        ("esc:off@0", "motor does not answer"), ("esc:off@24", "motor does not answer"),
+        ("esc:wrong@0", "gives a yaw rate"))])
+def test_what_is_wrong_is_named_and_the_pin_is_at_neutral(tmp_path, fail, why):
+    watched = Watched(f"{URL}2&fail={fail}", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed, match=why):
+        watched.run(calibrate_latency, watched.backend.workshop)
+    assert watched.pulled_after(watched.world.t) < -0.4
+    assert not list(tmp_path.rglob("calibration.toml"))
 
 
 @pytest.mark.more
-def test_a_blocked_wheel_is_named(tmp_path):
-    def hold(backend):
-        world = world_of(backend)
-        plain = world.motion.step
-
-        def stuck(*given):
-            felt = plain(*given)
-            world.motion.v_x = 0.0
-            return felt._replace(v_x=0.0, a_x=0.0)
-        world.motion.step = stuck
-
-    with pytest.raises(CalibrationFailed, match=r"does not move|does not count"):
-        measured(f"{URL}2", tmp_path, hold)
-
-
-@pytest.mark.more
-def test_steering_that_answers_the_other_way_is_noticed(tmp_path):
+@pytest.mark.parametrize(("table", "line"), [("steering", "direction = -1"),
+                                             ("imu", "mount_roll = 3.1416")])
+def test_wrong_wiring_is_noticed(tmp_path, table, line):
     def turn_round(backend):
-        backend.car_toml = backend.car_toml.replace("[steering]", "[steering]\ndirection = -1")
+        text = backend.car_toml
+        text += "" if f"[{table}]" in text else f"\n[{table}]\n"
+        backend.car_toml = text.replace(f"[{table}]", f"[{table}]\n{line}")
 
     with pytest.raises(CalibrationFailed, match=r"the right|the other way"):
         measured(f"{URL}2", tmp_path, turn_round)
+
+
+@pytest.mark.more
+def test_an_encoder_that_dies_under_a_held_pulse_is_neutral_within_300_ms(tmp_path):
+    """The steps of the throttle are held by no speed loop, which could see it."""
+    watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed):
+        watched.run(calibrate_latency, _Absent())
+    assert watched.pulled_after(24.0) <= 0.3
+
+
+@pytest.mark.more
+def test_control_believed_the_dead_encoder_would_pull_on(tmp_path, monkeypatch):
+    watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
+    watched.car._engine.telemetry.encoder.judge = lambda *_: None
+    with watched.car, pytest.raises(CalibrationFailed):
+        watched.run(calibrate_latency, _Absent())
+    assert watched.pulled_after(24.0) > 1.0
+
+
+class _Absent:
+    """Nobody is there to turn a wheel: it is not asked for, or the procedure ends."""
+
+    def push(self) -> bool:
+        raise CalibrationFailed("nobody is there")
+
+
+@pytest.mark.more
+def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
+    watched = Watched(f"{URL}2", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.6, calibrate_latency,
+                         watched.backend.workshop)
+    assert watched.pulled_after(when) < FRAMES
+    assert watched.car.mode == "DISARMED"
+    watched.car.close()
+
+
+@pytest.mark.more
+def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
+    without_stop(monkeypatch)
+    watched = Watched(f"{URL}2", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.6, calibrate_latency,
+                         watched.backend.workshop)
+    assert watched.pulled_after(when) > 0.15
+    watched.car.close()
 
 
 def test_of_two_writes_within_a_frame_the_second_counts():

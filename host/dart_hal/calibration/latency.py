@@ -1,8 +1,9 @@
 """``calibrate latency``: how late each part of the loop answers, in seconds of the car's clock.
 
-Standing, the Nano times pulses of the spare channel: command to pulse. In a wide bend the throttle
-steps up and down: pulse to the force of the wheels. Slowly, the steering goes to and fro: pulse to
-the road wheels, and the servo's slew. All the while, how old a State is when it arrives.
+Standing, the Nano times pulses of the spare channel: command to pulse. In a circle the throttle
+steps up and down: pulse to the force of the wheels. Slowly, the steering goes to and fro on the
+left: pulse to the road wheels, and the servo's slew. All the while, how old a State is when it
+arrives.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ import numpy as np
 from dart_hal.actuation.quantiser import counter_of
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.config.quantity import Quantities
+from dart_hal.ports import Workshop
 from dart_hal.types import FloatArray, State
 
 from .asking import Ask, Progress, agree, begin, silent
+from .by_hand import naming
 from .latency_log import Traffic, TrafficLog
 from .latency_pulse import TRIALS, WAIT, Grid, PulseCar, measured_grid
 from .latency_wheel import Pull, fit_wheel
@@ -28,13 +31,15 @@ from .steering import standing_bias
 
 REPEATS = 12
 STANDING = 3.0
-BEND, CRUISE = 0.3, 0.9
-"""Of the steering command, a radius of 1.5 m; m/s in it."""
+RADIUS, CRUISE = 1.1, 0.9
+"""m of the circle, m/s in it."""
 UP, DOWN = 0.12, 0.04
 """Of throttle above and below what holds the speed: 1.8 m/s2 and half of rolling out."""
 UP_FOR, DOWN_FOR = 0.25, 0.55
-LEFT, RIGHT, SLOWLY = 0.7, -0.3, 0.5
-"""Of the steering command to and fro, which leaves a bend to the left, and m/s."""
+LEFT, RIGHT, SLOWLY = 0.9, -0.1, 0.5
+"""Of the steering command to and fro, which is a bend to the left inside that circle, and m/s."""
+FLOOR = (4.0, 4.0)
+"""m: the circle, what slip and a map that nobody measured widen it by, and the car."""
 LEFT_FOR, RIGHT_FOR = 0.5, 0.4
 VARIED = (0.0, 0.02, 0.01, 0.03)
 """s by which the steps of a repetition last longer, so that they meet all phases of the frames."""
@@ -45,31 +50,31 @@ LOST = 0.3e-3
 def plan(files: CarFiles) -> str:
     """What is coming, in one sentence: purpose, time, space, tools."""
     seconds = TRIALS * (WAIT + 0.2) + 2 * REPEATS * 0.95 + 12.0
-    return (f"stands {TRIALS * (WAIT + 0.2):.0f} s, then drives bends of 1.5 m radius with "
-            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s), then a slow slalom to the left "
-            f"with {REPEATS} steps of the steering, to measure how late the car answers: about "
-            f"{seconds:.0f} s, a free circle of 4.5 m radius around it, no tools; a wire from "
-            f"channel {files.config.pwm.clock_channel} to the Nano's D8 shows the pulses")
+    return (f"stands {TRIALS * (WAIT + 0.2):.0f} s, then circles to the left on {RADIUS:g} m with "
+            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with {REPEATS} steps of "
+            f"the steering, to measure how late the car answers: about {seconds:.0f} s, a floor of "
+            f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
+            f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses")
 
 
-def calibrate_latency(car: PulseCar, *, progress: Progress = silent, ask: Ask = agree,
-                      source: str = "") -> Measured:
+def calibrate_latency(car: PulseCar, workshop: Workshop, *, progress: Progress = silent,
+                      ask: Ask = agree, source: str = "") -> Measured:
     """Measure delays and lags [s]; nothing is written (``measured.write``).
 
-    The car is left stopped, also on Ctrl-C. Errors: CalibrationFailed (with the likely cause),
-    LinkLost, NotArmed.
+    ``workshop`` turns a wheel where no motion is seen, so that it is known why. The car is left
+    stopped, also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     files = car.files
     begin(ask, plan(files))
     log = TrafficLog(car)
     edges, metres = files.config.encoder.edges_per_rev, files.metres_per_edge.value
     try:
-        with car.raw():
+        with naming(car, workshop), car.raw():
             progress(0.0, "timing pulses")
             grid = measured_grid(car, log)
             standing = log.take()
             progress(0.2, "steps of the throttle")
-            bias = standing_bias(Runner(car).hold(STANDING, _pulse(files, BEND), 0.0)).value
+            bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
             pulled, at = _pull(car, log, bias)
             progress(0.6, "steps of the steering")
             turned, turns = _turn(car, log)
@@ -79,7 +84,7 @@ def calibrate_latency(car: PulseCar, *, progress: Progress = silent, ask: Ask = 
     throttle = files.neutral_us, files.config.throttle.span_us
     pull = fit_wheel(grid, pulled, at, throttle, metres, edges)
     turning = fit_yaw(grid, turned, turns, linkage_of(files), SLOWLY, metres, edges)
-    seconds = sum(np.ptp(part.column("t")) for part in (standing, pulled, turned))
+    seconds = turned.column("t")[-1] - standing.column("t")[0]
     return Measured(files.config.name, source or files.config.name, "latency",
                     _quantities(grid, pull, turning, standing),
                     f"edges {1e3 * pull.left:.2f} mm and yaw rate {turning.left:.4f} rad/s off the "
@@ -132,15 +137,21 @@ def _pulse(files: CarFiles, command: float) -> float:
     return _whole(files, steering.center_us + steering.span_us * steering.direction * command)
 
 
+def _circle(files: CarFiles) -> float:
+    """Steering pulse [us] of the circle to the left, by the car's map."""
+    return _whole(files, linkage_of(files).map.pulse(
+        math.atan(files.config.geometry.wheelbase / RADIUS)))
+
+
 def _whole(files: CarFiles, pulse_us: float) -> float:
     count = counter_of(files)[1]
     return round(pulse_us / count) * count
 
 
 def _pull(car: PulseCar, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
-    """Steps of the throttle in a bend; when each began [s]."""
+    """Steps of the throttle in a circle; when each began [s]."""
     files, runner = car.files, Runner(car)
-    bend = _pulse(files, BEND)
+    bend = _circle(files)
     runner.start_moving(bend, CRUISE, bias, True)
     runner.hold(1.0, bend, CRUISE)
     log.take()

@@ -13,6 +13,7 @@ Backlash and tyres delay a turn as well. They come from the car's files where th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,6 +47,8 @@ SLEW_STD = 0.015
 """Relative, one sigma that the shape of the map leaves in the slew."""
 WEAK = 0.3
 """rad/s by which the yaw rate must change."""
+TURNS = 20
+"""Of the ring, at least; at 0.5 m/s it turns 12 times a second."""
 LAG, RATE, PLAY, GRIP = range(4)
 
 
@@ -110,11 +113,14 @@ def fit_yaw(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, 
     at, to, before = ends[turned], widths[turned], widths[turned - 1]
     seen = -np.expm1(-2.0 * np.pi * GYRO_HZ * DT)
     v = rolled(traffic, metres, edges_per_rev, yaw_t)
+    knots = np.linspace(min(to.min(), before.min()), max(to.max(), before.max()), 200)
+    curve = knots, np.array([linkage.map.angle(float(k)) for k in knots])
+    tyres = lru_cache(maxsize=8)(lambda grip: _tyres(linkage.vehicle, grip, speed))
 
     def residual(x: FloatArray) -> FloatArray:
         p, own = x[:4], x[4:]
-        share = _share(t, at + own, before, to, p, linkage.map)
-        b, a = _tyres(linkage.vehicle, max(float(p[GRIP]), 0.1), speed)
+        share = _share(t, at + own, before, to, p, curve)
+        b, a = tyres(max(float(p[GRIP]), 0.1))
         turning = lfilter([seen], [1.0, seen - 1.0], lfilter(b, a, share))
         followed = np.interp(yaw_t - SAMPLED, t, turning)
         columns = np.column_stack([v, v * followed, np.ones_like(v)])
@@ -147,9 +153,18 @@ def _turning(fit: Fit, n: int) -> Turning:
 
 
 def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
-    """Speed [m/s] at t, over whole turns of the ring, whatever its spacing."""
+    """Speed [m/s] at t, over whole turns of the ring, whatever its spacing.
+
+    Errors: CalibrationFailed where the ring hardly turned.
+    """
     edge_t, ticks = traffic.column("edge_t"), traffic.column("ticks")
     fresh = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
+    if len(fresh) < TURNS * edges_per_rev:
+        raise CalibrationFailed(
+            "the encoder does not count what the car drives",
+            found=f"{len(fresh)} edges in {np.ptp(traffic.column('t')):.0f} s",
+            expected=f"more than {TURNS * edges_per_rev}", likely="unplugged half way",
+            remedy="turn a wheel by hand and watch dart-hal doctor")
     place, per_turn = ticks[fresh] * metres, edges_per_rev * metres
     behind = np.interp(place - 0.5 * per_turn, place, edge_t[fresh])
     ahead = np.interp(place + 0.5 * per_turn, place, edge_t[fresh])
@@ -158,9 +173,10 @@ def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -
 
 
 def _share(t: FloatArray, at: FloatArray, before: FloatArray, to: FloatArray, p: FloatArray,
-           curve: SteeringMap) -> FloatArray:
+           curve: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Where the wheels are at t (n,), as a share 0..1 of the way between the two pulses.
 
+    curve: pulses [us] and their angles [rad] by the map.
     The wheels lie at one flank of the slot after a turn, and wait for the other after the next.
     """
     step = np.maximum(np.searchsorted(at, t, side="right") - 1, 0)
@@ -169,10 +185,8 @@ def _share(t: FloatArray, at: FloatArray, before: FloatArray, to: FloatArray, p:
     lag = max(float(p[LAG]), 1e-6)
     gone = np.minimum(p[RATE] * since, -way * np.expm1(-since / lag))
     pulse = before[step] + np.sign(to - before)[step] * gone
-    knots = np.linspace(min(to.min(), before.min()), max(to.max(), before.max()), 200)
-    angle = np.interp(pulse, knots, [curve.angle(float(k)) for k in knots])
-    start, end = (np.interp(x[step], knots, [curve.angle(float(k)) for k in knots])
-                  for x in (before, to))
+    angle = np.interp(pulse, *curve)
+    start, end = (np.interp(x, *curve)[step] for x in (before, to))
     up, half = np.sign(end - start), 0.5 * abs(p[PLAY])
     wheels = up * np.maximum(up * angle - half, up * start + half)
     low, high = float(np.min(wheels)), float(np.max(wheels))

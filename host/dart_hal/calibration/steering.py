@@ -268,7 +268,7 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
         map=table, paper_form=PaperForm(**{k: round(v, 6) for k, v in result.paper_form.items()}),
         backlash=None if backlash is None else Quantity(backlash.value, backlash.std,
                                                         "difference of the two approaches"),
-        residual_rms_rad=result.residual_rms)
+        slew_us_s=old.steering.slew_us_s, residual_rms_rad=result.residual_rms)
     now = datetime.now(timezone.utc).replace(microsecond=0)
     provenance = {**old.provenance, "when": now,
                   "steering": {"when": now, "source": str(result.source), "n": result.n,

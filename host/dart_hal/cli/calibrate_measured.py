@@ -115,12 +115,12 @@ def latency(url: str | None, car_name: str, cars: Path | None, dry_run: bool, ye
             as_json: bool) -> None:
     """How late the car answers: command to pulse, pulse to wheels, sensor to host.
 
-    The car stands while the Nano times pulses (by the wire to its D8), then drives
-    bends with steps of the throttle, and of the steering. drive_speed is tuned by
+    The car stands while the Nano times pulses (by the wire to its D8), then circles
+    to the left with steps of the throttle, and of the steering. drive_speed is tuned by
     what comes out. Measure clock, encoder and steering first.
     """
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
-        return calibrate_latency(car, progress=progress, ask=ask, source=car.url)
+        return calibrate_latency(car, workshop, progress=progress, ask=ask, source=car.url)
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
