@@ -3,8 +3,9 @@
     python -m tests.control.speed_figures --seeds 30 [--first 1] [--lag 0 0.084] [--plot PNG]
 
 Three drives a car: a step from rest, a sine of 0.5 Hz between 0.5 and 2.5 m/s, forward and
-back. Each on a car without a model.toml and on one whose model was identified: the truth with
-errors of an identification, drawn from the seed. Some seconds a car.
+back. Each on a car of which nothing is known, on one that ``calibrate all`` has measured, and on
+one whose model was identified as well: the truth with errors of an identification. Some seconds a
+car.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace as replace_table
+from tests.calibration.hidden_errors import holding_pulse, true_sensors
 
 from dart_hal.car import Car
-from dart_hal.config import Calibration, Quantity, save_calibration, save_model
+from dart_hal.config import Calibration, DriveTable, Quantity, save_calibration, save_model
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.file import model_of
@@ -30,6 +33,13 @@ STEP, SINE, THERE = 1.0, (1.5, 1.0, 0.5), 0.8
 """m/s; mean and amplitude [m/s], Hz; m/s forward, 0.5 back."""
 BACK = -0.5
 LAGS = (0.0, 0.084)
+KNOWN = ("nothing", "calibrated", "model")
+"""Of the car: no file, calibration.toml, or model.toml and the neutral."""
+CALIBRATED = {"throttle.deadband_forward_us": 0.3, "throttle.saturation_us": 2.0,
+              "latency.pulse_to_wheel": 0.0015, "latency.pulse_to_wheel_lag": 0.002}
+"""Standard errors of what the loop takes of a calibration."""
+DRIVEN, DRIVEN_STD = (0.3, 0.5, 0.75, 1.0), 0.3
+"""m/s that fit into 4 m, and us."""
 
 Reference = Callable[[float], float]
 
@@ -82,24 +92,34 @@ def identified(backend: Backend, seed: int, lag: float) -> Vehicle:
         throttle_s=late(0.0), throttle_lag_s=late(lag), steering_s=late(car.servo.delay)))
 
 
-def write_files(backend: Backend, seed: int, lag: float, cars: Path) -> None:
-    """calibration.toml with the ESC's neutral, model.toml as identified."""
+def write_files(backend: Backend, seed: int, lag: float, known: str, cars: Path) -> None:
+    """calibration.toml with the ESC's neutral; what else is ``known``: model.toml as identified, or
+    what ``calibrate all`` measures on 4 m of floor."""
     car, folder = world_of(backend).car, cars / f"sim-{seed}"
     rng = np.random.default_rng([seed, 78])
     neutral = Quantity(car.esc.neutral_us + NEUTRAL_STD * float(rng.normal()), NEUTRAL_STD)
-    save_calibration(Calibration(car=folder.name).with_quantities(
-        {"throttle.neutral_us": neutral}), folder)
-    save_model(model_of(identified(backend, seed, lag)), folder / "model.toml")
+    measured = {"throttle.neutral_us": neutral}
+    table = None
+    if known == "calibrated":
+        true = true_sensors(hidden_url(seed, lag))
+        measured |= {name: Quantity(true[name] + std * float(rng.normal()), std)
+                     for name, std in CALIBRATED.items()}
+        table = DriveTable(speed=DRIVEN, std_us=(DRIVEN_STD,) * len(DRIVEN), pulse_us=tuple(
+            holding_pulse(seed, v) + DRIVEN_STD * float(rng.normal()) for v in DRIVEN))
+    cal = Calibration(car=folder.name).with_quantities(measured)
+    save_calibration(replace_table(cal, throttle=replace_table(cal.throttle, drive=table)), folder)
+    if known == "model":
+        save_model(model_of(identified(backend, seed, lag)), folder / "model.toml")
 
 
-def driven(seed: int, lag: float, model: bool, reference: Reference, seconds: float,
+def driven(seed: int, lag: float, known: str, reference: Reference, seconds: float,
            steering: float = 0.15, waits: float = 0.0) -> Driven:
     """One drive of a hidden car; ``waits`` s at reference(0) come before t = 0."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        if model:
+        if known != "nothing":
             backend = open_backend(hidden_url(seed, lag))
-            write_files(backend, seed, lag, Path(folder))
+            write_files(backend, seed, lag, known, Path(folder))
             backend.close()
         backend = open_backend(hidden_url(seed, lag))
         with Car.over(backend, cars=folder) as car:
@@ -123,11 +143,11 @@ def settling(drive: Driven, target: float, part: float = 0.05) -> float:
     return float(drive.t[min(away[-1] + 1, len(drive.t) - 1)]) if len(away) else 0.0
 
 
-def figures(seed: int, lag: float, model: bool) -> dict[str, float]:
+def figures(seed: int, lag: float, known: str) -> dict[str, float]:
     """Settling [s], overshoot [-], rms on the sine [m/s], s to reverse and to go forward."""
-    up = driven(seed, lag, model, step, 2.5)
-    wave = driven(seed, lag, model, sine, 6.0, waits=2.0)
-    turn = driven(seed, lag, model, there_and_back, 6.5)
+    up = driven(seed, lag, known, step, 2.5)
+    wave = driven(seed, lag, known, sine, 6.0, waits=2.0)
+    turn = driven(seed, lag, known, there_and_back, 6.5)
     follows = wave.t > 0.0
     back = (turn.t > 2.0) & (turn.t < 4.5)
     reversed_at = turn.t[back & (turn.speed < 0.9 * BACK)]
@@ -151,11 +171,11 @@ def plot(seeds: range, lags: list[float], path: Path) -> None:
                                 layout="constrained")
     for row, lag in zip(axes, lags, strict=True):
         for axis, (reference, seconds, waits, title) in zip(row, drives, strict=True):
-            for model, colour in ((False, "tab:orange"), (True, "tab:blue")):
+            for known, colour in zip(KNOWN, ("tab:orange", "tab:green", "tab:blue"), strict=True):
                 for seed in seeds:
-                    drive = driven(seed, lag, model, reference, seconds, waits=waits)
+                    drive = driven(seed, lag, known, reference, seconds, waits=waits)
                     axis.plot(drive.t, drive.speed, color=colour, lw=0.8, alpha=0.8, label=(
-                        None if seed > seeds[0] else "own model" if model else "no model"))
+                        known if seed == seeds[0] else None))
             axis.plot(drive.t, drive.reference, "k--", lw=0.8, label="asked for")
             axis.set_title(f"{title}, lag of the motor {1e3 * lag:.0f} ms", fontsize=9)
             axis.set_xlabel("s", fontsize=8)
@@ -172,16 +192,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--lag", type=float, nargs="*", default=list(LAGS))
+    parser.add_argument("--known", nargs="*", choices=KNOWN, default=list(KNOWN))
     parser.add_argument("--plot", type=Path)
     given = parser.parse_args()
     if given.plot:
         plot(range(given.first, given.first + given.seeds), given.lag, given.plot)
         return
     for lag in given.lag:
-        for model in (True, False):
-            rows = [figures(seed, lag, model)
+        for known in given.known:
+            rows = [figures(seed, lag, known)
                     for seed in range(given.first, given.first + given.seeds)]
-            print(f"lag {lag:.3f} s, {'own model' if model else 'no model'}, {len(rows)} cars")
+            print(f"lag {lag:.3f} s, {known}, {len(rows)} cars")
             for name in rows[0]:
                 values = np.array([row[name] for row in rows])
                 print(f"  {name:10s} median {np.median(values):.3f}, 90 % "

@@ -22,7 +22,7 @@ LATE = 0.084
     pytest.param(range(1, 31), LATE, marks=pytest.mark.slow)])
 def test_hidden_cars_with_a_model(seeds, lag):
     for seed in seeds:
-        found = figures(seed, lag, model=True)
+        found = figures(seed, lag, known="model")
         assert found["settling"] <= 0.5, (seed, found)
         assert found["overshoot"] <= 0.05, (seed, found)
         assert found["sine"] <= 0.03, (seed, found)
@@ -38,24 +38,24 @@ def test_control_a_lag_that_the_model_does_not_know_overshoots(monkeypatch):
         return replace(plain(backend, seed, lag), delay=Delay(throttle_lag_s=1e-4))
 
     monkeypatch.setattr(speed_figures, "identified", unaware)
-    assert driven(2, LATE, True, step, 1.5).speed.max() > 1.15 * STEP
+    assert driven(2, LATE, "model", step, 1.5).speed.max() > 1.15 * STEP
 
 
 @pytest.mark.more
 def test_without_a_model_nothing_is_worse_than_a_softer_loop():
     """Figures of the loop before it was tuned: 0.41 s, 3 %, 0.34 m/s; with a lag 21 %."""
-    found = figures(3, 0.0, model=False)
+    found = figures(3, 0.0, known="nothing")
     assert found["settling"] < 0.45
     assert found["overshoot"] < 0.05
     assert found["sine"] < 0.05
-    assert figures(3, LATE, model=False)["overshoot"] < 0.2
+    assert figures(3, LATE, known="nothing")["overshoot"] < 0.2
 
 
 @pytest.mark.more
 @pytest.mark.parametrize("seed", [1, 8])
 def test_a_sine_is_in_time(seed):
     """Neither late nor early by more than 5 ms: what is asked for is taken ahead."""
-    drive = driven(seed, LATE, True, sine, 4.0, waits=1.0)
+    drive = driven(seed, LATE, "model", sine, 4.0, waits=1.0)
     shifts = np.arange(-30, 31)
     kept = slice(150, -50)
     errors = [np.std(drive.speed[kept] - np.roll(drive.reference, k)[kept]) for k in shifts]
