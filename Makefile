@@ -6,7 +6,7 @@ ARGS ?=
 export PYTHONDONTWRITEBYTECODE := # else each process compiles every file again
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign docs guide firmware native hardware clean
+.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign coverage docs guide firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -53,6 +53,9 @@ bench: $(VENV)/.dev toolchain ## every figure of docs/results/benchmarks.md, mea
 
 campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (some hours)
 	@$(BIN)/python tests/hidden/campaign.py --picture docs/pictures/diagnose_confusion.png $(ARGS)
+
+coverage: $(VENV)/.dev ## calibrate 100 hidden cars: do the 90 % intervals hold the truth? (two hours)
+	@$(BIN)/python -m tests.calibration.coverage --jobs 2 --plot docs/pictures/calibration_coverage.png $(ARGS)
 
 docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (docs/build/index.html)
 	@$(BIN)/dart-hal wire --write

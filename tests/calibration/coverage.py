@@ -1,41 +1,130 @@
-"""How often the 90 % intervals of the measuring procedures hold the hidden truth.
+"""How often the 90 % intervals of the calibrations hold the hidden truth.
 
-    python -m tests.calibration.coverage --seeds 40 [--first 1] [clock] [encoder] [imu]
-        [esc] [throttle] [circle] [mocap]
+    make coverage                                 calibrate all on 100 hidden cars, gone on with
+    python -m tests.calibration.coverage --seeds 30 --jobs 2 --plot coverage.png
+    python -m tests.calibration.coverage --seeds 40 throttle circle       one verb by itself
 
-Slow (1 to 10 s a car and verb). Prints one row per quantity: how many intervals
-hold it, rms of error by standard error, worst error. The clock's intervals are wide
-here: the crystal of a simulated host has no error.
+A minute of CPU a car and "all". Each car of the latency by itself has a delay and a lag of its
+motor drawn from its seed (of lags beyond 50 ms ``calibrate esc`` makes nothing). One row per
+quantity: the share of its intervals that hold the truth, rms of error by standard error, worst of
+both. In the pooled share every quantity of every car weighs the same, the 20 numbers of a ring as
+one. The clock's intervals are wide here: the crystal of a simulated host has no error.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections import defaultdict
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from tests.calibration.hidden_errors import VERBS, errors
+from tests.calibration.hidden_errors import VERBS, Errors, errors
 
+from dart_hal.errors import DartHalError
+from dart_hal.process.jobs import each
 from dart_hal.types import NINETY
+
+RESULTS = Path(__file__).resolve().parents[2] / "build" / "coverage" / "results.jsonl"
+EACH, POOLED = (0.82, 0.97), (0.87, 0.93)
+"""Shares that are wanted of each quantity and of all."""
+
+
+class Row(NamedTuple):
+    """One quantity over ``cars`` cars: share of intervals inside, rms and worst of z, and the
+    worst error."""
+
+    name: str
+    cars: int
+    share: float
+    rms: float
+    worst_z: float
+    worst: float
+
+
+def one(case: tuple[str, int]) -> dict[str, object]:
+    """A line of the results: a verb on a car of a seed."""
+    verb, seed = case
+    try:
+        return {"verb": verb, "seed": seed, "errors": errors(verb, seed)}
+    except DartHalError as error:
+        return {"verb": verb, "seed": seed, "errors": {}, "failed": str(error)}
+
+
+def rows_of(found: list[Errors]) -> list[Row]:
+    """One for each quantity, and the last for all of them."""
+    z: dict[str, list[np.ndarray]] = defaultdict(list)
+    worst: dict[str, float] = defaultdict(float)
+    for car in found:
+        for name, pairs in car.items():
+            error, std = np.array(pairs).T
+            z[name].append(error / std)
+            worst[name] = max(worst[name], float(np.max(np.abs(error))))
+    rows = [Row(name, len(of), share_of(of), float(np.sqrt(np.mean(np.concatenate(of) ** 2))),
+                float(np.max(np.abs(np.concatenate(of)))), worst[name]) for name, of in z.items()]
+    every = [one for of in z.values() for one in of]
+    return [*rows, Row("pooled", len(found), share_of(every), np.nan, np.nan, np.nan)]
+
+
+def share_of(z: list[np.ndarray]) -> float:
+    """Of intervals that hold the truth, the numbers of one quantity of one car counted as one."""
+    return float(np.mean([np.mean(np.abs(one) < NINETY) for one in z]))
+
+
+def plot(rows: list[Row], path: Path) -> None:
+    """Shares of all quantities beside what is wanted, with what chance does to as many cars."""
+    from dart_hal.report.figures import BLUE, INK, ORANGE, finish, new_figure, save_figure
+
+    figure = new_figure((7.2, 0.27 * len(rows) + 1.3), path)
+    axis = figure.subplots()
+    axis.axvspan(*EACH, color="0.9", label="wanted of each")
+    axis.axvspan(*POOLED, color="0.78", label="wanted of all")
+    axis.axvline(0.9, color=INK, lw=0.8)
+    for k, row in enumerate(rows):
+        pooled = row.name == "pooled"
+        chance = np.sqrt(row.share * (1.0 - row.share) / row.cars)
+        axis.errorbar(row.share, k, xerr=None if pooled else chance, fmt="o", ms=5,
+                      color=ORANGE if pooled else BLUE, capsize=2)
+    axis.set_yticks(range(len(rows)), [row.name for row in rows], fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlim(min(0.6, min(row.share for row in rows) - 0.05), 1.02)
+    finish(axis, "share of the 90 % intervals that hold the truth, +- one sigma of chance", "",
+           f"calibrate all on {rows[-1].cars} hidden cars")
+    save_figure(figure, path)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("verbs", nargs="*", default=list(VERBS), metavar="VERB")
-    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("verbs", nargs="*", default=["all"], metavar="VERB",
+                        help=f"all, {', '.join(VERBS)}")
+    parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--plot", type=Path)
     given = parser.parse_args()
-    rows: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for seed in range(given.first, given.first + given.seeds):
-        for verb in given.verbs:
-            for name, pair in errors(verb, seed).items():
-                rows[name].append(pair)
-    for name, pairs in rows.items():
-        error, std = np.array(pairs).T
-        z = error / std
-        print(f"{name:34s} {int(np.sum(np.abs(z) < NINETY)):3d} of {len(z)} inside 90 %, "
-              f"z rms {np.sqrt(np.mean(z**2)):.2f}, worst {np.max(np.abs(z)):.1f} sigma, "
-              f"worst error {np.max(np.abs(error)):.3g}")
+    cases = [(verb, seed) for seed in range(given.first, given.first + given.seeds)
+             for verb in given.verbs]
+    given.results.parent.mkdir(parents=True, exist_ok=True)
+    lines = given.results.read_text().splitlines() if given.results.is_file() else []
+    done = {(line["verb"], line["seed"]): line for line in map(json.loads, lines)}
+    left = [case for case in cases if case not in done]
+    with given.results.open("a") as file:
+        for line in each(one, left, given.jobs, parts=len(left)):
+            done[line["verb"], line["seed"]] = line
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+    found = [done[case] for case in cases]
+    rows = rows_of([line["errors"] for line in found if line["errors"]])
+    for row in rows:
+        print(f"{row.name:30s} {row.cars:4d} cars {100 * row.share:5.1f} % inside, "
+              f"z rms {row.rms:.2f}, worst {row.worst_z:.1f} sigma, worst error {row.worst:.3g}")
+    for line in found:
+        if "failed" in line:
+            print(f"{line['verb']} of car {line['seed']}: {line['failed']}")
+    if given.plot:
+        plot(rows, given.plot)
 
 
 if __name__ == "__main__":

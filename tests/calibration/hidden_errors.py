@@ -5,18 +5,25 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 
+import numpy as np
 from scipy.optimize import brentq
 
+from dart_hal.calibration import esc, order
+from dart_hal.calibration.asking import agree, silent
 from dart_hal.calibration.clock import calibrate_clock
 from dart_hal.calibration.encoder import calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import calibrate_imu
+from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap import calibrate_mocap
+from dart_hal.calibration.result import SteeringResult
+from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.calibration.throttle import calibrate_throttle
 from dart_hal.car import Car
-from dart_hal.config import DriveTable, Quantity
-from dart_hal.links.base import open_backend
+from dart_hal.cli.calibrate_all import write
+from dart_hal.config import CarFiles, DriveTable
+from dart_hal.links.base import Url, open_backend
 from dart_hal.ports import Workshop
 from dart_hal.sim.truth import reveal, reveal_url
 from dart_hal.vehicle.motor import make_drive
@@ -27,29 +34,116 @@ VERBS: dict[str, Callable[[Car, Workshop], Measured]] = {
     "encoder": calibrate_encoder, "imu": calibrate_imu, "esc": calibrate_esc,
     "throttle": calibrate_throttle,
     "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0),
+    "latency": calibrate_latency,
     "mocap": lambda car, workshop: calibrate_mocap(car)}
 
 
-def errors(verb: str, seed: int) -> dict[str, tuple[float, float]]:
-    """(error, standard error) of each scalar quantity of one hidden car."""
-    backend = open_backend(f"sim://?seed={seed}&nano=mock&mocap={int(verb == 'mocap')}")
-    with tempfile.TemporaryDirectory() as folder, Car.over(backend, cars=folder) as car:
-        found = VERBS[verb](car, backend.workshop)
-    true = reveal_url(backend.url)["sensors"]
-    scalars = {name: (q.value - true[name], q.std) for name, q in found.quantities.items()
-               if isinstance(q, Quantity)}
-    return scalars | drive_errors(seed, found)
+def url_of(seed: int, mocap: bool = False, late: bool = True) -> str:
+    """The hidden car of a seed; ``late``: with a delay and a lag of its motor."""
+    url = f"sim://?seed={seed}&nano=mock&mocap={int(mocap)}"
+    if not late:
+        return url
+    rng = np.random.default_rng([seed, 500])
+    delay, lag = rng.uniform(0.0, 0.04), rng.uniform(0.015, 0.1)
+    return f"{url}&effect=throttle_delay:{delay:.4f},throttle_lag:{lag:.4f}"
 
 
-def drive_errors(seed: int, found: Measured) -> dict[str, tuple[float, float]]:
-    """(error, standard error) [us] of each point of a drive table, by its place in it."""
+def true_sensors(url: str) -> dict[str, float]:
+    """The truth of ``sim --reveal`` with the effects of the URL on top.
+
+    Without pulses the motor pulls on for the ESC's time, the delay, and what the lag leaves of a
+    pull: y e^(-t/T) until it falls to the dead band g, over y - g, is T (1 - g / (y - g) ln(y/g)).
+    """
+    found = reveal_url(Url.parse(url))
+    sensors = dict(found["sensors"])
+    for effect in found["effects"]:
+        size = next(iter(effect["parameters"].values()))["value"]
+        name = {"throttle_delay": "latency.pulse_to_wheel",
+                "throttle_lag": "latency.pulse_to_wheel_lag"}[effect["name"]]
+        sensors[name] += size
+        beyond = esc.LEVELS[esc.QUICK] / sensors["throttle.deadband_forward_us"]
+        share = 1.0 if effect["name"] == "throttle_delay" else 1.0 - np.log1p(beyond) / beyond
+        sensors["throttle.signal_loss"] += share * size
+    return sensors
+
+
+Errors = dict[str, list[tuple[float, float]]]
+"""(error, standard error) of each number of a quantity, by its name."""
+
+
+def errors(verb: str, seed: int) -> Errors:
+    """What one procedure found on one hidden car, "all": every one, each by what came before."""
+    url = url_of(seed, verb in ("mocap", "all"), verb == "latency")
+    with tempfile.TemporaryDirectory() as folder:
+        if verb == "all":
+            return all_errors(seed, url, folder)
+        if verb == "latency":
+            with Car.open(url, cars=folder) as car:
+                calibrate_steering(car)
+        backend = open_backend(url)
+        with Car.over(backend, cars=folder) as car:
+            return errors_of(seed, url, VERBS[verb](car, backend.workshop))
+
+
+def worst(rows: Errors) -> dict[str, float]:
+    """The largest error of each quantity by its standard error."""
+    return {name: max(abs(e) / std for e, std in pairs) for name, pairs in rows.items()}
+
+
+def all_errors(seed: int, url: str, folder: str) -> Errors:
+    """As ``dart-hal calibrate all`` in a folder of cars."""
+    with Car.open(url, cars=folder) as car:
+        steps = order.steps_of(car.files, poses=True)
+    rows: Errors = {}
+    for step in steps:
+        backend = open_backend(url)
+        with Car.over(backend, cars=folder) as car:
+            found = step.run(car, backend.workshop, silent, agree)
+            files = car.files
+        write(files, found)
+        rows |= (map_errors(url, files, found) if isinstance(found, SteeringResult)
+                 else errors_of(seed, url, found))
+    return rows
+
+
+def errors_of(seed: int, url: str, found: Measured) -> Errors:
+    """Of every number that stands in ``found``."""
+    true = true_sensors(url)
+    rows = {}
+    for name, q in found.quantities.items():
+        value, std = np.atleast_1d(q.value), np.broadcast_to(q.std, np.shape(q.value) or 1)
+        off = off_by(value, np.atleast_1d(true[name]))
+        rows[name] = [(float(e), float(s)) for e, s in zip(off, std, strict=True)]
+    return rows | drive_errors(seed, found)
+
+
+def off_by(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Errors of a ring, whose first interval may be any, or of one number."""
+    every = [found - np.roll(true, k) for k in range(len(found))]
+    return min(every, key=lambda e: float(e @ e))
+
+
+def map_errors(url: str, files: CarFiles, found: SteeringResult) -> Errors:
+    """Backlash [rad], and the map's points [rad] at their pulses."""
+    shown, steering = reveal_url(Url.parse(url)), files.config.steering
+    command = (found.pulse_us - steering.center_us) / steering.span_us
+    true = np.interp(command, shown["steering"]["command"], shown["steering"]["angle_rad"])
+    rows = {"steering.map": [(float(e), float(s)) for e, s in
+                             zip(found.angle - true, found.angle_std, strict=True)]}
+    if found.backlash is not None:
+        rows["steering.backlash"] = [(found.backlash.value - shown["sensors"]["steering.backlash"],
+                                      found.backlash.std)]
+    return rows
+
+
+def drive_errors(seed: int, found: Measured) -> Errors:
+    """(error, standard error) [us] of each point of a drive table, together."""
     table = found.others.get("throttle.drive")
     if not isinstance(table, DriveTable):
         return {}
     rows = zip(table.speed, table.pulse_us, table.std_us, strict=True)
-    where = found.notes[0].rpartition(", ")[2]
-    return {f"throttle.drive[{k}] {where}": (pulse - holding_pulse(seed, speed), std)
-            for k, (speed, pulse, std) in enumerate(rows)}
+    return {"throttle.drive": [(pulse - holding_pulse(seed, speed), std)
+                               for speed, pulse, std in rows]}
 
 
 def holding_pulse(seed: int, speed: float) -> float:

@@ -80,14 +80,22 @@ def test_miscounted_turn_is_refused(tmp_path):
 
 @pytest.mark.more
 @pytest.mark.parametrize(("alter", "url", "why"), [
-    ("direction = -1", "2", "to the left gives a yaw rate the other way"),
+    ("[steering]\ndirection = -1", "2", "to the left gives a yaw rate the other way"),
+    ("[imu]\nmount_roll = 3.1416", "2", "to the left gives a yaw rate the other way"),
     ("", "2&fail=imu:off@20s", "no data of the IMU"),
-    ("", "2&fail=enc:off@0s", "encoder does not count|does not move")])
+    ("", "2&fail=esc:wrong@0s", "gives a yaw rate"),
+    ("", "2&fail=enc:off@20s", "encoder does not count"),
+    ("", "2&fail=wheel:stuck@20s", "a wheel is blocked"),
+    ("", "2&fail=esc:off@20s", "motor does not answer")])
 def test_wrong_wiring_is_named(tmp_path, alter, url, why):
     backend = open_backend(URL + url)
-    backend.car_toml = backend.car_toml.replace("[steering]", f"[steering]\n{alter}")
+    table = alter.partition("\n")[0]
+    assert not table or table in backend.car_toml
+    if table:
+        backend.car_toml = backend.car_toml.replace(table, alter)
     with Car.over(backend, cars=tmp_path) as car, pytest.raises(CalibrationFailed, match=why):
         calibrate_imu(car, backend.workshop, turns=1)
+    assert not list(tmp_path.rglob("calibration.toml"))
 
 
 @pytest.mark.parametrize("roll", [0.04, math.pi, -1.5])

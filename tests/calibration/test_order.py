@@ -26,7 +26,9 @@ def measured(**minutes_ago: float) -> Calibration:
     named = {"clock": ("pwm.oscillator_hz",),
              "esc": ("throttle.neutral_us", "throttle.deadband_forward_us"),
              "encoder": ("encoder.metres_per_edge",),
-             "imu": ("imu.gyro_scale", "imu.mount_yaw")}
+             "imu": ("imu.gyro_scale", "imu.mount_yaw"),
+             "latency": ("latency.pulse_to_wheel", "latency.pulse_to_yaw",
+                         "latency.sensor_to_host")}
     known = Calibration(car="dart-01", provenance={
         verb: {"when": NOW - timedelta(minutes=ago)} for verb, ago in minutes_ago.items()})
     for verb in minutes_ago:
@@ -40,16 +42,19 @@ def measured(**minutes_ago: float) -> Calibration:
     return known
 
 
-ALL = ("clock", "esc", "encoder", "throttle", "imu", "steering")
-DONE = {"clock": 9, "esc": 8.5, "encoder": 8, "throttle": 7.5, "imu": 7, "steering": 6}
+ALL = ("clock", "esc", "encoder", "throttle", "imu", "steering", "latency")
+DONE = {"clock": 9, "esc": 8.5, "encoder": 8, "throttle": 7.5, "imu": 7, "steering": 6,
+        "latency": 5.5}
 
 
 @pytest.mark.parametrize(("known", "left"), [
     (None, ALL),
     (measured(**DONE), ()),
-    (measured(clock=9, esc=8.5, encoder=8), ("throttle", "imu", "steering")),
-    (measured(**{**DONE, "encoder": 3}), ("throttle", "imu", "steering")),  # by another travel
-    (measured(**{**DONE, "esc": 3}), ("throttle",)),                        # by another neutral
+    (measured(clock=9, esc=8.5, encoder=8), ALL[3:]),
+    (measured(**{**DONE, "encoder": 3}), ALL[3:]),                          # by another travel
+    (measured(**{**DONE, "esc": 3}), ("throttle", "latency")),              # by another neutral
+    (measured(**{**DONE, "steering": 3}), ("latency",)),                    # by another backlash
+    (measured(**{k: v for k, v in DONE.items() if k != "latency"}), ("latency",)),
     (measured(**{k: v for k, v in DONE.items() if k != "clock"}), ("clock",)),  # may be missed
     (measured(**{**DONE, "clock": 5}), ALL[1:]),
     (measured(**{k: 991 + v if v > 6 else v for k, v in DONE.items()}), ALL),
@@ -65,11 +70,11 @@ def test_an_old_file_says_no_times_and_is_measured_anew(steps):
 
 def test_a_floor_that_is_too_small_names_what_has_no_room():
     files = load_car("dart-01", ["cars"])
-    with pytest.raises(CalibrationFailed, match="too small for imu, steering") as refused:
+    with pytest.raises(CalibrationFailed, match="too small for imu, steering, latency") as refused:
         order.steps_of(files, (2.8, 2.0))
     assert "imu: 3.0 m x 2.5 m" in str(refused.value.expected)
-    assert "--skip imu --skip steering" in str(refused.value.remedy)
-    short = order.steps_of(files, (2.0, 2.0), ("throttle", "imu", "steering"))
+    assert "--skip imu --skip steering --skip latency" in str(refused.value.remedy)
+    short = order.steps_of(files, (2.0, 2.0), ALL[3:])
     assert [s.verb for s in short] == ["clock", "esc", "encoder"]
     assert "over 1.0 m" in short[2].plan
     assert "over 3.0 m" in order.steps_of(files, (9.0, 9.0))[2].plan
@@ -77,10 +82,10 @@ def test_a_floor_that_is_too_small_names_what_has_no_room():
 
 @pytest.mark.parametrize(("floor", "how"), [((2.8, 9.0), "straight"), ((4.0, 1.2), "straight")])
 def test_the_throttle_is_measured_straight_where_there_is_room(floor, how):
-    steps = order.steps_of(load_car("dart-01", ["cars"]), floor, ("encoder", "imu", "steering"))
+    steps = order.steps_of(load_car("dart-01", ["cars"]), floor, ("encoder", *ALL[4:]))
     assert how in steps[-1].plan
 
 
 def test_without_room_for_either_the_throttle_is_refused():
     with pytest.raises(CalibrationFailed, match="too small for throttle"):
-        order.steps_of(load_car("dart-01", ["cars"]), (2.4, 2.4), ("imu", "steering"))
+        order.steps_of(load_car("dart-01", ["cars"]), (2.4, 2.4), ALL[4:])

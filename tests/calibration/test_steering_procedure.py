@@ -9,9 +9,10 @@ import pytest
 
 from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.steering import calibrate_steering, plan
-from dart_hal.config import load_car
+from dart_hal.config import Quantity, load_car, save_calibration
 from dart_hal.errors import CalibrationFailed
 
+SLEW = Quantity(3800.0, 50.0)
 
 @pytest.mark.more
 def test_finds_map_and_backlash_of_hidden_cars(drawn):
@@ -62,15 +63,18 @@ def test_written_file_is_read_back_and_the_old_one_kept(bench, files, car_toml):
     files.folder.mkdir(parents=True, exist_ok=True)
     (files.folder / "car.toml").write_text(car_toml)
     first = calibrate_steering(bench())
+    known = load_car(files.config.name, [files.folder.parent]).calibration
+    save_calibration(known.with_quantities({"steering.slew_us_s": SLEW}), files.folder)
     second = calibrate_steering(bench(backlash=0.03, seed=1))
     again = load_car(files.config.name, [files.folder.parent]).calibration
     table = again.steering.map
     assert table.angle_rad == pytest.approx(second.angle, abs=1e-6)
     assert table.std_rad == pytest.approx(second.angle_std, abs=1e-6)
     assert again.steering.backlash.value == pytest.approx(0.03, abs=0.003)
+    assert again.steering.slew_us_s == SLEW  # another procedure's
     assert again.provenance["when"].tzinfo is not None
     assert first.written == second.written == str(files.folder / "calibration.toml")
-    assert len(list((files.folder / "history").iterdir())) == 1
+    assert len(list((files.folder / "history").iterdir())) == 2
 
 
 def test_json_is_the_contract(bench):

@@ -77,7 +77,7 @@ def test_a_dry_run_writes_nothing_and_still_hands_on(verb, tmp_path, by_hand):
 
 
 @pytest.mark.more
-@pytest.mark.cpu(30)
+@pytest.mark.cpu(90)
 def test_a_hidden_car_is_measured_within_ten_minutes(verb, tmp_path):
     done = verb(*ALL, "--cars", tmp_path, "--floor", "9", "9")
     assert list(done.json["found"]) == [v for v in order.VERBS if v != "mocap"]
@@ -85,5 +85,5 @@ def test_a_hidden_car_is_measured_within_ten_minutes(verb, tmp_path):
     true = verb("sim", "--reveal", "--url", URL, "--json").json["sensors"]
     found = [(q["value"] - true[name]) / q["std"] for result in done.json["found"].values()
              for name, q in result.get("quantities", {}).items() if name != "encoder.ring"]
-    assert len(found) >= 7
+    assert len(found) >= 19
     assert max(map(abs, found)) < 4.0

@@ -68,6 +68,17 @@ def test_each_verb_that_the_page_names_is_there():
     assert told.keys() >= set(report_page.VERBS.values())
 
 
+def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, verb):
+    save_calibration(Calibration(car="sim-3").with_quantities(
+        {"latency.pulse_to_wheel": Quantity(0.0213, 1e-3)}), home / "cars" / "sim-3")
+    told = verb("report", "--car", "sim-3", "--json").json
+    assert {"steering.slew_us_s", "latency.pulse_to_yaw"} <= set(told["missing"])
+    assert not {"latency.pulse_to_wheel", "latency.pulse_to_yaw_lag"} & set(told["missing"])
+    (line,) = [line for line in told["to_do"] if "calibrate latency" in line]
+    assert "steering.slew_us_s" in line
+    assert "latency.pulse_to_wheel" in (home / "report.html").read_text(encoding="utf-8")
+
+
 def test_half_a_motion_capture_is_named(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"mocap.marker_x": Quantity(0.1, 1e-4)}), home / "cars" / "sim-3")

@@ -10,9 +10,10 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.config import Calibration, DriveTable, Quantity, save_calibration
 from dart_hal.config.calibration import ThrottleCalibration
-from dart_hal.control.measured import REST_S, rest_before_reverse, vehicle_for
+from dart_hal.control.drivetrain import Inverse
+from dart_hal.control.loop import SpeedLoop
+from dart_hal.control.measured import REST_S, inverse_of, rest_before_reverse, vehicle_for
 from dart_hal.control.reversal import Reversal
-from dart_hal.control.speed import SpeedLaw, SpeedLoop
 from dart_hal.links.base import open_backend
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.truth import world_of
@@ -36,23 +37,23 @@ def calibrated(files, **throttle):
 
 def test_the_feed_forward_is_the_measured_pulse(files):
     for v, pulse in zip(TABLE.speed, TABLE.pulse_us, strict=True):
-        law = SpeedLoop(calibrated(files, drive=TABLE))._law
-        assert 1500.0 + 450.0 * law.feed_forward(v) == pytest.approx(pulse, abs=1e-6)
-        other = SpeedLoop(calibrated(files, drive=TABLE, neutral_us=Quantity(1510.0, 1.0)))._law
-        assert 1510.0 + 450.0 * other.feed_forward(v) == pytest.approx(pulse, abs=1e-6)
-    assert SpeedLoop(files)._law.feed_forward(1.0) == SpeedLaw(PAPER).feed_forward(1.0)
+        car = inverse_of(calibrated(files, drive=TABLE))
+        assert 1500.0 + 450.0 * car.throttle(v) == pytest.approx(pulse, abs=1e-6)
+        other = inverse_of(calibrated(files, drive=TABLE, neutral_us=Quantity(1510.0, 1.0)))
+        assert 1510.0 + 450.0 * other.throttle(v) == pytest.approx(pulse, abs=1e-6)
+    assert inverse_of(files).throttle(1.0) == Inverse(PAPER).throttle(1.0)
 
 
 def test_between_and_beyond_the_points_it_keeps_the_models_shape(files):
-    law, model = SpeedLoop(calibrated(files, drive=TABLE))._law, SpeedLaw(PAPER)
-    more = [law.feed_forward(v) - model.feed_forward(v) for v in (0.2, 0.5, 0.75, 1.0, 2.0, 1.5)]
+    car, model = inverse_of(calibrated(files, drive=TABLE)), Inverse(PAPER)
+    more = [car.throttle(v) - model.throttle(v) for v in (0.2, 0.5, 0.75, 1.0, 2.0, 1.5)]
     assert more[0] == pytest.approx(more[1])
     assert more[2] == pytest.approx(0.5 * (more[1] + more[3]))
     assert more[4] == pytest.approx(more[5])
-    assert np.all(np.diff([law.feed_forward(v) for v in np.linspace(0.1, 3.0, 60)]) > 0.0)
-    assert law.feed_forward(1.0, 1.0) - law.feed_forward(1.0) == pytest.approx(
-        model.feed_forward(1.0, 1.0) - model.feed_forward(1.0))
-    assert law.feed_forward(1.0, -20.0) == law.feed_forward(0.0) == 0.0
+    assert np.all(np.diff([car.throttle(v) for v in np.linspace(0.1, 3.0, 60)]) > 0.0)
+    assert car.throttle(1.0, 1.0) - car.throttle(1.0) == pytest.approx(
+        model.throttle(1.0, 1.0) - model.throttle(1.0))
+    assert car.throttle(1.0, -20.0) == car.throttle(0.0) == 0.0
 
 
 def test_the_dead_band_is_the_papers_until_it_is_measured(files):
@@ -62,9 +63,17 @@ def test_the_dead_band_is_the_papers_until_it_is_measured(files):
 
 
 def test_the_loop_asks_for_no_more_than_the_esc_gives(files):
-    loop = SpeedLoop(calibrated(files, saturation_us=Quantity(360.0, 1.0)))
-    assert loop._law.throttle(5.0, 0.0, 0.01, 9.0) == pytest.approx(0.8)
-    assert SpeedLoop(files)._law.throttle(5.0, 0.0, 0.01, 9.0) == 1.0
+    """A car that stands still while 4.9 m/s are asked for: no throttle is enough."""
+    with Car.open(URL) as car:
+        still = next(iter(car.states()))
+
+    def most(loop):
+        return max(loop.throttle(4.9, replace(still, t=0.01 * k), armed=True, window=0.2)
+                   for k in range(300))
+
+    assert most(SpeedLoop(calibrated(files, saturation_us=Quantity(360.0, 1.0)))) == pytest.approx(
+        0.8)
+    assert most(SpeedLoop(files)) == 1.0
 
 
 @pytest.mark.parametrize(("throttle", "rest"), [

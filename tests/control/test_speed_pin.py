@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.control.speed import SpeedLoop
+from dart_hal.control.loop import SpeedLoop
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -17,6 +17,7 @@ from typing import cast
 from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
 from dart_hal.actuation.plan import Output, Plan, Planner
+from dart_hal.actuation.play import play_of
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
@@ -78,8 +79,11 @@ class Actuator:
         self.fault: BusError | None = None
         self.watched = self._watching = False
         self._sending, self._sleep, self._opened = bus is not None, sleep, False
-        self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame)
-        self._quantisers = tuple(Quantiser(self.pca.count_us) for _ in range(2))
+        play = play_of(files, self.map)
+        self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame, play)
+        # to and fro by a count would shake the wheels across the play that is taken up
+        self._quantisers = tuple(Quantiser(self.pca.count_us, car.pwm.error_feedback and still)
+                                 for still in (play is None, True))
         self._trips: list[str] = []
         self._lapsed: Command | Pulses | None = None
         self._checked_at = self._tried_at = -math.inf
@@ -268,7 +272,7 @@ class Actuator:
         except BusError as error:
             self._lost(error, "PCA_WRITE_FAILED")
             return self.applied
-        self._planner.angle, self._planner.throttle = plan.angle, plan.throttle
+        self._planner.wrote(plan, counts[0] * self.pca.count_us)
         self.applied = self._applied(counts, plan.limited, plan.moving)
         return self.applied
 
@@ -305,7 +309,7 @@ class Actuator:
         throttle = pulled if moving and counts[1] else 0.0
         standing = [] if self.map.calibrated else [Limit.UNCALIBRATED.value]
         standing += [] if self._sending else [Limit.NOT_SENT.value]
-        return Applied(self.map.angle(steering_us), throttle, steering_us, throttle_us,
+        return Applied(self._planner.meant(steering_us), throttle, steering_us, throttle_us,
                        tuple(dict.fromkeys((*why, *standing))))
 
     # -- faults ------------------------------------------------------------

@@ -55,8 +55,7 @@ class Pca9685:
     def __init__(self, bus: Bus, *, address: int, frequency: float, channels: tuple[int, int],
                  sleep: Callable[[float], None], oscillator_hz: float = NOMINAL_HZ) -> None:
         self.address, self.channels = address, channels
-        self.frequency = frequency
-        self.prescale = prescale_for(frequency)
+        self.prescale = prescale_for(frequency, oscillator_hz)
         self.count_us = count_us(self.prescale, oscillator_hz)
         self.frame = STEPS * self.count_us * 1e-6
         """One PWM frame [s]."""
@@ -244,7 +243,7 @@ class Pca9685:
     def _attach(self, keep: bool) -> None:
         shield = Shield(self._bus, self.address, keep, self._sleep)
         try:
-            self._kit = make_kit(shield, self.address, self.frequency)
+            self._kit = make_kit(shield, self.address, self.prescale)
         except OSError as error:
             raise explain(error, self.address, bus_name(self._bus)) from error
         except ValueError as error:                     # how Adafruit's probe says "no answer"

@@ -17,6 +17,7 @@ from dart_hal.actuation.limits import (
     clip,
     slew,
 )
+from dart_hal.actuation.play import Play
 from dart_hal.actuation.steering_map import SteeringMap, throttle_pulse
 from dart_hal.config import CarConfig
 from dart_hal.types import Limit
@@ -73,7 +74,7 @@ class Planner:
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
-                 frame: float) -> None:
+                 frame: float, play: Play | None = None) -> None:
         self.output = Output()
         self.arbiter = Arbiter(car.priorities.sources)
         self.raw: Pulses | None = None
@@ -81,8 +82,18 @@ class Planner:
         self.latched = False
         self.angle, self.throttle = 0.0, 0.0
         self.last = -math.inf
-        self._car, self._map = car, steering
+        self._car, self._map, self._play = car, steering, play
         self._neutral_us, self._frame = neutral_us, frame
+
+    def wrote(self, plan: Plan, steering_us: float) -> None:
+        """A frame carries ``plan``, the steering with this pulse [us]."""
+        self.angle, self.throttle = plan.angle, plan.throttle
+        if self._play is not None:
+            self._play.passed(steering_us, self._frame)
+
+    def meant(self, steering_us: float) -> float:
+        """Road-wheel angle [rad] of a pulse, with the play of the steering where it is known."""
+        return self._play.meant(steering_us) if self._play else self._map.angle(steering_us)
 
     def obey(self, output: Output) -> None:
         """What the state demands now; leaving a mode forgets what it was told."""
@@ -201,5 +212,6 @@ class Planner:
 
     def _as_plan(self, angle: float, throttle: float, why: tuple[str, ...]) -> Plan:
         pulse = throttle_pulse(throttle, self._neutral_us, self._car.throttle.span_us)
-        return Plan(clip(self._map.pulse(angle), PIN_LOW_US, PIN_HIGH_US),
+        middle = self._play.aim(angle) if self._play else angle
+        return Plan(clip(self._map.pulse(middle), PIN_LOW_US, PIN_HIGH_US),
                     clip(pulse, PIN_LOW_US, PIN_HIGH_US), angle, throttle, throttle != 0.0, why)

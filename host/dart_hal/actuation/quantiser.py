@@ -5,11 +5,15 @@ and 25 MHz: 0.4 deg of road wheel. Rounding each pulse by itself leaves a
 constant error of up to half of that. Here the error of one PWM frame is added
 to the next, so that servo and ESC, which are slower than a frame, see the
 mean: below 0.05 us over 50 frames, and no pulse more than one count off.
+``[pwm] error_feedback = false`` in car.toml gives the nearest count instead, the same
+in every frame: for a servo that hums, or to see a single step.
 """
 
 from __future__ import annotations
 
 import math
+
+from dart_hal.config import CarFiles
 
 NOMINAL_HZ = 25e6
 """The PCA9685's oscillator by its data sheet; parts from 24 to 27 MHz are seen."""
@@ -18,13 +22,21 @@ STEPS = 4096
 """Counts of one PWM frame."""
 
 
-def prescale_for(frequency: float) -> int:
-    """PRE_SCALE for a PWM frequency [Hz], as ServoKit computes it at 25 MHz.
+def prescale_for(frequency: float, oscillator_hz: float = NOMINAL_HZ) -> int:
+    """PRE_SCALE that brings a PWM frequency [Hz] closest, by ServoKit's formula.
 
-    The nominal clock is used whatever the part's oscillator is: the frequency
-    need not be exact, and a prescale that never changes never cuts a pulse.
+    With the clock as it was measured the frequency is kept within 0.4 %, half a step; parts at
+    24 and 27 MHz would be 4 and 8 % off. It changes only where the clock is calibrated anew.
     """
-    return int(NOMINAL_HZ / STEPS / frequency + 0.5) - 1
+    return int(oscillator_hz / STEPS / frequency + 0.5) - 1
+
+
+def counter_of(files: CarFiles) -> tuple[int, float]:
+    """(PRE_SCALE, one count [us]) of a car's PCA9685, by its measured clock if it has one."""
+    clock = files.oscillator_hz
+    hertz = clock.value if clock else NOMINAL_HZ
+    prescale = prescale_for(files.config.pwm.frequency, hertz)
+    return prescale, count_us(prescale, hertz)
 
 
 def count_us(prescale: int, oscillator_hz: float) -> float:
@@ -33,11 +45,15 @@ def count_us(prescale: int, oscillator_hz: float) -> float:
 
 
 class Quantiser:
-    """Counts of one channel; ``step`` is called once per PWM frame."""
+    """Counts of one channel; ``step`` is called once per PWM frame.
 
-    def __init__(self, count: float) -> None:
+    ``feedback`` False: each pulse is rounded by itself.
+    """
+
+    def __init__(self, count: float, feedback: bool = True) -> None:
         self.count = count
         """One count [us]."""
+        self._feedback = feedback
         self.error = 0.0
         """Pulse time still owed [us], within half a count."""
 
@@ -48,6 +64,8 @@ class Quantiser:
 
     def step(self, pulse_us: float) -> int:
         """Counts for this frame; the rest is owed to the next."""
+        if not self._feedback:
+            return self.settle(pulse_us)
         counts = self.peek(pulse_us)
         owed = self.error + pulse_us - counts * self.count
         half = 0.5 * self.count

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS
 from dart_hal.ports import Bus
 
 MODE1, MODE2, PRE_SCALE = 0x00, 0x01, 0xFE
@@ -71,8 +72,13 @@ def load_servokit() -> Any:
             del sys.modules[name]
 
 
-def make_kit(shield: Shield, address: int, frequency: float) -> Any:
-    """A ServoKit of 16 channels behind ``shield``. Raises BusError, ValueError (no answer)."""
+def make_kit(shield: Shield, address: int, prescale: int) -> Any:
+    """A ServoKit of 16 channels behind ``shield``. Raises BusError, ValueError (no answer).
+
+    It takes the oscillator for the nominal one, and is given the frequency that leads to
+    ``prescale`` by that.
+    """
+    frequency = NOMINAL_HZ / STEPS / (prescale + 1)
     return load_servokit()(channels=16, i2c=shield, address=address, frequency=frequency)
 
 

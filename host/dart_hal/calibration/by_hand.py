@@ -6,6 +6,8 @@ to the throttle. Turned by hand they do not.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 from dart_hal.config import CarFiles
@@ -46,6 +48,15 @@ def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
             "hand", expected=f"{car.files.config.encoder.edges_per_rev} and more",
             likely="unplugged, or its sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
+
+
+@contextmanager
+def naming(car: AskingCar, workshop: Workshop) -> Iterator[None]:
+    """Motion that is not seen within is named after the wheels were turned by hand."""
+    try:
+        yield
+    except NotSeen as seen:
+        raise name_standstill(car, workshop, seen) from seen
 
 
 def name_standstill(car: AskingCar, workshop: Workshop, seen: NotSeen) -> CalibrationFailed:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, prescale_for
+from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.errors import CalibrationFailed
 from dart_hal.wire.messages import TICKS_PER_SECOND
@@ -43,7 +43,7 @@ CHANGED = 1e-3
 class ClockCar(AskingCar, WatchedCar, Protocol):
     """What the procedure needs of a Car."""
 
-    def clock_pulse(self, on: bool) -> None: ...
+    def clock_pulse(self, on: bool, longer_us: float = ...) -> float: ...
 
 
 def plan(files: CarFiles) -> str:
@@ -82,7 +82,7 @@ def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = ag
         car.clock_pulse(False)
         car.stop()
     period = float(np.mean(periods)) * rate
-    hertz = STEPS * (prescale_for(files.config.pwm.frequency) + 1) / period
+    hertz = STEPS * (counter_of(files)[0] + 1) / period
     stamps = STAMP * math.sqrt(2.0 / CAPTURES) / (PERIODS * period)
     relative = math.hypot(rate_std, CRYSTAL, stamps)
     found = Quantity(hertz, hertz * relative,
@@ -97,7 +97,7 @@ def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "")
 
     Errors: CalibrationFailed for what no PCA9685 does.
     """
-    counts = STEPS * (prescale_for(files.config.pwm.frequency) + 1)
+    counts = STEPS * (counter_of(files)[0] + 1)
     found = Quantity(frequency * counts, std * counts, f"{frequency:.4f} Hz measured, typed")
     return _measured(files, source, found, f"as typed: {frequency:.4f} +- {std:.2g} Hz of PWM", 0.0)
 

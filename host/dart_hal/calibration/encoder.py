@@ -24,6 +24,7 @@ from dart_hal.ports.workshop import TAPE
 from dart_hal.types import NINETY, State
 
 from .asking import Ask, Progress, agree, begin, silent
+from .by_hand import naming
 from .measured import Measured, map_outdated
 from .runner import AskingCar, Runner
 from .straight import Rolled, roll
@@ -78,7 +79,8 @@ def calibrate_encoder(car: AskingCar, workshop: Workshop, *, progress: Progress 
     for k in range(runs):
         progress(k / runs, f"roll {k + 1} of {runs}")
         workshop.mark()
-        rolled = _roll(car, distance, learner)
+        with naming(car, workshop):
+            rolled = _roll(car, distance, learner)
         taped.append(Taped(rolled, workshop.distance()))
         _plausible(taped[-1], files)
     metres, residual = travel_per_edge(taped)

@@ -95,7 +95,8 @@ def pull_begins(spins: Sequence[Spin], neutral: float) -> Force:
             found=f"the motor begins to pull within {100.0 * std:.1f} us (one sigma), friction "
                   f"{whole[1]:.1f} m/s2",
             expected=f"{VAGUE} us, and a friction that slows down",
-            likely="the encoder loses edges, a wheel rubs, or the battery is nearly empty",
+            likely="the encoder loses edges, a wheel rubs, the battery is nearly empty, or the "
+                   "motor follows its pulses by more than 0.05 s late",
             remedy="dart-hal doctor; run it again")
     begin = Estimate(reference + away * whole[0], math.hypot(100.0 * std, LAW), "us")
     return Force(begin, whole[3] / away, whole[1], whole[2], rms)

@@ -16,6 +16,7 @@ from dart_hal.ports import Workshop
 from dart_hal.types import State
 
 from .asking import Ask, Progress, agree, begin, silent
+from .by_hand import naming
 from .imu_fit import Still, Turn, axis_of, bias_of, still_of, yaw_of
 from .measured import Measured, map_outdated
 from .runner import AskingCar, Runner
@@ -70,13 +71,15 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
     for k, left in enumerate((True, False)):
         progress(0.1 + 0.35 * k, f"{turns} turns to the {'left' if left else 'right'}")
         workshop.mark()
-        sensed = _turn(car, log, turns, left)
+        with naming(car, workshop):
+            sensed = _turn(car, log, turns, left)
         done.append(Turn(sensed, workshop.turns()))
     tilted = axis_of(done, still)
     pulls = []
     for k in range(PULLS):
         progress(0.8 + 0.2 * k / PULLS, f"straight pull {k + 1} of {PULLS}")
-        pulls.append(_pull(car, log))
+        with naming(car, workshop):
+            pulls.append(_pull(car, log))
     bias = bias_of(still, tilted.axis)
     yaw = yaw_of(pulls, tilted, bias.value, files.config.imu.x)
     cal = files.calibration

@@ -2,7 +2,7 @@
 
 The clock makes every pulse, and the ESC's neutral is where the car stands. The encoder measures
 the speeds at which the car turns and pulls. The gyro's scale and the encoder make the angles
-of the steering map.
+of the steering map, behind whose backlash the servo's delay is measured.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
-from dart_hal.calibration import clock, encoder, esc, imu, mocap, steering, throttle
+from dart_hal.calibration import clock, encoder, esc, imu, latency, mocap, steering, throttle
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap_fit import NAMES
@@ -29,7 +29,7 @@ ROLL_OUT = 1.0
 
 Found = Measured | SteeringResult
 Run = Callable[[Car, Workshop, Progress, Ask], Found]
-VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "mocap")
+VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "latency", "mocap")
 """All there are, in the order in which they are run."""
 
 
@@ -76,6 +76,9 @@ def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Se
              ("clock", "encoder"), imu.FLOOR),
         Step("steering", str(route), _steering, ("steering.map",), ("clock", "encoder", "imu"),
              (2.0 * route.radius, 2.0 * route.radius)),
+        Step("latency", latency.plan(files), _latency,
+             ("latency.pulse_to_wheel", "latency.pulse_to_yaw", "latency.sensor_to_host"),
+             ("clock", "esc", "encoder", "imu", "steering"), latency.FLOOR),
         Step("mocap", mocap.plan(files), _mocap, tuple(f"mocap.{n}" for n in NAMES),
              ("clock", "encoder", "imu"), mocap.FLOOR),
     )
@@ -159,6 +162,10 @@ def _imu(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
 def _steering(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
     return steering.calibrate_steering(car, progress=progress, ask=ask, source=car.url,
                                        dry_run=True)
+
+
+def _latency(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
+    return latency.calibrate_latency(car, workshop, progress=progress, ask=ask, source=car.url)
 
 
 def _mocap(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:

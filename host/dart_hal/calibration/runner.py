@@ -83,7 +83,7 @@ class Runner:
             start = state.t if start is None else start
             seen.append(state)
             if state.health.speed_doubted:
-                raise _doubted(state)
+                raise doubted(state)
             throttle = self._law.throttle(speed, state.speed, dt)
             pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
             self._car.pulses(steering_us=steering_us, throttle_us=pulse)
@@ -103,7 +103,7 @@ class Runner:
             seen += self.hold(0.5, steering_us, speed)
             if check_pull(seen, speed, bias) and seen[-1].t - seen[0].t > 2.0:
                 break
-        _check_turning(seen[-40:], bias, left)
+        check_turning(seen[-40:], bias, left)
         return seen
 
 
@@ -132,7 +132,8 @@ def yaw_rates(states: list[State]) -> list[float]:
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
 
 
-def _doubted(state: State) -> NotSeen:
+def doubted(state: State) -> NotSeen:
+    """Why a procedure ends that counts on an encoder which is doubted."""
     return NotSeen(
         "the encoder does not count what the car drives",
         found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
@@ -159,7 +160,7 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
         remedy="switch the ESC on, put the car on the floor, run dart-hal doctor")
 
 
-def _check_turning(recent: list[State], bias: float, left: bool) -> None:
+def check_turning(recent: list[State], bias: float, left: bool) -> None:
     rates = yaw_rates(recent)
     if any(Doubt.IMU_DISAGREES.value in s.health.doubts for s in recent):
         raise _wrong_way(left, "the other way", Doubt.IMU_DISAGREES.value)
@@ -184,7 +185,8 @@ def _wrong_way(left: bool, answer: str, found: str) -> CalibrationFailed:
     return CalibrationFailed(
         f"a command to the {'left' if left else 'right'} gives a yaw rate {answer}", found=found,
         expected="left commands give positive yaw rates",
-        likely="the servo's direction is reversed, or the IMU is mounted upside down "
-               "(push the car to the left by hand: the yaw rate must be positive)",
+        likely="the servo's direction is reversed, the IMU is mounted upside down (push the car to "
+               "the left by hand: the yaw rate must be positive), or the car drove backward",
         remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
-               "turn the right way: mount_roll = 3.1416 under [imu]")
+               "turn the right way: mount_roll = 3.1416 under [imu]; backward: swap the two leads "
+               "of the motor")

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.quantiser import counter_of
 from dart_hal.errors import BadCommand, CalibrationFailed
 from dart_hal.estimation.frames import Sample
 from dart_hal.ports import Workshop
@@ -80,9 +80,7 @@ class Spinner:
     def __init__(self, car: LiftedCar, log: SensorLog) -> None:
         files = car.files
         self._car, self._log = car, log
-        clock = files.oscillator_hz
-        self.count = count_us(prescale_for(files.config.pwm.frequency),
-                              clock.value if clock else NOMINAL_HZ)
+        self.count = counter_of(files)[1]
         """us; pulses of whole counts are made without error."""
         self._metres = files.metres_per_edge.value
         self._center = files.config.steering.center_us

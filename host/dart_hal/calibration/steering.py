@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 import msgspec
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.quantiser import counter_of
 from dart_hal.config import (
     CarFiles,
     PaperForm,
@@ -66,9 +66,7 @@ WAIVED_BY_RAW = {
 def plan(files: CarFiles, *, levels: int = LEVELS,
          speeds: tuple[float, float] = SPEEDS) -> Plan:
     """What ``calibrate_steering`` will do with this car: time, floor, speed."""
-    steering, pwm = files.config.steering, files.config.pwm
-    oscillator = files.oscillator_hz
-    count = count_us(prescale_for(pwm.frequency), oscillator.value if oscillator else NOMINAL_HZ)
+    steering, count = files.config.steering, counter_of(files)[1]
     steps = make_steps(center_us=steering.center_us, span_us=steering.span_us,
                        direction=steering.direction, count=count, levels=levels, speeds=speeds)
     return make_plan(steps, files.config.geometry.wheelbase)
@@ -270,7 +268,7 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
         map=table, paper_form=PaperForm(**{k: round(v, 6) for k, v in result.paper_form.items()}),
         backlash=None if backlash is None else Quantity(backlash.value, backlash.std,
                                                         "difference of the two approaches"),
-        residual_rms_rad=result.residual_rms)
+        slew_us_s=old.steering.slew_us_s, residual_rms_rad=result.residual_rms)
     now = datetime.now(timezone.utc).replace(microsecond=0)
     provenance = {**old.provenance, "when": now,
                   "steering": {"when": now, "source": str(result.source), "n": result.n,

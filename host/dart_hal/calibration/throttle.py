@@ -23,7 +23,7 @@ from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 
 from .asking import Ask, Progress, agree, begin, silent
-from .by_hand import name_standstill, turn_by_hand
+from .by_hand import naming, turn_by_hand
 from .clock import UNKNOWN
 from .measured import Measured
 from .runner import AskingCar, NotSeen, Runner, yaw_rates
@@ -130,12 +130,11 @@ def calibrate_throttle(car: ThrottleCar, workshop: Workshop, *, progress: Progre
     try:
         progress(0.0, "pushing the car by hand")
         turn_by_hand(car, workshop)
-        progress(0.05, "which way it goes")
-        _nudge(car)
-        held = _straight(car, workshop, log, room, progress) if speeds_in(room) else _circle(
-            car, log, progress)
-    except NotSeen as seen:
-        raise name_standstill(car, workshop, seen) from seen
+        with naming(car, workshop):
+            progress(0.05, "which way it goes")
+            _nudge(car)
+            held = _straight(car, workshop, log, room, progress) if speeds_in(room) else _circle(
+                car, log, progress)
     finally:
         car.stop()
     table, residual = table_of(held, files)

@@ -29,7 +29,7 @@ from dart_hal.car.recorder import keep_old, start_recording
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles
-from dart_hal.control.speed import SpeedLoop
+from dart_hal.control.loop import SpeedLoop
 from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import PoseSource
@@ -222,8 +222,9 @@ class Car(Arming, Shown):
                     source: str = "user") -> Applied:
         """Command steering [rad] and a speed [m/s] held by the built-in loop.
 
-        Feed-forward from model.toml (else the paper's model) and a PI part, whose
-        integral is forgotten at a stop and when commands expired. While the speed is
+        Feed-forward from model.toml (else the paper's model) and a PI part, tuned from how
+        late the car answers; its integral is forgotten at a stop and when commands expired.
+        Where rolling out is too slow, the ESC's brake is pulled; 0 is neutral. While the speed is
         doubted (``health.speed_doubted``) the feed-forward alone drives, at most
         [limits] encoder_lost_throttle: ENCODER_DOUBTED. Beyond [limits] max_speed:
         RANGE. Backward after forward, the ESC is braked first: REVERSING. Raises as ``drive``.
@@ -316,15 +317,17 @@ class Car(Arming, Shown):
         with self._engine.lock:
             return self._engine.receiver.taken(name)
 
-    def clock_pulse(self, on: bool) -> None:
-        """A pulse on the PCA9685's spare channel, by which its clock is measured. Raises BusError.
+    def clock_pulse(self, on: bool, longer_us: float = 0.0) -> float:
+        """A pulse on the PCA9685's spare channel, by which its clock is measured, ``longer_us``
+        than usual; returns when it was written [s]. Raises BusError.
 
         Where a cut-off is watched the pulse is there all the time, and stays.
         """
         with self._engine.lock:
-            actuator = self._engine.driver.actuator
-            if not actuator.watched:
-                actuator.clock_pulse(WATCH_PULSE_US if on else None)
+            actuator, now = self._engine.driver.actuator, self._engine.now
+            there = on or actuator.watched
+            actuator.clock_pulse(WATCH_PULSE_US + max(longer_us, 0.0) if there else None)
+            return now
 
     def on_bytes(self, hook: Hook) -> None:
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""

@@ -1,4 +1,4 @@
-"""``dart-hal calibrate clock | esc | throttle | encoder | imu | mocap``: they end in quantities."""
+"""``dart-hal calibrate clock | esc | throttle | encoder | imu | latency | mocap``: quantities."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import TURNS, calibrate_imu
+from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.measured import UNITS, Measured, write
 from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.calibration.plot_throttle import plot_throttle
@@ -104,6 +105,22 @@ def imu(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
     def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
         return calibrate_imu(car, workshop, progress=progress, ask=ask, source=car.url,
                              turns=turns)
+
+    measure(procedure, url, car_name, cars, dry_run, yes, as_json)
+
+
+@click.command("latency")
+@measuring
+def latency(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+            as_json: bool) -> None:
+    """How late the car answers: command to pulse, pulse to wheels, sensor to host.
+
+    The car stands while the Nano times pulses (by the wire to its D8), then circles
+    to the left with steps of the throttle, and of the steering. drive_speed is tuned by
+    what comes out. Measure clock, encoder and steering first.
+    """
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_latency(car, workshop, progress=progress, ask=ask, source=car.url)
 
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 

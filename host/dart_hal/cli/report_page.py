@@ -22,9 +22,16 @@ from dart_hal.report.numbers import significant
 from dart_hal.types import NINETY
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
-         "imu": "imu", "mocap": "mocap"}
-"""Of ``dart-hal calibrate``, by table of calibration.toml; nothing measures a latency yet."""
+         "imu": "imu", "latency": "latency", "mocap": "mocap", "steering.slew_us_s": "latency"}
+"""Of ``dart-hal calibrate``, by table of calibration.toml, or by name."""
+SELDOM = "latency.pulse_to_yaw_lag"
+"""Shows where it is long alone, so that nobody is asked for it."""
 CLEAR = 3.0  # common standard errors: a change that is no chance
+
+
+def verb_of(name: str) -> str:
+    """Of ``dart-hal calibrate``, that measures a quantity "table.key"."""
+    return VERBS.get(name) or VERBS[name.partition(".")[0]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +49,16 @@ class About:
         few have, only where some is."""
         have = self.files.calibration.quantities() if self.files.calibration else {}
         seen = any(name.startswith("mocap.") for name in have)
-        asked = VERBS.keys() if seen else VERBS.keys() - {"mocap"}
-        out = [name for name in QUANTITIES
-               if name not in have and name.partition(".")[0] in asked]
+        out = [name for name in QUANTITIES if name not in have and name != SELDOM
+               and (seen or verb_of(name) != "mocap")]
         mapped = self.files.calibration is not None and self.files.calibration.steering.map
         return out if mapped else ["steering.map", *out]
 
     def to_do(self) -> list[str]:
         """What stands out, and what to type; nothing where all is well."""
-        tables = dict.fromkeys(name.partition(".")[0] for name in self.missing())
-        out = [f"never measured: {', '.join(n for n in self.missing() if n.startswith(t + '.'))}; "
-               f"dart-hal calibrate {VERBS[t]}" for t in tables]
+        verbs = dict.fromkeys(map(verb_of, self.missing()))
+        out = [f"never measured: {', '.join(n for n in self.missing() if verb_of(n) == verb)}; "
+               f"dart-hal calibrate {verb}" for verb in verbs]
         if self.files.calibration is not None:
             out += [f"{name}: dart-hal calibrate all" for name in
                     self.files.calibration.warnings(self.now)]

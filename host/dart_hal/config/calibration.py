@@ -51,11 +51,13 @@ class PaperForm(Table, frozen=True, kw_only=True):
 
 
 class SteeringCalibration(Table, frozen=True, kw_only=True):
-    """The map, its paper form, backlash [rad] and the fit's residual [rad]."""
+    """The map, its paper form, backlash [rad], slew of the servo [us of pulse per s], and the
+    fit's residual [rad]."""
 
     map: SteeringTable | None = None
     paper_form: PaperForm | None = None
     backlash: Quantity | None = None
+    slew_us_s: Quantity | None = None
     residual_rms_rad: float | None = None
 
 
@@ -104,10 +106,19 @@ class ImuCalibration(Table, frozen=True, kw_only=True):
 
 
 class LatencyCalibration(Table, frozen=True, kw_only=True):
-    """Delays [s] of the loop."""
+    """Delays [s] of the loop, and the first-order lags behind them.
+
+    command_to_pulse: to the end of the first pulse that carries a command, mean;
+    pulse_to_wheel, pulse_to_wheel_lag: from there to the force of the motor;
+    pulse_to_yaw, pulse_to_yaw_lag: to the road wheels, by the yaw rate;
+    sensor_to_host: from the instant of a sample to the arrival of its State.
+    """
 
     command_to_pulse: Quantity | None = None
     pulse_to_wheel: Quantity | None = None
+    pulse_to_wheel_lag: Quantity | None = None
+    pulse_to_yaw: Quantity | None = None
+    pulse_to_yaw_lag: Quantity | None = None
     sensor_to_host: Quantity | None = None
 
 
@@ -174,12 +185,13 @@ class Calibration(Table, frozen=True, kw_only=True):
 
 
 TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency", "mocap")
-QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "throttle.neutral_us",
+QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
               "throttle.saturation_us", "throttle.reverse_rest", "throttle.signal_loss",
               "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
+              "latency.pulse_to_wheel_lag", "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag",
               "latency.sensor_to_host", "mocap.marker_x", "mocap.marker_y", "mocap.marker_yaw",
               "mocap.latency")
 """Names of the measured quantities, as the verbs print them."""

@@ -33,6 +33,8 @@ class Steering(Table, frozen=True, kw_only=True):
     """The servo: pulse = center_us + direction x span_us x command, command +1 = full left.
 
     ``follow_disarmed``: the servo obeys commands while the car is disarmed.
+    ``take_up_backlash``: pulses go half the measured backlash further in the direction in
+    which the wheels have to move.
     """
 
     channel: int = 0
@@ -40,6 +42,7 @@ class Steering(Table, frozen=True, kw_only=True):
     span_us: float = 375.0
     direction: Literal[-1, 1] = 1
     follow_disarmed: bool = False
+    take_up_backlash: bool = False
 
 
 class Throttle(Table, frozen=True, kw_only=True):
@@ -66,7 +69,8 @@ class Pwm(Table, frozen=True, kw_only=True):
 
     ``oscillator_hz``: measured by hand with a scope or logic analyser; the
     value in calibration.toml wins. ``clock_channel``: the spare channel wired
-    to the Nano's D8, which can measure the clock.
+    to the Nano's D8, which can measure the clock. ``error_feedback``: what a pulse
+    is off by, as counts are whole, is made up for in the next frames.
     """
 
     address: int = 0x40
@@ -74,6 +78,7 @@ class Pwm(Table, frozen=True, kw_only=True):
     frequency: float = 50.0
     oscillator_hz: Quantity | None = None
     clock_channel: int = 15
+    error_feedback: bool = True
 
 
 class Encoder(Table, frozen=True, kw_only=True):

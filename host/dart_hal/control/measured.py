@@ -8,7 +8,9 @@ from dataclasses import replace
 
 from dart_hal.config import CarFiles
 from dart_hal.config.calibration import ThrottleCalibration
+from dart_hal.control.drivetrain import Correction, Inverse
 from dart_hal.types import NINETY
+from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -16,9 +18,6 @@ REST_S = 0.16
 """s at neutral: ESCs ask for about 0.1 s, and what is commanded acts up to 0.06 s later."""
 ACTS = 0.06
 """s of it that are no ESC's."""
-
-Correction = Callable[[float], float]
-"""Throttle to add at a speed [m/s]."""
 
 
 def measured_in(files: CarFiles) -> ThrottleCalibration:
@@ -33,6 +32,12 @@ def vehicle_for(files: CarFiles) -> Vehicle:
         return vehicle
     onset = -band.value / files.config.throttle.span_us
     return replace(vehicle, motor=replace(vehicle.motor, g=onset))
+
+
+def inverse_of(files: CarFiles) -> Inverse:
+    """The car's drive train turned round, with the pulses that were measured to hold a speed."""
+    vehicle = settled(vehicle_for(files))
+    return Inverse(vehicle, correction(files, Inverse(vehicle).throttle))
 
 
 def end_of_throttle(files: CarFiles) -> float:

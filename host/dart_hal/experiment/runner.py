@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Protocol
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.quantiser import counter_of
 from dart_hal.actuation.steering_map import steering_map
 from dart_hal.config import CarFiles
 from dart_hal.control.speed import SpeedLaw
@@ -89,8 +89,7 @@ class Runner:
         self._ticks, self._rested = 0, 0.0
         self._dt = 0.0
         self._neutral, self._span = files.neutral_us, files.config.throttle.span_us
-        clock, pwm = files.oscillator_hz, files.config.pwm
-        self._count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
+        self._count = counter_of(files)[1]
 
     def drive(self, progress: Progress = lambda share, text: None) -> Drive:
         """Every segment in order; fence and top speed end the drive, its data are kept.

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, count_us, prescale_for
+from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
@@ -179,8 +179,7 @@ def _moments(states: Sequence[State], files: CarFiles) -> Messages:
 
 def _counts(files: CarFiles) -> tuple[float, float]:
     """One count of the PCA9685 as a share of the steering's and of the throttle's span."""
-    clock, pwm = files.oscillator_hz, files.config.pwm
-    count = count_us(prescale_for(pwm.frequency), clock.value if clock else NOMINAL_HZ)
+    count = counter_of(files)[1]
     return count / files.config.steering.span_us, count / files.config.throttle.span_us
 
 

@@ -21,11 +21,14 @@ from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.link import SimLink
 from dart_hal.sim.mocap import mocap_of
 from dart_hal.sim.mock_nano import TO_UART
+from dart_hal.sim.servo import HORN_RAD_PER_US
 from dart_hal.sim.world import Truth, World
 from dart_hal.vehicle import make_steering
 from dart_hal.vehicle.effect import ActiveEffect
 
 POINTS = 401
+BUS = 0.92e-3
+"""s of ten bytes on an I2C bus of 100 kHz."""
 
 
 def world_of(backend: Backend) -> World:
@@ -124,9 +127,15 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         "imu.mount_yaw": car.imu.mount_yaw,
         "imu.mount_pitch": car.imu.mount_pitch,
         "imu.mount_roll": car.imu.mount_roll,
-        # a command waits for the next frame of the PWM: uniform over 20 ms
-        "latency.command_to_pulse": 0.5 * 122 * 4096 / car.oscillator_hz,
-        "latency.pulse_to_wheel": car.servo.delay,
+        # a command takes the bus, waits for the next frame of the PWM, uniform over 20 ms,
+        # and acts at the end of its pulse of 1.5 ms
+        "latency.command_to_pulse": 0.5 * round(car.oscillator_hz / 4096 / 50) * 4096
+        / car.oscillator_hz + 1.5e-3 + BUS,
+        "latency.pulse_to_wheel": car.esc.delay,
+        "latency.pulse_to_wheel_lag": car.esc.lag,
+        "latency.pulse_to_yaw": car.servo.delay,
+        "latency.pulse_to_yaw_lag": car.servo.lag,
+        "steering.slew_us_s": car.servo.rate / HORN_RAD_PER_US,
         "latency.sensor_to_host": TO_UART + 44 * 20e-6,
     }
 

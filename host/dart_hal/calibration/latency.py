@@ -1,0 +1,198 @@
+"""``calibrate latency``: how late each part of the loop answers, in seconds of the car's clock.
+
+Standing, the Nano times pulses of the spare channel: command to pulse. In a circle the throttle
+steps up and down: pulse to the force of the wheels. Slowly, the steering goes to and fro on the
+left: pulse to the road wheels, and the servo's slew. All the while, how old a State is when it
+arrives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from dart_hal.actuation.quantiser import counter_of
+from dart_hal.config import CarFiles, Quantity
+from dart_hal.config.quantity import Quantities
+from dart_hal.ports import Workshop
+from dart_hal.types import FloatArray, State
+
+from .asking import Ask, Progress, agree, begin, silent
+from .by_hand import naming
+from .latency_log import Traffic, TrafficLog
+from .latency_pulse import TRIALS, WAIT, Grid, PulseCar, measured_grid
+from .latency_wheel import Pull, fit_wheel
+from .latency_yaw import Turning, fit_yaw, linkage_of
+from .measured import Measured
+from .runner import Runner, check_turning, doubted
+from .steering import standing_bias
+
+REPEATS = 12
+STANDING = 3.0
+RADIUS, CRUISE = 1.1, 0.9
+"""m of the circle, m/s in it."""
+UP, DOWN = 0.12, 0.04
+"""Of throttle above and below what holds the speed: 1.8 m/s2 and half of rolling out."""
+UP_FOR, DOWN_FOR = 0.25, 0.55
+LEFT, RIGHT, SLOWLY = 0.9, -0.1, 0.5
+"""Of the steering command to and fro, which is a bend to the left inside that circle, and m/s."""
+FLOOR = (4.0, 4.0)
+"""m: the circle, what slip and a map that nobody measured widen it by, and the car."""
+LEFT_FOR, RIGHT_FOR = 0.5, 0.4
+VARIED = (0.0, 0.02, 0.01, 0.03)
+"""s by which the steps of a repetition last longer, so that they meet all phases of the frames."""
+LOST = 0.3e-3
+"""s, a floor of the arrival's sigma: what no ping can see."""
+
+
+def plan(files: CarFiles) -> str:
+    """What is coming, in one sentence: purpose, time, space, tools."""
+    seconds = TRIALS * (WAIT + 0.2) + 2 * REPEATS * 0.95 + 12.0
+    return (f"stands {TRIALS * (WAIT + 0.2):.0f} s, then circles to the left on {RADIUS:g} m with "
+            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with {REPEATS} steps of "
+            f"the steering, to measure how late the car answers: about {seconds:.0f} s, a floor of "
+            f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
+            f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses")
+
+
+def calibrate_latency(car: PulseCar, workshop: Workshop, *, progress: Progress = silent,
+                      ask: Ask = agree, source: str = "") -> Measured:
+    """Measure delays and lags [s]; nothing is written (``measured.write``).
+
+    ``workshop`` turns a wheel where no motion is seen, so that it is known why. The car is left
+    stopped, also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    """
+    files = car.files
+    begin(ask, plan(files))
+    log = TrafficLog(car)
+    edges, metres = files.config.encoder.edges_per_rev, files.metres_per_edge.value
+    try:
+        with naming(car, workshop), car.raw():
+            progress(0.0, "timing pulses")
+            grid = measured_grid(car, log)
+            standing = log.take()
+            progress(0.2, "steps of the throttle")
+            bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
+            pulled, at = _pull(car, log, bias)
+            progress(0.6, "steps of the steering")
+            turned, turns = _turn(car, log)
+    finally:
+        car.stop()
+    progress(0.95, "fitting")
+    throttle = files.neutral_us, files.config.throttle.span_us
+    pull = fit_wheel(grid, pulled, at, throttle, metres, edges)
+    turning = fit_yaw(grid, turned, turns, linkage_of(files), SLOWLY, metres, edges)
+    seconds = turned.column("t")[-1] - standing.column("t")[0]
+    return Measured(files.config.name, source or files.config.name, "latency",
+                    _quantities(grid, pull, turning, standing),
+                    f"edges {1e3 * pull.left:.2f} mm and yaw rate {turning.left:.4f} rad/s off the "
+                    "fit", float(seconds), _notes(files, grid, turning))
+
+
+def _quantities(grid: Grid, pull: Pull, turning: Turning, standing: Traffic
+                ) -> dict[str, Quantity | Quantities]:
+    blind = 0.0 if grid.seen else grid.phase_std
+    how = f"{REPEATS} steps" if grid.seen else f"{REPEATS} steps, the PWM frames not seen"
+    found = {
+        "latency.command_to_pulse": (*grid.to_pulse, f"{TRIALS} pulses at D8" if grid.seen else
+                                     "derived: half a PWM frame, the bus and a pulse"),
+        "latency.pulse_to_wheel": (pull.delay[0], math.hypot(pull.delay[1], blind), how),
+        "latency.pulse_to_wheel_lag": (*pull.lag, how),
+        "latency.pulse_to_yaw": (turning.delay[0], math.hypot(turning.delay[1], blind), how),
+        "latency.sensor_to_host": (*_arrival(standing), "arrivals by the clock fit"),
+        "steering.slew_us_s": (*turning.slew, how),
+    }
+    if turning.lag is not None:
+        found["latency.pulse_to_yaw_lag"] = (*turning.lag, how)
+    return {name: Quantity(float(value), float(std), method)
+            for name, (value, std, method) in found.items()}
+
+
+def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
+    notes = []
+    if not grid.seen:
+        notes.append("caution: no pulse was seen at D8, so when a pulse begins is known to half a "
+                     "PWM frame alone: fit the wire from the spare channel and run it again")
+    if files.calibration is None or files.calibration.steering.backlash is None:
+        notes.append("caution: the backlash of the steering is not known and counts as a delay: "
+                     "dart-hal calibrate steering, then this again")
+    if turning.lag is None:
+        notes.append("a lag of the servo below 0.04 s does not show behind its slew")
+    return (*notes, "drive_speed is tuned by these from the next start on")
+
+
+def _arrival(traffic: Traffic) -> tuple[float, float]:
+    """(median, one sigma) [s] from the latch of a State to its arrival."""
+    late = traffic.column("arrival") - traffic.column("t")
+    spread = float(np.std(late) / math.sqrt(len(late)))
+    return float(np.median(late)), math.hypot(spread, float(np.median(traffic.column("t_std"))),
+                                              LOST)
+
+
+def _pulse(files: CarFiles, command: float) -> float:
+    """Steering pulse [us] of a command, a whole number of counts: no rounding to be made up for."""
+    steering = files.config.steering
+    return _whole(files, steering.center_us + steering.span_us * steering.direction * command)
+
+
+def _circle(files: CarFiles) -> float:
+    """Steering pulse [us] of the circle to the left, by the car's map."""
+    return _whole(files, linkage_of(files).map.pulse(
+        math.atan(files.config.geometry.wheelbase / RADIUS)))
+
+
+def _whole(files: CarFiles, pulse_us: float) -> float:
+    count = counter_of(files)[1]
+    return round(pulse_us / count) * count
+
+
+def _pull(car: PulseCar, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
+    """Steps of the throttle in a circle; when each began [s]."""
+    files, runner = car.files, Runner(car)
+    bend = _circle(files)
+    runner.start_moving(bend, CRUISE, bias, True)
+    runner.hold(1.0, bend, CRUISE)
+    log.take()
+    runner.hold(1.0, bend, CRUISE)
+    holds = float(np.mean(log.take().written[:, 2]))
+    span, starts = files.config.throttle.span_us, []
+    up, down = (_whole(files, holds + span * part) for part in (UP, -DOWN))
+    states = iter(car.states())
+    t = _held(car, states, bend, down, 2 * DOWN_FOR)
+    for k in range(REPEATS + 1):
+        starts.append(t)
+        t = _held(car, states, bend, up, UP_FOR + VARIED[k % 4])
+        t = _held(car, states, bend, down, DOWN_FOR + VARIED[(k + k // 4) % 4])
+    return log.take(), np.array(starts)
+
+
+def _held(car: PulseCar, states: Iterator[State], steering_us: float, throttle_us: float,
+          seconds: float) -> float:
+    """Both pulses for a while; returns the time [s]. Errors: CalibrationFailed at a doubt."""
+    start: float | None = None
+    for state in states:
+        start = state.t if start is None else start
+        if state.health.speed_doubted:
+            raise doubted(state)
+        car.pulses(steering_us=steering_us, throttle_us=throttle_us)
+        if state.t - start >= seconds:
+            return state.t
+    raise AssertionError("states() ended by itself")
+
+
+def _turn(car: PulseCar, log: TrafficLog) -> tuple[Traffic, FloatArray]:
+    """Steps of the steering at a steady speed; when each began [s]."""
+    files, runner = car.files, Runner(car)
+    left, right = _pulse(files, LEFT), _pulse(files, RIGHT)
+    seen = runner.hold(2.5, left, SLOWLY)
+    check_turning(seen[-40:], 0.0, True)
+    log.take()
+    t = runner.hold(1.0, right, SLOWLY)[-1].t
+    starts = []
+    for k in range(REPEATS + 1):
+        starts.append(t)
+        t = runner.hold(LEFT_FOR + VARIED[k % 4], left, SLOWLY)[-1].t
+        t = runner.hold(RIGHT_FOR + VARIED[(k + k // 4) % 4], right, SLOWLY)[-1].t
+    return log.take(), np.array(starts)

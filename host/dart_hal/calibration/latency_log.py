@@ -1,0 +1,120 @@
+"""When what happened: commands as they went to the pins, edges and yaw rate as the car made them.
+
+All on the car's own clock. The Nano's stamps come to it by the clock fit; a command stands in the
+heartbeat that follows the write of its pulses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dart_hal.errors import CalibrationFailed
+from dart_hal.estimation.frames import FrameReader, Sample
+from dart_hal.types import FloatArray, State
+from dart_hal.wire.codec import DOWN, UP
+from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.messages import HEARTBEAT, STATE, TICKS_PER_SECOND
+from dart_hal.wire.plausible import Gates
+
+from .sensor_log import WatchedCar
+
+FEW = 50
+"""Frames below which nothing can be said."""
+WRAP = 1 << 32
+
+
+class Written(NamedTuple):
+    """Pulses [us] that were on the chip at t [s]."""
+
+    t: float
+    steering_us: float
+    throttle_us: float
+
+
+class Seen(NamedTuple):
+    """One STATE: t of its latch and arrival [s], device time, edges with the time of the last
+    [s], yaw rate [rad/s] (nan = none) with its time [s], speed [m/s], one sigma of t [s]."""
+
+    t: float
+    arrival: float
+    t_dev: float
+    ticks: int
+    edge_t: float
+    yaw_rate: float
+    yaw_t: float
+    speed: float
+    t_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """What passed in one stretch: writes (n, 3), frames (m, 9), columns as named above."""
+
+    written: FloatArray
+    seen: FloatArray
+
+    def column(self, name: str) -> FloatArray:
+        """One column of the frames (m,)."""
+        return np.asarray(self.seen[:, Seen._fields.index(name)])
+
+
+class TrafficLog:
+    """Follows the traffic of one car from now on."""
+
+    def __init__(self, car: WatchedCar) -> None:
+        self._up, self._down = Decoder(UP, Gates()), Decoder(DOWN)
+        self._reader = FrameReader()
+        self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
+        self._written: list[Written] = []
+        self._seen: list[Seen] = []
+        car.on_bytes(self._bytes)
+        car.on_state(self._state)
+
+    def take(self) -> Traffic:
+        """What came since the last call. Errors: CalibrationFailed if it is next to nothing."""
+        written, self._written = self._written, []
+        seen, self._seen = self._seen, []
+        if len(seen) < FEW or not written:
+            raise CalibrationFailed("no telemetry", found=f"{len(seen)} frames",
+                                    expected="100 per second", remedy="dart-hal doctor")
+        return Traffic(np.array(written), np.array(seen))
+
+    def host_time(self, ck: int) -> float:
+        """Car time [s] of a raw stamp of the Nano, by the newest frame."""
+        last = self._seen[-1]
+        now = round(last.t_dev * TICKS_PER_SECOND)
+        past = (now - ck) % WRAP
+        past -= WRAP if past >= WRAP // 2 else 0
+        return last.t - past / TICKS_PER_SECOND * self._rate()
+
+    def _rate(self) -> float:
+        """Seconds of the car's clock per second of the Nano's, over the newest frames."""
+        first, last = self._seen[max(len(self._seen) - 500, 0)], self._seen[-1]
+        return (last.t - first.t) / (last.t_dev - first.t_dev) if last is not first else 1.0
+
+    def _bytes(self, direction: str, data: bytes, t: float) -> bytes:
+        if direction == "rx":
+            self._waiting.extend((self._reader.read(frame.values(), t), t)
+                                 for frame in self._up.feed(data) if frame.message is STATE)
+        else:
+            for frame in self._down.feed(data):
+                if frame.message is HEARTBEAT:
+                    beat = frame.as_dict()
+                    self._written.append(Written(t, 0.1 * beat["steering"],
+                                                 0.1 * beat["throttle"]))
+        return data
+
+    def _state(self, state: State) -> None:
+        if not self._waiting:
+            return
+        sample, arrival = self._waiting.popleft()
+        rate = math.nan if state.yaw_rate is None else state.yaw_rate
+        age = sample.imu_age if math.isfinite(sample.imu_age) else math.nan
+        self._seen.append(Seen(
+            state.t, arrival, sample.t_dev, sample.ticks, state.t - (sample.t_dev - sample.edge_t),
+            rate, state.t - age, state.speed, state.health.t_std))

@@ -1,0 +1,147 @@
+"""`calibrate latency` through the whole Car, against the hidden truth of simulated cars."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from esc_pin import FRAMES, Watched, without_stop
+
+from dart_hal.calibration.latency import calibrate_latency
+from dart_hal.calibration.latency_pulse import Grid, unseen_grid
+from dart_hal.calibration.measured import write
+from dart_hal.car import Car
+from dart_hal.control.tuning import answer_of
+from dart_hal.errors import CalibrationFailed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+from .hidden_errors import true_sensors
+
+URL = "sim://?nano=mock&seed="
+LATE = "&effect=throttle_delay:0.02,throttle_lag:0.06"
+
+
+def measured(url, tmp_path, begin=lambda backend: None):
+    backend = open_backend(url)
+    begin(backend)
+    with Car.over(backend, cars=tmp_path) as car:
+        try:
+            return car.files, calibrate_latency(car, backend.workshop)
+        finally:
+            assert car.mode != "RAW"
+            assert not list(tmp_path.rglob("calibration.toml"))
+
+
+@pytest.mark.more
+def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
+    url = f"{URL}5{LATE}"
+    files, result = measured(url, tmp_path)
+    true = true_sensors(url)
+    for name, found in result.quantities.items():
+        assert abs(found.value - true[name]) < 3.5 * found.std, name
+    assert not answer_of(files).known
+    write(files, result)
+    with Car.open(url, cars=tmp_path) as car:
+        answer = answer_of(car.files)
+    assert answer.known
+    assert answer.lag == pytest.approx(0.06, abs=0.004)
+    assert answer.delay == pytest.approx(0.02, abs=0.004)
+
+
+@pytest.mark.more
+def test_without_the_wire_the_wait_is_derived_and_said(tmp_path):
+    def cut(backend):
+        world_of(backend)._capture_edges = lambda now: []
+
+    _, result = measured(f"{URL}3", tmp_path, cut)
+    wait = result.quantities["latency.command_to_pulse"]
+    assert wait.method.startswith("derived")
+    assert any("no pulse was seen at D8" in note for note in result.notes)
+    assert result.quantities["latency.pulse_to_wheel"].std > 0.005
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("fail", "why"), [
+    pytest.param(fail, why, id=fail) for fail, why in (
+        ("enc:off@0", "encoder does not count"), ("enc:off@24", "encoder does not count"),
+        ("wheel:stuck@0", "a wheel is blocked"), ("wheel:stuck@24", "a wheel is blocked"),
+        ("esc:off@0", "motor does not answer"), ("esc:off@24", "motor does not answer"),
+        ("esc:wrong@0", "gives a yaw rate"))])
+def test_what_is_wrong_is_named_and_the_pin_is_at_neutral(tmp_path, fail, why):
+    watched = Watched(f"{URL}2&fail={fail}", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed, match=why):
+        watched.run(calibrate_latency, watched.backend.workshop)
+    assert watched.pulled_after(watched.world.t) < -0.4
+    assert not list(tmp_path.rglob("calibration.toml"))
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("table", "line"), [("steering", "direction = -1"),
+                                             ("imu", "mount_roll = 3.1416")])
+def test_wrong_wiring_is_noticed(tmp_path, table, line):
+    def turn_round(backend):
+        text = backend.car_toml
+        text += "" if f"[{table}]" in text else f"\n[{table}]\n"
+        backend.car_toml = text.replace(f"[{table}]", f"[{table}]\n{line}")
+
+    with pytest.raises(CalibrationFailed, match=r"the right|the other way"):
+        measured(f"{URL}2", tmp_path, turn_round)
+
+
+@pytest.mark.more
+def test_an_encoder_that_dies_under_a_held_pulse_is_neutral_within_300_ms(tmp_path):
+    """The steps of the throttle are held by no speed loop, which could see it."""
+    watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
+    with watched.car, pytest.raises(CalibrationFailed):
+        watched.run(calibrate_latency, _Absent())
+    assert watched.pulled_after(24.0) <= 0.3
+
+
+@pytest.mark.more
+def test_control_believed_the_dead_encoder_would_pull_on(tmp_path, monkeypatch):
+    watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
+    watched.car._engine.telemetry.encoder.judge = lambda *_: None
+    with watched.car, pytest.raises(CalibrationFailed):
+        watched.run(calibrate_latency, _Absent())
+    assert watched.pulled_after(24.0) > 1.0
+
+
+class _Absent:
+    """Nobody is there to turn a wheel: it is not asked for, or the procedure ends."""
+
+    def push(self) -> bool:
+        raise CalibrationFailed("nobody is there")
+
+
+@pytest.mark.more
+def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
+    watched = Watched(f"{URL}2", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.6, calibrate_latency,
+                         watched.backend.workshop)
+    assert watched.pulled_after(when) < FRAMES
+    assert watched.car.mode == "DISARMED"
+    watched.car.close()
+
+
+@pytest.mark.more
+def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
+    without_stop(monkeypatch)
+    watched = Watched(f"{URL}2", tmp_path)
+    when = watched.press(lambda state: state.speed > 0.6, calibrate_latency,
+                         watched.backend.workshop)
+    assert watched.pulled_after(when) > 0.15
+    watched.car.close()
+
+
+def test_of_two_writes_within_a_frame_the_second_counts():
+    grid = Grid(0.0, 0.02, 0.0, 0.0, 0.0, seen=True)
+    ends, widths = grid.pulses(np.array([0.001, 0.019, 0.021]), np.array([1500.0, 1600.0, 1700.0]))
+    assert widths.tolist() == [1600.0, 1700.0]
+    assert ends == pytest.approx([0.0216, 0.0417])
+    assert grid.doubtful(np.array([0.0001, 0.01, 0.0199])).tolist() == [True, False, True]
+
+
+def test_what_nobody_sees_is_known_to_a_frame(files):
+    grid = unseen_grid(files)
+    assert grid.phase_std == pytest.approx(grid.period / np.sqrt(12.0))
+    assert not grid.seen
