@@ -2,7 +2,8 @@
 
     python docs/guide_pdf.py OUT.pdf
 
-Sphinx makes one HTML page of them, WeasyPrint prints it: A4, drill sheets at exactly full size.
+Sphinx makes one HTML page of them, WeasyPrint prints it: A4, drill sheets and routing at exactly
+full size.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ suppress_warnings = ["myst.xref_missing", "image.not_readable"]
 STYLE = """
 @page { size: A4; margin: 17mm 16mm 18mm;
         @bottom-center { content: counter(page); font: 9pt sans-serif; color: #555 } }
+@page tall { margin: 8mm 16mm; @bottom-center { content: none } } .tall { page: tall }
 @page sheet { margin: 0; @bottom-center { content: none } }
 body { font: 10pt/1.42 "Liberation Sans", "DejaVu Sans", sans-serif; color: #20242a }
 h1 { font-size: 22pt } h2 { font-size: 17pt } h3 { font-size: 12.5pt; margin-top: 1.3em }
@@ -38,6 +40,12 @@ img { max-width: 100%; max-height: 112mm; object-fit: contain; break-inside: avo
 table { border-collapse: collapse; width: 100%; font-size: 8.6pt; margin: .6em 0 }
 td, th { border-bottom: .3pt solid #b5bac0; padding: 1.2mm 1.6mm; vertical-align: top }
 td, th { text-align: left; overflow-wrap: normal } th { background: #eef2f6; white-space: nowrap }
+img[src*="power_tree"], img[src*="nano_pins"], img[src$="/cutoff_mux.svg"], img[src*="mux_board"],
+img[src*="mux_schematic"] { width: 150mm !important; max-height: 236mm; display: block }
+img[src*="routing_"] { height: auto !important; max-height: none; max-width: none }
+img[src*="routing_minimal"] { width: 160mm !important }
+img[src*="routing_cutoff"] { width: 112mm !important }
+h2 + ul, h3 + ul, h4 + ul { break-inside: avoid; break-after: avoid }
 tr { break-inside: avoid } p, li { orphans: 2; widows: 2; overflow-wrap: break-word }
 td p, th p { margin: 0 } li > p { margin: .15em 0 } ul, ol { margin: .4em 0 }
 td code { overflow-wrap: break-word } td:first-child code { white-space: nowrap }
@@ -76,6 +84,8 @@ def page(folder: Path) -> Path:
     file = out / "index.html"
     text = file.read_text(encoding="utf-8")
     text = re.sub(r"<link[^>]*stylesheet[^>]*>|<script.*?</script>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<a[^>]*>\s*(<img[^>]*routing_minimal[^>]*>)\s*</a>",
+                  r'<div class="tall">\1</div>', text)
     drill = ROOT / "hardware" / "drill"
     sheets = "".join(f'<div class="sheet"><img src="{(drill / f"{n}.svg").as_uri()}"></div>'
                      for n in SHEETS)

@@ -54,12 +54,13 @@ def build(p: Parameters, out: Path) -> dict[str, object]:
     return table
 
 
-def paint(table: dict[str, object], out: Path) -> None:
-    """Pictures, the slow half, of a car that can be built."""
+def paint(table: dict[str, object], out: Path) -> list[str]:
+    """Pictures, the slow half, of a car that can be built; returns what their numbers miss."""
     import pictures as painter
 
-    painter.paint(table, out / "stl", out / "pictures")
+    missed = painter.paint(table, out / "stl", out / "pictures")
     print(f"  {len(list((out / 'pictures').glob('*.png')))} pictures")
+    return missed
 
 
 def compare(out: Path, pictures: bool) -> list[tuple[str, str, str, str]]:
@@ -140,14 +141,12 @@ def main() -> int:
         return 2
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        table = build(p, out)
-        clashes = collide(p, table, out / "stl")
-        if clashes:
-            print("the car cannot be put together, nothing was written:", *clashes, sep="\n  ",
-                  file=sys.stderr)
-            return 1
-        if pictures:
-            paint(table, out)
+        table, stl = build(p, out), out / "stl"
+        for why, faults in (("the car cannot be put together", lambda: collide(p, table, stl)),
+                            ("pictures mislead", lambda: paint(table, out) if pictures else [])):
+            if found := faults():
+                print(f"{why}, nothing was written:", *found, sep="\n  ", file=sys.stderr)
+                return 1
         if options.write:
             write(out, pictures)
             print("wrote stl, step, dxf, drill, cad/built.json"

@@ -21,7 +21,8 @@ METAL = 8.0
 LIVE = ("expansion_board", "jetson", "nano", "imu", "lidar_adapter")
 """Items whose first shape is a board under voltage."""
 ROTOR_AIR = 3.0
-LEADS = ("usb_nano", "usb_lidar", "lidar_lead", "cable_6pin", "jumpers", "battery_leads", "camera")
+LEADS = ("usb_nano", "usb_lidar", "lidar_lead", "cable_6pin", "jumpers", "lead_servo", "lead_esc",
+         "battery_leads", "camera")
 """Items that hang or run free somewhere."""
 DRIVER = (5.0, 60.0)
 """Diameter and length of a screwdriver's or a ball-end key's shaft, mm."""

@@ -60,9 +60,15 @@ def words(row: screws.Screw) -> str:
 
 
 def legend(insert: Insert) -> Legend:
-    """A number at the first screw of each row."""
+    """A number at the foremost screw of each row."""
     return tuple((words(row), f"first {n} {'head' if row.length else 'nut'}")
                  for n, row in rows_of(insert))
+
+
+def foremost(insert: Insert, some: list[fasteners.Fastener]) -> int:
+    """The fastener nearest to the camera: what stands before a row does not hide it."""
+    return max(range(len(some)), key=lambda n: sum(
+        a * b for a, b in zip(some[n].seat, insert.view, strict=True)))
 
 
 def line(insert: Insert) -> str:

@@ -16,6 +16,7 @@ import trimesh
 from fasteners import fasteners
 from inserts import INSERTS, file
 from legends import LEGENDS
+from pointing import Shown, astray
 from scene import MARK, Thing, add, look, save, stage
 from shapes import body, cylinder
 
@@ -41,7 +42,7 @@ def part_picture(name: str, row: dict[str, Any], stl: Path, path: Path) -> None:
 
 BELOW = ("chassis", "shocks", "rear_gearbox", "bumper", "servo", "cells", "lipo", "expansion_board",
          "board_posts", "antennas", "shock_ring", "front_wheel", "linkage", "battery", "usb_",
-         "cable_6pin", "jumpers", "lidar_lead", "ir_ties", "nano_tie")
+         "cable_6pin", "jumpers", "lidar_lead", "lead_", "fuse", "ir_ties", "nano_tie")
 ITEM_SHIFT = {"jetson": (0, 0, 85), "lidar": (95, 0, 30), "nano": (0, -20, 45),
               "imu": (0, 0, 45), "camera": (100, 0, 160), "lidar_adapter": (0, 40, 15),
               "cutoff_board": (0, 0, 200), "standoffs_lower": (0, 0, 40),
@@ -84,18 +85,20 @@ def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]
     return lines
 
 
-def exploded(every: list[Thing], path: Path) -> None:
-    """Deck and encoder pulled apart, without the chassis."""
-    scene, drawn = stage((1900, 1900)), []
+def exploded(every: list[Thing], path: Path) -> list[str]:
+    """Deck and encoder pulled apart, without the chassis; returns what its numbers miss."""
+    scene, drawn = stage((1900, 1900)), list[Shown]()
     for thing in every:
         if thing.name.startswith((*BELOW, "screw")):
             continue
         mesh = thing.mesh.copy()
         mesh.apply_translation(thing.shift)
         add(scene, mesh, thing.colour, 0.45 if thing.clear else 1.0)
-        drawn.append((thing.name, mesh))
-    look(scene, (1.25, 1.0, 0.8))
+        drawn.append(Shown(thing.name, mesh, thing.clear))
+    view = 1.25, 1.0, 0.8
+    look(scene, view)
     save(scene, path, LEGENDS["exploded"], drawn)
+    return [f"{path.name}: {said}" for said in astray(LEGENDS["exploded"], drawn, view)]
 
 
 def shadow(scene: pv.Plotter, every: list[Thing]) -> None:
@@ -125,16 +128,17 @@ def car(every: list[Thing], path: Path, direction: tuple[float, float, float]) -
     save(scene, path)
 
 
-def paint(report: dict[str, Any], stl: Path, out: Path) -> None:
-    """All pictures into the folder `out`."""
+def paint(report: dict[str, Any], stl: Path, out: Path) -> list[str]:
+    """All pictures into the folder `out`; returns what their numbers miss, by picture."""
     for name, row in report["parts"].items():
         part_picture(name, row, stl, out / f"{name}.png")
     every = things(report, stl)
-    exploded(every, out / "exploded.png")
+    missed = exploded(every, out / "exploded.png")
     car(every, out / "car.png", (1.25, 1.0, 0.62))
     car(every, out / "car_rear.png", (-1.2, 1.0, 0.7))
     car(every, out / "car_side.png", (0.0, 1.0, 0.06))
     for step in steps.STEPS:
-        steps.step_picture(every, step, out / f"step_{step.name}.png")
+        missed += steps.step_picture(every, step, out / f"step_{step.name}.png")
     for insert in INSERTS:
-        steps.insert_picture(every, report, insert, file(insert, out))
+        missed += steps.insert_picture(every, report, insert, file(insert, out))
+    return missed

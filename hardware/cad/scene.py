@@ -14,8 +14,9 @@ import numpy as np
 import pyvista as pv
 import trimesh
 from badges import numbered
-from legends import Legend, Point
+from legends import Legend
 from PIL import Image
+from pointing import Shown, middle
 from vtkmodules.vtkCommonCore import vtkLogger
 from vtkmodules.vtkRenderingCore import vtkCoordinate
 
@@ -85,22 +86,10 @@ def seen_at(scene: pv.Plotter, point: Sequence[float]) -> tuple[float, float]:
     return x, scene.window_size[1] - 1 - y
 
 
-def middle(target: str | Point, drawn: list[tuple[str, trimesh.Trimesh]]) -> Sequence[float]:
-    """The point that a line of a legend means: itself, or the middle of the bodies named so."""
-    if not isinstance(target, str):
-        return target
-    boxes = np.array([m.bounds for name, m in drawn if name.startswith(target)])
-    if not len(boxes):
-        raise ValueError(f"legends.py: nothing in the picture is named {target!r}; "
-                         f"there are {sorted({name for name, _ in drawn})}")
-    return tuple((boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2)
-
-
-def save(scene: pv.Plotter, path: Path, legend: Legend = (),
-         drawn: list[tuple[str, trimesh.Trimesh]] | None = None) -> None:
+def save(scene: pv.Plotter, path: Path, legend: Legend = (), drawn: Sequence[Shown] = ()) -> None:
     """Small PNG: white margins cut, the legend's numbers beside it, 256 colours."""
     image = Image.fromarray(scene.screenshot(return_img=True))
-    points = [seen_at(scene, middle(target, drawn or [])) for _, target in legend]
+    points = [seen_at(scene, middle(target, drawn)) for _, target in legend]
     scene.close()
     ink = np.asarray(image.convert("L")) < 250
     rows, columns = np.flatnonzero(ink.any(1)), np.flatnonzero(ink.any(0))

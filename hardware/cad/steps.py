@@ -10,12 +10,14 @@ import numpy as np
 import pyvista as pv
 import trimesh
 from fasteners import of_row
-from inserts import Insert, legend, moved, rows_of
+from inserts import Insert, foremost, legend, moved, rows_of
 from legends import LEGENDS
+from pointing import Shown, astray
 from scene import MARK, Thing, add, look, save, stage
 from shapes import body, prism
 
 GREY = "#d4d6d8"
+SHRUNK = 0.99
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,13 @@ STEPS = (
     Step("S13", ("nano", "nano_tie", "imu"),
          ("base_plate", "standoffs_lower", "nano_imu_mount", "screw 3 ", "screw 4 "),
          (1.0, -1.0, 1.4), (10.0, 82.0, -75.0, 20.0, 0.0, 12.0)),
-    Step("S14", ("lipo", "battery_bar", "battery_leads"), ("chassis", "front_wheel", "shocks"),
-         (0.35, 1.2, 0.8)),
-    Step("W06", ("usb_", "cable_6pin", "jumpers", "battery_leads"),
+    Step("S14", ("lipo", "battery_bar", "battery_leads", "fuse"),
+         ("chassis", "front_wheel", "shocks"), (0.35, 1.2, 0.8)),
+    Step("W06", ("usb_", "cable_6pin", "jumpers", "lead_", "battery_leads", "fuse"),
          ("base_plate", "nano", "jetson", "lidar", "imu", "standoffs_lower", "expansion_board",
           "ir_module", "back_plate", "chassis", "front_wheel", "servo"), (-0.9, -1.15, 0.7),
          ghost=("jetson", "expansion_board")),
-    Step("W06_front", ("jumpers", "battery_leads", "cable_6pin"),
+    Step("W06_front", ("jumpers", "lead_", "battery_leads", "fuse", "cable_6pin"),
          ("base_plate", "nano", "expansion_board", "ir_module", "chassis", "front_wheel", "jetson"),
          (1.2, 0.75, 0.75), ghost=("expansion_board", "base_plate", "jetson")),
 )
@@ -92,29 +94,34 @@ def is_of(name: str, wanted: str) -> bool:
     return name == wanted or (wanted.endswith("_") and name.startswith(wanted))
 
 
-def insert_picture(every: list[Thing], report: dict[str, Any], insert: Insert, path: Path) -> None:
-    """Parts of a step apart, each of its screws pulled out of its hole along a thin line."""
-    scene, drawn = stage((1700, 1300)), []
+def insert_picture(every: list[Thing], report: dict[str, Any], insert: Insert,
+                   path: Path) -> list[str]:
+    """Parts of a step apart, each of its screws pulled out of its hole along a thin line; what its
+    numbers miss."""
+    scene, drawn = stage((1700, 1300)), list[Shown]()
     for thing in every:
         shift = next((v for n, v in insert.bodies.items() if is_of(thing.name, n)), None)
         if shift is not None:
             mesh = thing.mesh.copy()
             mesh.apply_translation(shift)
             add(scene, mesh, thing.colour, 0.45 if thing.clear else 1.0)
-            drawn.append((thing.name, mesh))
+            drawn.append(Shown(thing.name, mesh, thing.clear))
     for number, row in rows_of(insert):
-        for n, f in enumerate(of_row(report, row)):
+        every_one = of_row(report, row)
+        first = foremost(insert, every_one)
+        for n, f in enumerate(every_one):
             ends = []
             for kind, shape in f.pieces.items():
                 mesh = body(shape)
                 mesh.apply_translation(moved(insert, f, kind))
                 add(scene, mesh, MARK if kind == "head" or not row.length else shape["colour"])
                 ends.append(mesh.bounds.mean(axis=0))
-                drawn.append((f"{'first' if n == 0 else 'next'} {number} {kind}", mesh))
+                drawn.append(Shown(f"{'first' if n == first else 'next'} {number} {kind}", mesh))
             low, high = ends[0], np.array(f.at(f.grip)) + (ends[-1] - np.array(f.at(f.grip)))
             scene.add_mesh(pv.Line(low, high), color=MARK, line_width=2)
     look(scene, insert.view)
     save(scene, path, legend(insert), drawn)
+    return [f"{path.name}: {said}" for said in astray(legend(insert), drawn, insert.view)]
 
 
 def names(thing: Thing, starts: tuple[str, ...]) -> bool:
@@ -126,9 +133,9 @@ def arrow(low: float) -> list[trimesh.Trimesh]:
     return [body(prism(points, low, low + 1.0)) for points in FORWARD]
 
 
-def step_picture(every: list[Thing], step: Step, path: Path) -> None:
-    """Paints one step."""
-    scene, drawn = stage((1700, 1300)), []
+def step_picture(every: list[Thing], step: Step, path: Path) -> list[str]:
+    """Paints one step; returns what its numbers miss."""
+    scene, drawn = stage((1700, 1300)), list[Shown]()
     for thing in every:
         new, old = names(thing, step.new), names(thing, step.old)
         if not new and not old:
@@ -138,12 +145,16 @@ def step_picture(every: list[Thing], step: Step, path: Path) -> None:
             if thing.name.startswith(start):
                 mesh = mesh.copy()
                 mesh.apply_translation(shift)
+        if names(thing, step.ghost):  # faces that lie on those of others would flicker
+            mesh = mesh.copy()
+            mesh.apply_transform(trimesh.transformations.scale_matrix(SHRUNK, mesh.bounds.mean(0)))
         colour = thing.colour if new else GREY
         seen_through = thing.clear or names(thing, step.ghost)
         add(scene, mesh, colour, 0.4 if seen_through else 1.0, width=2.0 if new else 1.0)
-        drawn.append((thing.name, mesh))
-    if step.bounds is None and any(name == "chassis" for name, _ in drawn):
-        for mesh in arrow(min(m.bounds[0][2] for _, m in drawn)):
+        drawn.append(Shown(thing.name, mesh, seen_through))
+    if step.bounds is None and any(s.name == "chassis" for s in drawn):
+        for mesh in arrow(min(s.mesh.bounds[0][2] for s in drawn)):
             add(scene, mesh, MARK)
     look(scene, step.view, step.bounds)
     save(scene, path, LEGENDS[step.name], drawn)
+    return [f"{path.name}: {said}" for said in astray(LEGENDS[step.name], drawn, step.view)]

@@ -7,7 +7,7 @@ from math import dist
 from pathlib import Path
 
 from drawing import PAINT
-from harness import HERE, WiringError, read
+from harness import HERE, WiringError
 from routing import (
     LEVEL,
     SHOWN,
@@ -27,8 +27,8 @@ EXPLAINED = (
     "Full: above the base plate; dashed, and white squares: below. Lengths along the route, "
     "heights included, without play for plugs and ties. Connectors of the kit by its photographs: "
     "within 10 mm [assumed].")
-WHOLE, DETAIL = (80.0, 188.0, 160.0), (24.0, 108.0, 112.0)
-"""y of the left edge, x of the upper one, width of a picture [mm]."""
+WHOLE, DETAIL = (80.0, 184.0, 160.0, -45.0), (24.0, 108.0, 112.0, 0.0)
+"""y of the left edge, x of the upper one, width, x of the lower edge of a picture [mm]."""
 
 
 def drawing(diagram: str, folder: Path = HERE, p: Parameters | None = None) -> str:
@@ -41,7 +41,7 @@ def drawing(diagram: str, folder: Path = HERE, p: Parameters | None = None) -> s
         raise WiringError("\n".join(wrong))
     picture = Plan(p, *(WHOLE if diagram == SHOWN[0] else DETAIL))
     picture.plate()
-    picture.places(folder)
+    picture.places()
     shown = [route for route in routes(folder, p) if route.diagram == diagram]
     bundle = diagram != SHOWN[0]  # leads that run side by side
     for number, route in enumerate(shown, 1):
@@ -52,8 +52,10 @@ def drawing(diagram: str, folder: Path = HERE, p: Parameters | None = None) -> s
 class Plan:
     """The plate seen from above; x of the car points up in the picture, y to the left."""
 
-    def __init__(self, p: Parameters, left: float, top: float, width: float) -> None:
+    def __init__(self, p: Parameters, left: float, top: float, width: float, low: float) -> None:
         self.p, self.parts, self.left, self.top, self.width = p, list[str](), left, top, width
+        self.end = top - low
+        """Lower edge of the picture, from its upper one [mm]."""
 
     def at(self, x: float, y: float) -> tuple[float, float]:
         return self.left - y, self.top - x
@@ -82,17 +84,16 @@ class Plan:
         self.parts.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='35' fill='none' stroke='#999' "
                           "stroke-width='.4' stroke-dasharray='1 1'/>")
         self.text(x, y + 1, "lidar")
-        x, y = 10.0, self.top + 7
+        x, y = 10.0, self.end + 7
         self.parts.append(f"<path d='M{x:.1f} {y - 1:.1f} v2 M{x:.1f} {y:.1f} h50 m0 -1 v2' "
                           "stroke='#333' stroke-width='.5' fill='none'/>")
         self.text(x + 25, y - 1.2, "50 mm")
         self.parts.append(f"<rect width='{self.width:g}' height='9' fill='#fff'/>")
         self.text(self.width / 2, 6, "Cables from above, forward is up", 5, fill="#111")
 
-    def places(self, folder: Path) -> None:
+    def places(self) -> None:
         """What the cables lead to, by name."""
-        known = read(folder / "routing.yml")["places"]
-        for name, xyz in {**known, **computed(self.p)}.items():
+        for name, xyz in computed(self.p).items():
             x, y = self.at(xyz[0], xyz[1])
             below = xyz[2] < LEVEL and not name.startswith("@nano")
             self.parts.append(f"<rect x='{x - 2:.1f}' y='{y - 2:.1f}' width='4' height='4' "
@@ -125,15 +126,19 @@ class Plan:
 
     def svg(self, every: list[Route]) -> str:
         """With the list of cables below."""
-        y = self.top + 16
+        y = self.end + 14
+        columns = 2 if self.width > 150 else 1  # so that the whole fits on a sheet of A4
+        rows = -(-len(every) // columns)
+        wide = self.width / columns
         for number, r in enumerate(every, 1):
-            has = f"of {r.limit:.0f} mm" if r.limit else "mm"
-            self.text(4, y, f"{number}  {r.ends}", 4, "start", "#111")
-            self.text(self.width - 4, y, f"{r.length:.0f} {has}, {r.pn}", 3.6, "end")
-            y += 5.4
-        for words in textwrap.wrap(EXPLAINED, int(self.width / 1.9)):
-            y += 4.6
-            self.text(4, y, words, 3.6, "start")
+            column, row = divmod(number - 1, rows)
+            left, has = column * wide, f"of {r.limit:.0f} mm" if r.limit else "mm"
+            self.text(left + 4, y + 5 * row, f"{number}  {r.ends}", 3.3, "start", "#111")
+            self.text(left + wide - 5, y + 5 * row, f"{r.length:.0f} {has}", 3.3, "end")
+        y += 5 * (rows - 1) + 1
+        for words in textwrap.wrap(EXPLAINED, int(self.width / 1.7)):
+            y += 4
+            self.text(4, y, words, 3, "start")
         head = (f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {self.width:g} {y + 4:.0f}' "
                 f"width='{self.width:g}mm' height='{y + 4:.0f}mm' font-family='Helvetica, Arial, "
                 "DejaVu Sans, sans-serif' role='img'>")

@@ -1,4 +1,4 @@
-"""Where the cables run, from parameters.toml and routing.yml, and whether they can."""
+"""Where the cables run, and whether they can: the ways of the CAD, and routing.yml for options."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from harness import HERE, WiringError, load, parts, read
 
 sys.path.append(str(HERE.parent / "cad"))
 import layout as cad  # found through the line above
+import ways as lead_ways
 from outlines import distance, inside, sampled
 from parameters import Parameters
 from parameters import read as parameters
@@ -50,16 +51,22 @@ class Route:
                 if (a[2] > LEVEL) != (b[2] > LEVEL)]
 
 
+PLACES = (("infrared", "W_IR", 0), ("nano left", "W_IR", -1), ("imu", "W_IMU", 0),
+          ("nano usb", "W_USB", 0), ("USB sockets", "W_USB", -1), ("lidar adapter", "W_LIDAR", 0),
+          ("6-pin plug", "W_BOARD", 0), ("40-pin header", "W_BOARD", -1), ("servo", "W_SERVO", 0),
+          ("channels 0, 1, 15", "W_SERVO", -1), ("ESC", "W_ESC", 0), ("LiPo", "W_PACK", 0),
+          ("fuse", "W_PACK", -1))
+"""Name of a place, and the lead that begins (0) or ends there (-1)."""
+
+
 def computed(p: Parameters) -> dict[str, Place]:
-    """Places that follow from the parameter file; the pins of the Nano stand through its slots."""
-    w, h = p.base_windows, p.base_holes
-    x = sum(w.nano_x) / 2
-    return {"@nano left": (x, max(w.nano_y), -6), "@nano right": (x + 5, min(w.nano_y), -6),
-            "@nano usb": (x + p.imu_nano.nano_length / 2 + 4, sum(w.nano_y) / 2, 8),
-            "@imu": (h.imu_x, -h.imu_pitch_y / 2, 8),
-            "@lidar adapter": (min(h.adapter_x) - 4, sum(h.adapter_y) / 2, 8),
-            "@cut-off": (p.upper.cutoff_x, p.upper.cutoff_y,
-                         2 * p.sheet.thickness + p.stack.gap + p.cutoff.ledge)}
+    """Places that follow from the parameter file."""
+    run, w = lead_ways.ways(p), p.base_windows
+    known: dict[str, Place] = {f"@{name}": run[cable][end] for name, cable, end in PLACES}
+    known["@nano right"] = (sum(w.nano_x) / 2 + 5, min(w.nano_y), -6)
+    known["@cut-off"] = (p.upper.cutoff_x, p.upper.cutoff_y,
+                         2 * p.sheet.thickness + p.stack.gap + p.cutoff.ledge)
+    return known
 
 
 @lru_cache(maxsize=1)
@@ -70,10 +77,9 @@ def known_parameters() -> Parameters:
 
 def routes(folder: Path = HERE, p: Parameters | None = None) -> list[Route]:
     """Every routed cable. Raises WiringError for a place that is not known."""
-    data = read(folder / "routing.yml")
-    known = {n: tuple(xyz) for n, xyz in data["places"].items()} | computed(p or known_parameters())
-    found = []
-    for diagram, some in data["routes"].items():
+    data, p = read(folder / "routing.yml"), p or known_parameters()
+    known, found = computed(p), list[Route]()
+    for diagram, some in {SHOWN[0]: lead_ways.ways(p), **data["routes"]}.items():
         drawing = load(diagram, folder)
         for cable, way in some.items():
             if cable not in drawing["cables"]:
@@ -146,7 +152,7 @@ def _of_one(route: Route, data: dict[str, Any], p: Parameters) -> Iterator[str]:
     need = route.length + data["play"]
     if route.limit and need > route.limit:
         yield f"{route.cable} needs {need:.0f} mm, the cable has {route.limit:.0f}"
-    outline = sampled(cad.base_outline(p))
+    outline, beyond = sampled(cad.base_outline(p)), data["beyond"]
     for a, b in zip(route.points, route.points[1:], strict=False):
         for n in range(11):
             x, y, z = (u + (v - u) * n / 10 for u, v in zip(a, b, strict=True))
@@ -155,6 +161,8 @@ def _of_one(route: Route, data: dict[str, Any], p: Parameters) -> Iterator[str]:
             if dist((x, y), (p.lidar.axis_x, 0)) < data["rotor"]:
                 yield f"{route.cable} enters the lidar's rotor at x {x:.0f}, y {y:.0f}"
                 return
-            if not inside((x, y), outline) and distance((x, y), outline) > 1:
-                yield f"{route.cable} hangs over the edge of the plate at x {x:.0f}, y {y:.0f}"
+            over = 0.0 if inside((x, y), outline) else distance((x, y), outline)
+            if over > beyond["rear" if x < 0 else "side"]:
+                yield (f"{route.cable} hangs {over:.0f} mm over the edge of the plate at "
+                       f"x {x:.0f}, y {y:.0f}")
                 return

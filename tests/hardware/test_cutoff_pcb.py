@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
+import warnings
 from itertools import combinations
 from math import dist, inf
 from pathlib import Path
@@ -157,3 +158,37 @@ def test_every_hole_has_its_ring_mask_and_place_on_the_board(files):
 def test_the_committed_files_have_no_date(files):
     assert set(files) == set(pcb.files())
     assert not [name for name, text in files.items() if "CreationDate" in text]
+
+
+LAYERS = {"mux_board-B_Cu.gbr": "bottom copper", "mux_board-B_Mask.gbr": "bottom mask",
+          "mux_board-Edge_Cuts.gbr": "mechanical outline", "mux_board-F_Silkscreen.gbr": "top silk",
+          "mux_board.drl": "drill plated"}
+
+
+def seen_by_a_viewer(folder: Path) -> tuple[list[float], set[Point], list[str]]:
+    """Size of the board, pads that have both copper and a hole, what covers none: gerbonara."""
+    from gerbonara import LayerStack
+
+    with warnings.catch_warnings():  # KiCad has its G90 behind the head of a drill file, too
+        warnings.simplefilter("ignore")
+        board = LayerStack.open(folder, autoguess=False, overrides={
+            re.escape(name): use for name, use in LAYERS.items()})
+    (x0, y0), (x1, y1) = board.board_bounds()
+    copper = board.graphic_layers["bottom", "copper"].objects
+    pads = {(round(o.x, 3), round(o.y, 3)) for o in copper if type(o).__name__ == "Flash"}
+    drills = {(round(h.x, 3), round(h.y, 3)) for layer in board.drill_layers for h in layer.objects}
+    return [x1 - x0, y1 - y0], pads & drills, sorted(map(str, pads ^ drills))
+
+
+def test_a_viewer_that_is_not_ours_sees_the_same_board(files, tmp_path):
+    """Reader and writer above may share a mistake; this reader knows nothing of them."""
+    pytest.importorskip("gerbonara")
+    size, pads, alone = seen_by_a_viewer(WIRING / "pcb")
+    assert size == pytest.approx([30.1, 20.1]), "30 x 20 and the width of the outline's stroke"
+    assert pads == {(round(x, 3), round(y, 3)) for x, y in holes(files["mux_board.drl"])}
+    assert alone == []
+    shutil.copytree(WIRING / "pcb", tmp_path, dirs_exist_ok=True)
+    drill = tmp_path / "mux_board.drl"
+    drill.write_text(drill.read_text(encoding="utf-8").replace("X7.380Y10.000\n", "", 1),
+                     encoding="utf-8")
+    assert seen_by_a_viewer(tmp_path)[2] == ["(7.38, 10.0)"], "the control"

@@ -81,6 +81,30 @@ def test_a_fact_that_cannot_be_meant_says_where(copy, old, new, said):
         nets.Harness(copy("electrical.yml", old, new))
 
 
+WITHOUT = {
+    "the board feeds V+ and so does the ESC": "red wire of the ESC lifted",
+    "1 kOhm at S left out": "smallest",  # one switch for Nano and chip: never one without the other
+    "a BEC of 6 V at the multiplexer": "BEC gives 6 V",  # this car has bec_5v
+    "the fuse left out": "smallest",  # it has no LiPo
+    "a fuse of 40 A": "smallest",
+    "the 5 V wires lifted out of the plug that feeds the Jetson Nano": "pi5|orin|desk",
+}
+"""Fault -> cars that are built with it and right: they have no such part, or another supply."""
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("what", "file", "old", "new", "car", "refusal"), BROKEN,
+                         ids=[row[0] for row in BROKEN])
+def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new, car, refusal):
+    """Every option, computer and measurement beside it; a control for each rule in each car."""
+    broken, rule = nets.Harness(copy(file, old, new)), refusal.split(":")[0]
+    cars = [c for c in broken.cars() if set(car_of(car).options) <= set(c.options)]
+    right = [c for c in cars if what in WITHOUT and re.search(WITHOUT[what], str(c))]
+    refused = [c for c in cars if any(f.rule == rule for f in electrical.judge(c, broken))]
+    assert len(refused) >= 36
+    assert set(cars) - set(refused) == set(right)
+
+
 @pytest.mark.more
 def test_nothing_is_drawn_from_a_harness_with_a_fault(tmp_path):
     """The whole tree, for the builder writes beside itself and into the pages."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy as copies
+import json
 import re
 import sys
 from math import dist
@@ -21,6 +22,8 @@ import plan  # noqa: E402
 import routing  # noqa: E402
 
 P = parameters.read()
+BUILT = {i["name"]: i for i in json.loads((ROOT / "hardware" / "cad" / "built.json").read_text(
+    encoding="utf-8"))["items"]}
 
 
 def test_every_cable_has_a_route_that_can_be_laid():
@@ -29,16 +32,22 @@ def test_every_cable_has_a_route_that_can_be_laid():
 
 @pytest.mark.parametrize(("file", "old", "new", "said"), [
     ("cutoff_mux.yml", "half of the board, length: 0.22", "half of the board, length: 0.075",
-     "W_IN needs 158 mm, the cable has 75"),
-    ("routing.yml", "[50, -39.5, 8], [50, -39.5, -4]", "[60, -39.5, 8], [60, -39.5, -4]",
-     "W_IMU passes the plate at x 60, y -39.5, where it has no opening"),
-    ("routing.yml", "[62, 62, 10], [14, 62, 20]", "[110, 20, 10], [14, 62, 20]",
-     "W_LIDAR enters the lidar's rotor"),
-    ("routing.yml", "[84, -62, 14]", "[88, -66, 14]",
-     "W_USB hangs over the edge of the plate"),
+     "W_IN needs 155 mm, the cable has 75"),
+    ("minimal.yml", "plugs at both ends, length: 0.5, wirecount: 4, colors: [RD, WH, GN, BK]}\n"
+     "  W_LIDAR", "plugs at both ends, length: 0.3, wirecount: 4, colors: [RD, WH, GN, BK]}\n"
+     "  W_LIDAR", "W_USB needs 330 mm, the cable has 300"),
+    ("minimal.yml", "jumper wires, length: 0.3", "jumper wires, length: 0.2",
+     "W_IR needs 265 mm, the cable has 200"),
+    ("routing.yml", "[58, -56, 20], [50, -39.5, 6], [50, -39.5, -6]",
+     "[58, -56, 20], [60, -39.5, 6], [60, -39.5, -6]",
+     "W_OUT passes the plate at x 60, y -39.5, where it has no opening"),
+    ("routing.yml", "[58, -56, 20], [62, -56, 68]", "[110, 20, 20], [62, -56, 68]",
+     "W_NANO enters the lidar's rotor"),
+    ("routing.yml", "[58, -56, 20], [62, -56, 68]", "[58, -85, 20], [62, -56, 68]",
+     "W_NANO hangs 10 mm over the edge of the plate"),
     ("routing.yml", "servo_lead: 1.4", "servo_lead: 3.5",
      "the opening 'hole for cables' of 79 mm2"),
-    ("routing.yml", "    W_SERVO:", "    # W_SERVO:", "W_SERVO of minimal.yml has no route"),
+    ("routing.yml", "    W_SPARE:", "    # W_SPARE:", "W_SPARE of cutoff_mux.yml has no route"),
 ])
 def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, said):
     folder = copy(file, old, new)
@@ -50,8 +59,10 @@ def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, said):
 def test_an_opening_that_moves_takes_its_cable_along_or_says_so():
     """The picture is drawn from the parameter file: a hole that is gone from there is gone here."""
     moved = copies.deepcopy(P)
-    moved.base_holes.cable_x = (90.0, 48.0)
-    assert any(fault.startswith("W_IMU passes the plate at x 50, y -39.5")
+    moved.base_holes.cable_x = (60.0, 48.0)
+    imu = next(r for r in routing.routes(p=moved) if r.cable == "W_IMU")
+    assert imu.passages[0][0][0] == 60.0
+    assert any(fault.startswith("W_OUT passes the plate at x 50, y -39.5")
                for fault in routing.faults(p=moved))
     assert plan.drawing("minimal") != plan.drawing("minimal", p=_shifted())
 
@@ -63,12 +74,38 @@ def _shifted():
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    ("W_SERVO: [servo,", "W_SERVO: [servos,", "W_SERVO: no place 'servos'; there are infrared"),
-    ("W_SERVO: [", "W_SERVOS: [", "has no cable W_SERVOS; it has W_IR"),
+    ('W_NANO: ["@nano right",', 'W_NANO: ["@nano", ',
+     "W_NANO: no place '@nano'; there are @infrared"),
+    ("W_NANO: [", "W_NANOS: [", "has no cable W_NANOS; it has W_NANO"),
 ])
 def test_a_name_that_is_nowhere_says_what_exists(copy, old, new, said):
     with pytest.raises(harness.WiringError, match=said):
         routing.faults(copy("routing.yml", old, new))
+
+
+DRAWN = {"W_USB": "usb_nano", "W_LIDAR": "usb_lidar", "W_BOARD": "cable_6pin", "W_IR": "jumpers",
+         "W_IMU": "jumpers", "W_SERVO": "lead_servo", "W_ESC": "lead_esc",
+         "W_PACK": "battery_leads", "W_LIPO": "battery_leads"}
+"""Lead -> its solid in the assembly."""
+
+
+def ends(item: str) -> set[tuple[float, ...]]:
+    """Ends of the bundles of a committed solid."""
+    return {tuple(round(v, 3) for v in end) for s in BUILT[item]["shapes"]
+            if s["kind"] == "cylinder" for end in (s["start"], s["end"])}
+
+
+def strays(found: list[routing.Route]) -> list[str]:
+    """Leads whose plan is not the solid that collides, or the picture that is shown."""
+    return [r.cable for r in found if r.cable in DRAWN
+            and not {tuple(round(v, 3) for v in p) for p in r.points[1:-1]} <= ends(DRAWN[r.cable])]
+
+
+def test_the_plan_shows_the_leads_that_are_solids_in_the_car():
+    minimal = [r for r in routing.routes() if r.diagram == "minimal"]
+    assert {r.cable for r in minimal} == set(DRAWN)
+    assert strays(minimal) == []
+    assert strays(routing.routes(p=_shifted())) == ["W_IMU"], "the control"
 
 
 def test_the_picture_is_at_true_scale():

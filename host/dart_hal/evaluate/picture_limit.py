@@ -15,13 +15,13 @@ from .validity import TITLES, KinematicLimit
 KINEMATIC, DYNAMIC, ONE, ALL = ORANGE, BLUE, "#9aa5b1", INK
 DYNAMIC_SHADE, KINEMATIC_SHADE = ((DYNAMIC, "dynamic better, 95 %"),
                                   (KINEMATIC, "kinematic better, 95 %"))
-LABELS = {"lateral_acceleration": "lateral acceleration |v omega| [m/s2]", "speed": "speed [m/s]"}
+LABELS = {"lateral_acceleration": "lateral acc. |v omega| [m/s2]", "speed": "speed [m/s]"}
 UNITS = {"vy": "m/s", "yaw_rate": "rad/s", "position": "m"}
 
 
 def draw_limit(limit: KinematicLimit) -> Any:
     """Evidence without a model on top, paired errors of one model's two forms below."""
-    figure = new_figure((11.0, 10.5))
+    figure = new_figure((9.4, 9.8))
     grid = figure.add_gridspec(3, 6)
     _evidence(figure.add_subplot(grid[0, :3]), limit.slip, np.degrees(1.0),
               "slip of the rear axle [deg]", "measured, no model: the rear axle slips")
@@ -34,8 +34,8 @@ def draw_limit(limit: KinematicLimit) -> Any:
     for i, t in enumerate(sorted(limit.takeover, key=lambda t: rows.index(t.by))):
         row, column = rows.index(t.by) + 1, 2 * (i % 3)
         _pair(figure.add_subplot(grid[row, column:column + 2]), t,
-              shaded if i == 0 else None)
-    figure.suptitle(f"Where the kinematic model ends; below: {limit.model} at the measured speed, "
+              shaded if i == max(0, len(limit.takeover) - 3) else None)
+    figure.suptitle(f"Where the kinematic model ends; below: {limit.model} at the measured speed,\n"
                     "1 s ahead (small figures: windows)", x=0.01, ha="left", fontsize=11)
     return figure
 
@@ -71,11 +71,11 @@ def _pair(axes: Any, t: Takeover, shaded: list[tuple[str, str]] | None) -> None:
         if b.gain.certain:
             axes.axvspan(b.low, b.high, color=DYNAMIC if b.gain.low > 0.0 else KINEMATIC,
                          alpha=0.10, lw=0)
-        axes.annotate(str(b.windows), (x, 1.0), fontsize=6, ha="center", va="top",
+        axes.annotate(str(b.windows), (x, 1.0), fontsize=8.5, ha="center", va="top",
                       color="#555555", rotation=90, xytext=(0, -2), textcoords="offset points",
                       xycoords=axes.get_xaxis_transform())
     for color, label in shaded or ():
         axes.fill_between([], [], [], color=color, alpha=0.2, label=label)
     axes.set_ylim(0.0, 1.15 * max(max(b.kinematic, b.dynamic) for b in t.bins) if t.bins else 1.0)
     finish(axes, LABELS[t.by], "", f"{TITLES[t.channel]}, RMSE [{UNITS[t.channel]}]",
-           legend=shaded is not None, fontsize=7, loc="upper left", bbox_to_anchor=(0.0, 0.92))
+           legend=shaded is not None, fontsize=8.5, loc="upper left", bbox_to_anchor=(0.0, 0.86))

@@ -64,7 +64,7 @@ def figures(e: Evaluation) -> dict[str, Any]:
 def draw_errors(e: Evaluation) -> Any:
     """RMSE over the horizon by channel; at 1 s by recording."""
     files = list(e.model.slices)
-    figure = new_figure((11.0, 4.6 + 0.24 * len(files)))
+    figure = new_figure((9.8, 4.6 + 0.24 * len(files)))
     top, bottom = figure.subfigures(2, 1, height_ratios=[3.2, 1.4 + 0.24 * len(files)])
     panels = top.subplots(1, len(CHANNELS))
     for axes, channel, unit in zip(panels, CHANNELS, UNITS, strict=True):
@@ -120,7 +120,7 @@ def _by_file(axes: Any, e: Evaluation, channel: str, files: list[str], legend: b
         values = [score.rmse(1.0, file)[channel] for file in files]
         axes.barh(at + shift, values, 0.38, color=color, label=label)
     axes.set_yticks(at, [f"{short(f)} ({e.model.slices[f].stop - e.model.slices[f].start})"
-                         for f in files], fontsize=7)
+                         for f in files], fontsize=9)
     axes.set_ylim(len(files) - 0.4, -0.6)
     axes.set_xlabel(f"{TITLES[channel]}, RMSE at 1 s [{UNITS[CHANNELS.index(channel)]}]")
     axes.grid(axis="x", alpha=0.3)
