@@ -45,7 +45,7 @@ def said(car: dict[str, list[trimesh.Trimesh]], *rows: Any, without: str = "") -
     return "\n".join(fit.problems(BUILT, list(rows), bodies))
 
 
-@pytest.mark.more
+@pytest.mark.cpu(15)
 def test_every_screw_of_the_car_goes_in(car):
     assert fit.problems(BUILT, ROWS, car) == []
     assert len(fasteners.fasteners(BUILT, ROWS)) == sum(r.pieces for r in ROWS)
