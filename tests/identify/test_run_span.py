@@ -40,3 +40,20 @@ def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
     assert finer(fine) is fine
     of_the_moment = replace(coarse, span=0.0)
     assert finer(of_the_moment) is of_the_moment
+
+
+def test_what_a_program_logs_beside_the_car_changes_nothing(tmp_path):
+    runs = []
+    for logs in (False, True):
+        path = tmp_path / f"logs_{logs}.mcap"
+        with Car.open("sim://?seed=3&nano=mock&physics=kinematic&tick=10", record=path) as car:
+            car.arm()
+            for k, state in enumerate(car.states(duration=1.5)):
+                car.drive(throttle=0.2)
+                if logs:
+                    car.log("speed", -state.speed)
+                    car.log("mpc/plan", [float(k), np.nan])
+        runs.append(read_run(path).messages)
+    for name in ("t", "speed", "yaw_rate", "throttle", "steering"):
+        assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name),
+                              equal_nan=True)

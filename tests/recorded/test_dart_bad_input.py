@@ -55,6 +55,16 @@ def test_columns_that_are_never_used_may_be_absent_or_extra(write, table_a):
     assert len(read(write(table)).messages) == 60
 
 
+def test_words_in_a_column_that_is_never_used_cost_nothing(write, table_b):
+    path = write(table_b())
+    head, *rows = path.read_text().splitlines()
+    told = [f"lap {i % 3},{row}" for i, row in enumerate(rows)]
+    path.write_text("\n".join([f"remark,{head}", *told]))
+    plain, marked = read(write(table_b(), "plain.csv")), read(path)
+    assert np.array_equal(marked.messages.speed, plain.messages.speed)
+    assert np.array_equal(marked.mocap.yaw, plain.mocap.yaw)
+
+
 def test_a_few_nan_cells_cost_their_rows(write, table_a):
     table = table_a()
     table["vel encoder"][7] = np.nan

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ from dart_hal.vehicle.load import find_model
 
 READ = 0.05
 """Share of the progress bar for reading."""
+READS = 0.9
+"""Share of that which each file leaves to the others: nobody has counted them."""
 NAMED = 3
 """Skipped files that are named; above it they are counted."""
 Skipped = list[tuple[str, str]]
@@ -86,7 +89,9 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     file, vehicle = find_model(model)
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
-        recordings, skipped = _read(train, test)
+        number = count(1)
+        recordings, skipped = _read(train, test, lambda file: bar.update(
+            task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.diagnose import diagnose
         from dart_hal.process.jobs import wanted
@@ -142,10 +147,10 @@ def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) ->
                          remedy=f"dart-hal diagnose --model {models[0]} --train FILES")
 
 
-def _read(train: tuple[Path, ...], test: tuple[Path, ...]
+def _read(train: tuple[Path, ...], test: tuple[Path, ...], told: Callable[[Path], None]
           ) -> tuple[tuple[list[Recording], list[Recording]], Skipped]:
-    first, skipped = read_any(find(train))
-    second, more = read_any(find(test)) if test else ([], [])
+    first, skipped = read_any(find(train), told)
+    second, more = read_any(find(test), told) if test else ([], [])
     return (first, second), [*skipped, *more]
 
 

@@ -21,6 +21,7 @@ from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
 from .grade.names import Grading, Shown, shown
 from .grade.secants import secants
+from .mounted import Mounted, mounted, of_the_accelerometer
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .report.words import removes
@@ -62,13 +63,15 @@ class Question:
 def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
              began: float) -> Diagnosis:
     """Everything a report needs."""
-    left = _left(q, found.point, found.noise)
+    at = _mounted(q, found.point, found.noise)
+    left = _left(q, at)
     withdrawn = _spurious(q, found, left)
     named = tuple(n for n in found.named if n.effect not in withdrawn)
     points = found.points
     if withdrawn:
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
-        left = _left(q, points[-1], found.noise)
+        at = _mounted(q, points[-1], found.noise)
+        left = _left(q, at)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
                       partial(_gain, q),
                       len({d.recording.sha256 for d in q.test.evidence.drives})
@@ -76,7 +79,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
-        left = _left(q, points[-1], found.noise)
+        at = _mounted(q, points[-1], found.noise)
+        left = _left(q, at)
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
@@ -93,6 +97,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
+        mounting=of_the_accelerometer(at, q.train.evidence, q.settings.policy),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
@@ -109,15 +114,16 @@ def as_logged(q: Question, point: Point) -> Vehicle:
                            for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def _left(q: Question, point: Point, noise: Noise) -> tuple[Unexplained, ...]:
+def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:
+    return mounted(q.search, q.train.evidence, point, noise)
+
+
+def _left(q: Question, at: Mounted) -> tuple[Unexplained, ...]:
     """Structure that neither causes explain nor how the sensors are mounted."""
-    beside = q.search.beside(point, noise, q.train.evidence.mounting)
-    if beside is not point:
-        point, noise = beside, beside.noise
-    evidence, timing = q.train.evidence, point.timing
-    r = evidence.residuals(point.vehicle, timing)
-    return unexplained(evidence, point.vehicle, r, noise, q.settings.seed, q.settings.false_alarm,
-                       q.settings.policy.unexplained)
+    evidence, point = q.train.evidence, at.point
+    r = evidence.residuals(point.vehicle, point.timing)
+    return unexplained(evidence, point.vehicle, r, at.noise, q.settings.seed,
+                       q.settings.false_alarm, q.settings.policy.unexplained)
 
 
 def _spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]) -> tuple[str, ...]:
@@ -242,14 +248,15 @@ def _rows(q: Question, point: Point) -> RowLabels:
 
 
 def _moved(q: Question, point: Point) -> dict[str, Moved]:
-    """Base parameters after the refit."""
+    """Base parameters after the refit, those of effects that the base has among them."""
+    own = {f"{a.name}.{k.name}" for a in q.base.effects for k in a.effect.parameters}
     space = point.space
     if not q.refit:
         return {}
     errors = space.standard_errors(point.x, covariance(point, _blocks(q, point)))
     out, logged = {}, as_logged(q, point)
     for i, name in enumerate(space.names):
-        if name not in q.settings.free:
+        if name not in q.settings.free and name not in own:
             continue
         doubt = ""
         # no time is below 0, and in many a car it is 0

@@ -256,6 +256,7 @@ class Diagnosis:
 
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
+    mounting: of the accelerometer, by effect and parameter, where nothing but the IMU tells.
     """
 
     verdict: str
@@ -278,6 +279,7 @@ class Diagnosis:
     ranking: Mapping[str, float] = field(default_factory=dict)
     possible: tuple[Possible, ...] = ()
     claims: tuple[Claim, ...] = ()
+    mounting: Mapping[str, Mapping[str, Number]] = field(default_factory=dict)
 
     @property
     def extended(self) -> Vehicle:
@@ -299,6 +301,8 @@ class Diagnosis:
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,
                          "gain": {k: g.test for k, g in self.gain.items()},
                          "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},
+            "mounting": {e: {k: n.to_json() for k, n in numbers.items()}
+                         for e, numbers in self.mounting.items()},
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
             "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},

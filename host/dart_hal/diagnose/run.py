@@ -19,13 +19,15 @@ from .conclude import Question, conclude
 from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
 from .evidence.residuals import Evidence
 from .gains import Side, side_of
+from .pace import Pace
 from .policy import USUAL, EvidencePolicy, Policy
 from .result import Diagnosis
 from .search.forward import Search
 from .search.scan import Progress
 from .search.selection import Settings
 
-SEARCHING = 0.85  # of the time, about
+FITTED, SEARCHING = 0.15, 0.65  # of the time, about, until the model is fitted, and causes found
+EVALUATIONS = (150, 1500, 500)  # of a fit of the base, a search, and a conclusion, about
 
 
 def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
@@ -57,14 +59,18 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                         max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy)
 
-    def tell(share: float, what: str) -> None:
-        if progress is not None:
-            progress(SEARCHING * share, what)
+    pace = Pace(progress)
+    for side in sides:
+        side.evidence.told = pace.step
+    pace.phase(FITTED, "fitting the model", EVALUATIONS[0])
 
-    search = Search(sides[0].evidence, vehicle, settings, tell)
+    def tell(share: float, what: str) -> None:
+        pace.at(FITTED + (SEARCHING - FITTED) * share, what)
+
+    search = Search(sides[0].evidence, vehicle, settings, tell,
+                    lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
     found = search.run()
-    if progress is not None:
-        progress(SEARCHING, "measuring the gain")
+    pace.phase(1.0, "measuring the gain", EVALUATIONS[2])
     return conclude(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search),
                 found, files, began)
 

@@ -26,15 +26,20 @@ def write_model(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recor
 
 def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
                    command: str = "") -> ModelFile:
-    """The file of ``d.extended``: standard errors of what was fitted here, the base's of the rest.
+    """The file of ``d.extended`` and how its accelerometer sits.
+
+    Standard errors are of what was fitted here, the base's of the rest.
 
     Covariances of parameters that have moved are left out: they held around
     the old values.
     """
     model = model_of(d.extended, base)
-    named = {c.effect: {k: n.std for k, n in c.parameters.items()} for c in d.causes}
-    effects = tuple(EffectEntry(e.name, _with(e.parameters, named.get(e.name, {})))
+    named = {f"{c.effect}.{k}": n.std for c in d.causes for k, n in c.parameters.items()}
+    stds = {**{name: m.std for name, m in d.refitted.items()}, **named}
+    effects = tuple(EffectEntry(e.name, _with(e.name, e.parameters, stds))
                     for e in model.effects)
+    effects += tuple(EffectEntry(name, {k: _entry(n.value, n.std) for k, n in numbers.items()})
+                     for name, numbers in d.mounting.items())
     sections: dict[str, Any] = {}
     for name, moved in d.refitted.items():
         section, _, key = name.partition(".")
@@ -59,8 +64,10 @@ def _provenance(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
             "files": {**base.provenance.get("files", {}), **files}}
 
 
-def _with(parameters: Mapping[str, Parameter], std: Mapping[str, float]) -> dict[str, Parameter]:
-    return {key: _entry(plain(entry), std[key]) if key in std else entry
+def _with(effect: str, parameters: Mapping[str, Parameter], stds: Mapping[str, float]
+          ) -> dict[str, Parameter]:
+    names = {key: f"{effect}.{key}" for key in parameters}
+    return {key: _entry(plain(entry), stds[names[key]]) if names[key] in stds else entry
             for key, entry in parameters.items()}
 
 

@@ -126,6 +126,6 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
         if nearest < 1.0:
             met = share <= nearest * (1.0 + 1e-12)
             move[met] = edge[met]
-        elif np.abs(direction).max(initial=0.0) < SMALL:
+        elif free.all() or np.abs(direction).max(initial=0.0) < SMALL:
             break
     return move

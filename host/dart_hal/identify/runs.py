@@ -8,7 +8,7 @@ and throttle are the commands that the pulses on the pins stand for.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -261,8 +261,11 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
     return np.where(known, told, np.nan)
 
 
-def read_any(paths: Iterable[str | Path]) -> tuple[list[Recording], list[tuple[str, str]]]:
+def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None
+             ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """(recordings, skipped as (file, reason)) of files and folders, in name order.
+
+    told: of each file, before it is read.
 
     In a folder a file that cannot be used is skipped and listed; a file named
     by itself is refused. Errors: RecordingError, also for a folder without any.
@@ -278,6 +281,8 @@ def read_any(paths: Iterable[str | Path]) -> tuple[list[Recording], list[tuple[s
             if file.resolve() in seen:
                 continue
             seen.add(file.resolve())
+            if told is not None:
+                told(file)
             try:
                 recordings.append(_read(file))
             except RecordingError as err:

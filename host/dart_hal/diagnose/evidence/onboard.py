@@ -104,6 +104,7 @@ class OnboardEvidence(Evidence):
 
     def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
         """Of the model p with its effects, as ``Evidence.residuals``."""
+        self.tell()
         p = timing.advanced(p)
         q = settled(p)
         throttle, angle = (

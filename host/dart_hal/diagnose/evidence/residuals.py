@@ -64,12 +64,13 @@ class Evidence:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self.told: Callable[[], None] | None = None  # of each evaluation
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process: what is kept is larger than what it takes to make it."""
-        return {**self.__dict__, "_kept": OrderedDict()}
+        return {**self.__dict__, "_kept": OrderedDict(), "told": None}
 
     @property
     def commands_stamped(self) -> bool:
@@ -144,6 +145,7 @@ class Evidence:
         Where poses come late, all else is early: shifted by parts of a sample
         they would be smoothed, and windows would start where the motion bends.
         """
+        self.tell()
         p, behind = late_last(p, "pose")
         timing = replace(timing, late=timing.late - behind, command_age=timing.command_age - behind)
         p, late = timing.advanced(p), (timing.late, timing.gyro)
@@ -151,6 +153,11 @@ class Evidence:
         return Residuals(
             self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
             self._once((*_reads(p), late), lambda: self._sensors(p, *late)))
+
+    def tell(self) -> None:
+        """One more evaluation, to whom it may concern."""
+        if self.told is not None:
+            self.told()
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -69,8 +69,11 @@ class Search:
     """One search on the training evidence."""
 
     def __init__(self, evidence: Evidence, base: Vehicle, settings: Settings,
-                 progress: Progress | None = None) -> None:
+                 progress: Progress | None = None,
+                 fitted: Callable[[], None] | None = None) -> None:
+        """fitted: told when the base is."""
         self._evidence, self._settings, self._progress = evidence, settings, progress
+        self._fitted = fitted
         self._base = base
         self._done, self._dropped = 0.0, False
         self._before: tuple[Noise, dict[str, tuple[Line, ...]]] | None = None
@@ -80,6 +83,8 @@ class Search:
         s = self._settings
         space = self._space(self._base)
         point, noise = self._settle(space, Timing(self._evidence.late))
+        if self._fitted is not None:
+            self._fitted()
         fixed = Space(self._base, (), late=self._evidence.late, policy=s.policy.prior)
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
         base, sizes, first = point, noise, tuple[Trial, ...]()
@@ -283,4 +288,4 @@ class Search:
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which cannot show progress here."""
-        return {**self.__dict__, "_progress": None, "_before": None}
+        return {**self.__dict__, "_progress": None, "_fitted": None, "_before": None}

@@ -13,7 +13,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
-from .mocap import MAX_GAP, POSITION_STEP, YAW_STEP
+from .mocap import POSITION_STEP, YAW_STEP, longest_step
 from .model import Recording
 from .sensors import GAP
 
@@ -118,7 +118,7 @@ def _jumps_c(x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
 
 def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:
     after = np.clip(np.searchsorted(stamp, t, side="left"), 1, len(stamp) - 1)
-    return np.asarray(stamp[after] - stamp[after - 1] > MAX_GAP)
+    return np.asarray(stamp[after] - stamp[after - 1] > longest_step(stamp))
 
 
 def _false_lock(speed: FloatArray, encoder: FloatArray) -> BoolArray:

@@ -14,6 +14,7 @@ MIN_ADVANCE = 1e-4  # s
 POSITION_STEP = 0.06  # m per 10 ms
 YAW_STEP = 0.2  # rad per 10 ms
 MAX_GAP = 0.05  # s
+GAP_STEPS = 2.0  # usual steps between two rows; a 20 Hz recording has a row each 0.05 s
 OUTLIER_ROWS = 3
 EPOCH_FROM = 1e9  # s; smaller stamps count from the start of the recording
 
@@ -69,6 +70,12 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     return bad
 
 
+def longest_step(t: FloatArray) -> float:
+    """Time [s] between two rows beyond which nothing between them is used; t (n,) s."""
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else SAMPLE
+    return max(MAX_GAP, GAP_STEPS * usual)
+
+
 def unwrap(yaw: FloatArray, outlier: BoolArray) -> FloatArray:
     """Unwrapped over the good rows; an outlier stays on the turn of the row before it."""
     good = np.flatnonzero(~outlier)
@@ -95,8 +102,7 @@ def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]
                           "mocap_repeated"))
     if outlier.any():
         notes.append(Note("mocap outliers of 1 to 3 rows, marked", int(outlier.sum()), "outliers"))
-    usual = float(np.median(np.diff(t))) if len(t) > 1 else SAMPLE
-    limit = max(MAX_GAP, 2.0 * usual)
+    limit = longest_step(t)
     gaps = int((np.diff(t) > limit).sum())
     if gaps:
         notes.append(Note(f"{gaps} mocap gap(s) above {limit:.2f} s: nothing inside is used",

@@ -14,7 +14,7 @@ from dart_hal.errors import RecordingError
 from dart_hal.recording.regular import check_regular
 from dart_hal.types import FloatArray
 
-from .schema import detect, split_header
+from .schema import USED, detect, split_header
 
 GZIP = b"\x1f\x8b"
 MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not scratched
@@ -79,14 +79,17 @@ def parse(path: Path) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]
     except ValueError:
         table = None
     if table is None or table.shape[1] != len(names):
-        table, dropped = _parse_by_line(body, names, file)
+        table, dropped = _parse_by_line(body, names, USED[schema], file)
     columns = {n: table[:, i] for i, n in enumerate(names)}
     return schema, columns, dropped
 
 
-def _parse_by_line(body: str, names: Sequence[str], file: str
+def _parse_by_line(body: str, names: Sequence[str], used: Sequence[str], file: str
                    ) -> tuple[FloatArray, list[tuple[str, int]]]:
-    """The slow way for a file with a scratch: says which line, forgives a cut-off last one."""
+    """The slow way for a file with a scratch: says which line, forgives a cut-off last one.
+
+    What stands in a column that nobody reads is of no account: NaN where it is no number.
+    """
     lines = [(i + 2, text) for i, text in enumerate(body.splitlines()) if text.strip()]
     rows: list[list[float]] = []
     for number, (line, text) in enumerate(lines):
@@ -98,7 +101,7 @@ def _parse_by_line(body: str, names: Sequence[str], file: str
                 f"{file}: line {line} has {len(cells)} cells, the header has {len(names)}",
                 found=repr(text[:80]), expected=f"{len(names)} numbers", read=file,
                 remedy="repair or delete that line")
-        rows.append([_number(cell, name, line, file)
+        rows.append([_number(cell, name, line, file) if name in used else _number_or_none(cell)
                      for cell, name in zip(cells, names, strict=True)])
     return _table(rows, names, file), []
 
@@ -121,6 +124,13 @@ def _number(cell: str, name: str, line: int, file: str) -> float:
         raise RecordingError(f"{file}: line {line}, column {name!r} is not a number",
                              found=repr(cell[:40]), expected="a number", read=file,
                              remedy="repair or delete that line") from err
+
+
+def _number_or_none(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
 
 
 def keep_finite(columns: dict[str, FloatArray], used: Sequence[str], file: str

@@ -1,0 +1,67 @@
+"""Recordings whose poses came 20 to 200 times a second: the same drive says the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import hidden_drive
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.evidence.space import Timing
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.recording.dart import grid, read
+from dart_hal.vehicle import PAPER
+
+RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
+YAW = 13  # column
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rates") / "drive.csv"
+    return read(hidden_drive.write(path, PAPER, 3, hidden_drive.Plan(seconds=20.0)))
+
+
+def at_rate(recording, hz, path, jitter=0.0):
+    """The drive as a slower or faster motion capture would have it, rows to match."""
+    head, *lines = recording.path.read_text().splitlines()
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    table[:, YAW] = np.unwrap(table[:, YAW])
+    t = table[:, 10] - table[0, 10]
+    at = np.arange(0.0, t[-1], 1.0 / hz)
+    at = np.clip(at + jitter * np.random.default_rng(1).normal(size=len(at)), 0.0, t[-1])
+    rows = table[np.searchsorted(t, at + 1e-6, side="right") - 1]
+    rows[:, 10] = table[0, 10] + at
+    for column in range(11, 14):
+        rows[:, column] = np.interp(at, t, table[:, column])
+    np.savetxt(path, rows, fmt=["%.7f"] * 14, delimiter=",", header=head, comments="")
+    return read(path)
+
+
+def seen(recording):
+    """(windows, messages, median size of each error of the paper's car)."""
+    evidence = evidence_of([recording], PAPER.body.l_r)[0]
+    r = evidence.residuals(PAPER, Timing(evidence.late))
+    return len(r.motion), len(r.sensors), np.median(np.abs(r.motion), axis=0)
+
+
+@pytest.mark.parametrize("hz", RATES)
+@pytest.mark.few("20", "200")
+def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
+    windows, messages, size = seen(drive)
+    other = seen(at_rate(drive, hz, tmp_path / "other.csv", 0.001 if hz < 100 else 0.0))
+    assert other[0] > 0.9 * windows
+    assert other[1] > 0.9 * messages
+    assert np.linalg.norm(other[2]) < 1.5 * np.linalg.norm(size)
+
+
+def test_a_gap_of_several_poses_is_still_a_gap(drive, tmp_path):
+    slow = at_rate(drive, 20, tmp_path / "slow.csv")
+    m = slow.mocap
+    keep = (m.t < 8.0) | (m.t > 8.25)
+    torn = replace(slow, mocap=replace(m, t=m.t[keep], x=m.x[keep], y=m.y[keep], yaw=m.yaw[keep],
+                                       outlier=m.outlier[keep]))
+    at = slice(810, 820)  # samples of 10 ms
+    assert grid(torn).bad[at].all()
+    assert not grid(slow).bad[at].any()

@@ -1,0 +1,92 @@
+"""How the accelerometer sits is fitted beside the model and goes into the car's own file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import hidden_drive
+import made_by_hand as made
+import onboard_files
+import pytest
+import searched
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.mounted import mounted, of_the_accelerometer
+from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose.result import Number
+from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.search.forward import Search
+from dart_hal.diagnose.search.selection import Settings
+from dart_hal.diagnose.write import extended_model
+from dart_hal.recording.dart import read
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.file import vehicle_from
+from dart_hal.vehicle.load import find_model
+
+
+def beside(seen, p=PAPER):
+    noise, point = searched.fitted(seen, p)
+    at = mounted(Search(seen, p, Settings()), seen, point, noise)
+    return at, of_the_accelerometer(at, seen, USUAL)
+
+
+@pytest.mark.more
+def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
+    askew = apply(apply(PAPER, "imu_yaw", k=0.04), "imu_lever_arm", k=0.02)
+    seen = onboard_files.evidence(onboard_files.recorded(tmp_path, askew))
+    _, told = beside(seen)
+    for name, true in (("imu_yaw", 0.04), ("imu_lever_arm", 0.02)):
+        number = told[name]["k"]
+        assert 0.0 < number.std < 0.5 * true
+        assert number.value == pytest.approx(true, abs=3.0 * number.std)
+    assert not {"gyro_scale", "gyro_bias"} & told.keys()
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+@pytest.mark.parametrize("knows", [True, False])
+def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, knows):
+    askew = apply(PAPER, "imu_yaw", k=0.1)
+    drives = [onboard_files.recorded(tmp_path, askew, seed, 40.0) for seed in (1, 2)]
+    file, p = find_model("paper")
+    p = apply(p, "imu_yaw", k=0.08) if knows else p
+    found = diagnose(file, p, drives[:1], drives[1:], only=("imu_yaw",))
+    assert [c.effect for c in found.causes] == ([] if knows else ["imu_yaw"])
+    if knows:
+        moved = found.refitted["imu_yaw.k"]
+        assert moved.before == 0.08
+        assert moved.after == pytest.approx(0.1, abs=3.0 * moved.std)
+        entry = next(e for e in extended_model(found, file, drives).effects if e.name == "imu_yaw")
+        assert entry.parameters["k"].std == moved.std
+    else:
+        assert "imu_yaw" not in found.refitted
+
+
+@pytest.mark.more
+def test_what_the_model_has_is_not_fitted_twice(tmp_path):
+    seen = onboard_files.evidence(onboard_files.recorded(tmp_path, seconds=15.0))
+    at, told = beside(seen, apply(PAPER, "imu_yaw", k=0.01))
+    assert "imu_yaw" not in at.names
+    assert "imu_yaw" not in told
+    assert "imu_lever_arm" in told
+
+
+def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
+    path = hidden_drive.write(tmp_path / "car_1_a.csv", PAPER, 1, hidden_drive.Plan(seconds=15.0))
+    seen = evidence_of([read(path)], PAPER.body.l_r)[0]
+    at, told = beside(seen)
+    assert at.names == ()
+    assert told == {}
+
+
+def test_the_extended_model_carries_it_with_its_error():
+    file, _ = find_model("paper")
+    d = replace(made.diagnosis("parameters_only", 0, False),
+                mounting={"imu_yaw": {"k": Number(0.04, 0.001, "rad")}})
+    model = extended_model(d, file, [])
+    entry = next(e for e in model.effects if e.name == "imu_yaw")
+    assert (entry.parameters["k"].value, entry.parameters["k"].std) == (0.04, 0.001)
+    assert [a.values for a in vehicle_from(model).effects if a.name == "imu_yaw"] == [(0.04,)]
+    assert d.to_json()["mounting"] == {
+        "imu_yaw": {"k": {"value": 0.04, "std": 0.001, "unit": "rad", "null": 0.0}}}

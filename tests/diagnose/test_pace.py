@@ -1,0 +1,56 @@
+"""Progress: from the first evaluations on, never back, and with no long stand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import searched
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.pace import Pace
+from dart_hal.vehicle.load import find_model
+
+STANDS = 60  # evaluations of a model, a second of five minutes of driving
+
+
+@pytest.mark.more
+def test_progress_never_stands_and_never_goes_back(monkeypatch):
+    evaluations, told = [0], []
+    residuals = Evidence.residuals
+
+    def counted(self, *args, **more):
+        evaluations[0] += 1
+        return residuals(self, *args, **more)
+
+    monkeypatch.setattr(Evidence, "residuals", counted)
+    file, p = find_model("paper")
+    diagnose(file, p, [searched.drive(seconds=12.0)], [searched.drive(seconds=8.0, seed=4)],
+             only=("steering_lag", "grip"),
+             progress=lambda share, what: told.append((evaluations[0], share, what)))
+    at, shares = (np.array([entry[i] for entry in told], dtype=float) for i in (0, 1))
+    assert (np.diff(shares) >= 0.0).all()
+    assert shares[0] < 0.2
+    assert shares[-1] <= 1.0
+    moved = at[np.flatnonzero(np.diff(np.concatenate([[0.0], shares])) > 0.0)]
+    assert np.diff(np.concatenate([[0.0], moved, [evaluations[0]]])).max() < STANDS
+
+
+def test_a_phase_comes_near_its_end_and_the_next_begins_there():
+    told = []
+    pace = Pace(lambda share, what: told.append((round(share, 3), what)))
+    pace.phase(0.2, "fit", 10)
+    for _ in range(1000):
+        pace.step()
+    assert 0.19 < told[-1][0] <= 0.2
+    pace.at(0.5, "scan")
+    assert told[-1] == (0.5, "scan")
+    pace.at(0.4, "scan")
+    assert told[-1][0] == 0.5
+
+
+def test_without_anybody_to_tell_nothing_is_told():
+    pace = Pace(None)
+    pace.phase(1.0, "fit", 10)
+    pace.step()
+    pace.at(0.5, "scan")
