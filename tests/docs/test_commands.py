@@ -24,6 +24,10 @@ READ = ("examples", "hardware", "host", "tests")
 """Of the checkout; whatever a page writes stays in the test's own folder, with a copy of cars/."""
 
 
+PATIENCE = 2400
+"""s for one block; all calibrations on the firmware take two minutes of an idle machine."""
+
+
 def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
     """Run the blocks of a page in order; those that ran. AssertionError at the first wrong one."""
     for name in READ:
@@ -49,7 +53,7 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
             words = [sys.executable, "-c", text] if block.kind == "python" else [
                 "bash", "-euo", "pipefail", "-c", text]
             done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True,
-                                  check=False, timeout=600)
+                                  check=False, timeout=PATIENCE)
             assert done.returncode == 0, f"{where}:\n{done.stdout}\n{done.stderr}"
             printed = done.stdout
             ran.append(block)
