@@ -3,7 +3,7 @@
     python benchmarks/bench_room.py                       cars 1 to 20, 60 s at 1 m/s, calibrated
     python benchmarks/bench_room.py 3 30 0                cars 1 to 3, 30 s, nothing calibrated
     python benchmarks/bench_room.py 20 60 1 ,lock=6       with more wrong: false locks, 6 a minute
-    python benchmarks/bench_room.py 20 60 1 "" 1          every bend 7 s long
+    python benchmarks/bench_room.py 20 60 1 "" 7          every bend 7 s long
 
 Bends to both sides, of changing length; of one length, they beat with the IMU's own clock
 (docs/explanation/estimation.md). Poses of the marker at 10 Hz, 5 mm, with the seed's marker,
@@ -104,17 +104,20 @@ def calibrated(url: str, seed: int, seen: bool) -> Iterator[str]:
         yield folder
 
 
-def driven(seed: int, seconds: float, seen: str, measured: bool = True, even: bool = False,
+def driven(seed: int, seconds: float, seen: str, measured: bool = True, bend: float = 0.0,
            record: Path | None = None) -> Drive:
-    """A drive of a hidden car, seen in a room, or not if ``seen`` is empty."""
+    """A drive of a hidden car, seen in a room, or not if ``seen`` is empty.
+
+    bend [s]: how long each pair of bends takes; 0.0: around 7, changing.
+    """
     url = f"sim://?seed={seed}&nano=mock" + (f"&mocap={seen}" if seen else "")
     if not measured:
-        return _drive(url, seconds, None, even, record)
+        return _drive(url, seconds, None, bend, record)
     with calibrated(url, seed, bool(seen)) as folder:
-        return _drive(url, seconds, folder, even, record)
+        return _drive(url, seconds, folder, bend, record)
 
 
-def _drive(url: str, seconds: float, cars: str | None, even: bool, record: Path | None) -> Drive:
+def _drive(url: str, seconds: float, cars: str | None, bend: float, record: Path | None) -> Drive:
     backend = open_backend(url)
     world, frames = world_of(backend), []
     if backend.poses is not None:
@@ -126,15 +129,15 @@ def _drive(url: str, seconds: float, cars: str | None, even: bool, record: Path 
         for state in car.states(duration=seconds):
             frames.append(Frame(state, moving(world.truth(state.t))))
             t = tau * (state.t - begin)
-            bend = sin(t / 7.0 + (0.0 if even else 3.0 * sin(t / 23.0)))
-            car.drive_speed(steering=0.25 * bend, speed=1.0)
+            phase = t / bend if bend else t / 7.0 + 3.0 * sin(t / 23.0)
+            car.drive_speed(steering=0.25 * sin(phase), speed=1.0)
     return Drive(start, frames)
 
 
 def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
-           even: bool = False) -> Score:
+           bend: float = 0.0) -> Score:
     """One hidden car; see the head of the file."""
-    start, frames = driven(seed, seconds, seen, measured, even)
+    start, frames = driven(seed, seconds, seen, measured, bend)
     params = mocap_of(seen, seed)
     assert params is not None
     late = [k for k, frame in enumerate(frames) if frame.state.t - frames[0].state.t > SETTLED
@@ -204,7 +207,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
 
 
 def main(cars: int = 20, seconds: float = 60.0, measured: int = 1, more: str = "",
-         even: int = 0) -> None:
+         bend: float = 0.0) -> None:
     """One line for each car, then the mean and the worst."""
     print(f"{'car':>5} {'rms cm':>7} {'gap cm':>7} {'nees':>6} {'ahead':>6} {'reckoned %':>11} "
           f"{'nees':>6}")
@@ -215,7 +218,7 @@ def main(cars: int = 20, seconds: float = 60.0, measured: int = 1, more: str = "
               f"{row[5]:6.2f}", flush=True)
 
     for seed in range(1, cars + 1):
-        rows.append(np.array(scored(seed, seconds, SEEN + more, bool(measured), bool(even)))
+        rows.append(np.array(scored(seed, seconds, SEEN + more, bool(measured), bend))
                     * (100.0, 100.0, 1.0, 1.0, 100.0, 1.0))
         show(str(seed), rows[-1])
     show("mean", np.mean(rows, axis=0))
@@ -223,5 +226,5 @@ def main(cars: int = 20, seconds: float = 60.0, measured: int = 1, more: str = "
 
 
 if __name__ == "__main__":
-    kinds = int, float, int, str, int
+    kinds = int, float, int, str, float
     main(*(kind(text) for kind, text in zip(kinds, sys.argv[1:], strict=False)))

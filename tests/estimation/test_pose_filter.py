@@ -16,7 +16,7 @@ from dart_hal.errors import UsageError
 from dart_hal.estimation import Odometry, OdometryNoise
 from dart_hal.estimation.gyro import CORRELATED, QUANTUM
 from dart_hal.estimation.pose_filter import HISTORY, PoseFilter, Verdict
-from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SLIP, SPEED, TRAVEL
+from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE, SLIP, SPEED, TRAVEL
 from dart_hal.types import Pose
 
 FRAME = 0.01
@@ -66,7 +66,7 @@ class Drive:
         for k in range(-round(STANDS / FRAME), self.frames + 1):
             t, seen = k * FRAME, k * FRAME - 0.014
             if k >= 0:
-                noisy = math.hypot(n.gyro_noise, n.gyro_age * self.omega(seen)
+                noisy = math.hypot(n.gyro_noise, SAMPLE_AGE * self.omega(seen)
                                    ) / math.sqrt(FRAME) * self.rng.standard_normal()
             elif k % CORRELATED == 0:  # at rest, as the filter is told: a quarter is independent
                 noisy = math.hypot(n.gyro_noise / math.sqrt(FRAME), QUANTUM / math.sqrt(12.0)

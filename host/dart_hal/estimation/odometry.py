@@ -32,6 +32,9 @@ from dart_hal.types import Pose
 GYRO_LATENCY = 0.010
 """s: mean 5 ms until the IMU's next 100 Hz update, 5 ms of its 32 Hz filter
 (1 / (2 pi 32)); the sample is that much older than the start of its read."""
+SMOOTH = 0.1
+"""s over which the change of the yaw rate is taken: 4e-3 rad/s of noise in a sample are 0.03
+rad/s2 then, a bend of 7 s at 1 m/s changes by 1; a steering servo needs as long."""
 STALE = 0.5
 """s without a gyro sample after which the turn rate is taken from the wheels."""
 BLIND, BLIND_SHARE = 0.3, 0.3
@@ -49,10 +52,12 @@ class OdometryNoise:
     gyro_scale: relative; gyro_bias: rad/s before the first standstill (the
     BNO055's zero-rate offset is 1 deg/s); slip: sideways sliding of the
     rear axle, m per sqrt(m), random; slip_gain: rad of rear slip angle per
-    m/s2 of lateral acceleration; gyro_age: s per sqrt(s), the turn is unsure by
-    that times the yaw rate. It is what bias and scale leave of the yaw of hidden
-    cars 11 to 16 in bends over 1, 2 and 4 s (1.1e-3 to 3.4e-3); likely the age
-    of a sample, 0 to 10 ms as the IMU's own clock drifts against the frames.
+    m/s2 of lateral acceleration; gyro_age: s per sqrt(Hz), how much older or
+    younger than GYRO_LATENCY says a sample is: yaw goes wrong by the integral
+    of that times the change of the yaw rate. The IMU samples by its own clock, so the
+    age is a sawtooth of p = 10 ms whose period is the beat of the two clocks:
+    lines of (p / n pi)^2 / 4 at n times the beat. For clocks up to 0.3 % apart, beats of
+    0 to 0.3 Hz alike likely, that is 1.2 (p / pi)^2 / (4 x 0.3 Hz) = (3.2e-3)^2 below 0.3 Hz.
     """
 
     travel: float = 0.003
@@ -62,17 +67,17 @@ class OdometryNoise:
     gyro_bias: float = 0.0175
     slip: float = 0.005
     slip_gain: float = 0.02
-    gyro_age: float = 2.5e-3
+    gyro_age: float = 3.2e-3
 
 
 class Motion(NamedTuple):
     """What the sensors say of ``dt`` s, their constant errors still in it.
 
     speed [m/s]: travel of the wheels / dt; yaw_rate [rad/s]: of the gyro, with its bias, or of
-    the steering angle where ``gyro`` is False; yaw_variance [rad2]: of the turn, beyond the noise
-    of the gyro; standing: the car is at rest, not only between two edges of its encoder; missed
-    [m/s]: what the wheels may not tell while they are doubted, and place_variance [m2] on each
-    side by it.
+    the steering angle where ``gyro`` is False; yaw_variance [rad2]: of the turn, beyond
+    what is wrong with the gyro; standing: the car is at rest, not only between two edges of its
+    encoder; missed [m/s]: what the wheels may not tell while they are doubted, and
+    place_variance [m2] on each side by it.
     """
 
     dt: float
@@ -105,7 +110,7 @@ class Odometry:
         self._by_scale = (0.0, 0.0, 0.0)
         self._by_slip = (0.0, 0.0)
         self._carried = 0.0
-        self._rate = 0.0
+        self._rate = self._smooth = 0.0
         self._t_gyro: float | None = None
         self._t_valid = -inf
         self._distance: float | None = None
@@ -140,15 +145,16 @@ class Odometry:
         dt = (now - self._now) * rate
         self._distance, self._now = distance, now
         standing = speed == 0.0 and travel == 0.0 and missed == 0.0
-        turn, noise, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
+        turn, unsure, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
         if standing:
             return Motion(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, standing=True)
-        self._move(travel, turn, noise, seconds, speed * self._rate)
+        white = self.noise.gyro_noise**2 * seconds
+        self._move(travel, turn, white + unsure, seconds, speed * self._rate)
         place = self._stray(missed, dt)
         if dt <= 0.0:
             return Motion(0.0, 0.0, 0.0)
         biased, known = turn + self.bias.value * seconds, seconds > 0.0
-        return Motion(dt, travel / dt, biased / dt, 0.0 if known else noise, known,
+        return Motion(dt, travel / dt, biased / dt, 0.0 if known else unsure, known,
                       missed=missed, place_variance=place)
 
     def _stray(self, missed: float, dt: float) -> float:
@@ -163,7 +169,7 @@ class Odometry:
 
     def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
               hint: float, standing: bool) -> tuple[float, float, float]:
-        """Yaw since the last frame [rad], variance of its noise, seconds under bias."""
+        """Yaw since the last frame [rad], its variance beyond white noise, seconds under bias."""
         if gyro_z is None:
             if (now - self._t_valid) * rate > STALE:
                 self._rate = hint
@@ -176,21 +182,22 @@ class Odometry:
         self._t_valid, self._blind = now, 0.0
         if standing:
             self.bias.observe(gyro_z, dt, self._freeze_bias)
-            self._rate = self._carried = 0.0
+            self._rate = self._smooth = self._carried = 0.0
             self._t_gyro = t_gyro
             return 0.0, 0.0, 0.0
         self.bias.moving()
         omega = gyro_z - self.bias.value
         carried = omega * ((now - t_gyro) * rate + GYRO_LATENCY)
         if self._t_gyro is None:
-            turn = omega * dt
+            turn, self._smooth = omega * dt, omega
         else:
             turn = carried - self._carried
             if t_gyro > self._t_gyro:
                 turn += 0.5 * (self._rate + omega) * (t_gyro - self._t_gyro) * rate
         self._t_gyro, self._rate, self._carried = t_gyro, omega, carried
-        n = self.noise
-        return turn, (n.gyro_noise**2 + (n.gyro_age * omega)**2) * dt, dt
+        change = (omega - self._smooth) / SMOOTH
+        self._smooth += change * min(dt, SMOOTH)
+        return turn, (self.noise.gyro_age * change)**2 * dt, dt
 
     def _freeze_bias(self, std: float) -> None:
         """A new bias is being learnt: what the old one did becomes plain noise."""
