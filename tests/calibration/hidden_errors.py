@@ -29,13 +29,17 @@ from dart_hal.sim.truth import reveal, reveal_url
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.parameters import Friction, Motor
 
-VERBS: dict[str, Callable[[Car, Workshop], Measured]] = {
+VERBS: dict[str, Callable[[Car, Workshop], Measured | SteeringResult]] = {
     "clock": lambda car, workshop: calibrate_clock(car),
     "encoder": calibrate_encoder, "imu": calibrate_imu, "esc": calibrate_esc,
+    "lagging": calibrate_esc,
+    "steering": lambda car, workshop: calibrate_steering(car, dry_run=True),
     "throttle": calibrate_throttle,
     "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0),
     "latency": calibrate_latency,
     "mocap": lambda car, workshop: calibrate_mocap(car)}
+LATE = ("latency", "lagging")
+"""Verbs whose car has a delay and a lag of its motor."""
 
 
 def url_of(seed: int, mocap: bool = False, late: bool = True) -> str:
@@ -73,7 +77,7 @@ Errors = dict[str, list[tuple[float, float]]]
 
 def errors(verb: str, seed: int) -> Errors:
     """What one procedure found on one hidden car, "all": every one, each by what came before."""
-    url = url_of(seed, verb in ("mocap", "all"), verb == "latency")
+    url = url_of(seed, verb in ("mocap", "all"), verb in LATE)
     with tempfile.TemporaryDirectory() as folder:
         if verb == "all":
             return all_errors(seed, url, folder)
@@ -82,7 +86,7 @@ def errors(verb: str, seed: int) -> Errors:
                 calibrate_steering(car)
         backend = open_backend(url)
         with Car.over(backend, cars=folder) as car:
-            return errors_of(seed, url, VERBS[verb](car, backend.workshop))
+            return errors_in(seed, url, car.files, VERBS[verb](car, backend.workshop))
 
 
 def worst(rows: Errors) -> dict[str, float]:
@@ -101,9 +105,14 @@ def all_errors(seed: int, url: str, folder: str) -> Errors:
             found = step.run(car, backend.workshop, silent, agree)
             files = car.files
         write(files, found)
-        rows |= (map_errors(url, files, found) if isinstance(found, SteeringResult)
-                 else errors_of(seed, url, found))
+        rows |= errors_in(seed, url, files, found)
     return rows
+
+
+def errors_in(seed: int, url: str, files: CarFiles, found: Measured | SteeringResult) -> Errors:
+    """Of what one procedure found."""
+    return (map_errors(url, files, found) if isinstance(found, SteeringResult)
+            else errors_of(seed, url, found))
 
 
 def errors_of(seed: int, url: str, found: Measured) -> Errors:

@@ -77,18 +77,30 @@ def test_control_the_box_would_be_off():
     assert np.std(np.array(neutral) - 1500.0) > 3.0
 
 
-def a_spin(rng, pulse, start, begin, pull, a, c):
-    """One stretch of wheels of a law, its edges off by the printing of their marks."""
-    away = max(pulse - begin, 0.0)
-    rise, slow = pull * away - a, c + 0.004 * away
+def a_spin(rng, pulse, start, begin, pull, a, c, has=None, lag=0.0):
+    """(one stretch of wheels of a law, its edges off by the printing of their marks; the speed and
+    the pulse that the motor ``has`` at its end)."""
+    has, keeps = pulse if has is None else has, float(np.exp(-1e-3 / lag)) if lag else 0.0
     v, x, t, rows = start, 0.0, 0.0, []
-    while t < 0.6 and v > 0.05:
+    while t < 0.6 and (v > 0.05 or lag):
         rows.append((t, x + 4e-5 * rng.normal()))
         for _ in range(10):
-            v += 1e-3 * (rise - slow * v)
+            has = pulse + (has - pulse) * keeps
+            away = max(has - begin, 0.0)
+            v = max(v + 1e-3 * (pull * away - a - (c + 0.004 * away) * v), 0.0)
             x, t = x + 1e-3 * v, t + 1e-3
     times, places = np.array(rows).T
-    return Spin(pulse, times, places, 0.0, t), v
+    return Spin(pulse, times, places, 0.0, t), v, has
+
+
+def spun(rng, begin, lag=0.0):
+    """Twelve stretches one after the other."""
+    speed, has, spins = 0.6, 1500.0, []
+    for pulse in (1640, 1605, 1620, 1595, 1500, 1640, 1605, 1500, 1620, 1595, 1640, 1500):
+        spin, speed, has = a_spin(rng, float(pulse), speed if lag else max(speed, 0.4), begin,
+                                  0.21, 4.3, 0.7, has, lag)
+        spins.append(spin)
+    return spins
 
 
 def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
@@ -96,14 +108,47 @@ def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
     monkeypatch.setattr(esc_fit, "LAW", 0.0)
     rng, inside = np.random.default_rng(1), []
     for _ in range(50):
-        begin, speed, spins = 1560.0 + 20.0 * rng.random(), 0.6, []
-        for pulse in (1640, 1605, 1620, 1595, 1500, 1640, 1605, 1500, 1620, 1595, 1640, 1500):
-            spin, speed = a_spin(rng, float(pulse), max(speed, 0.4), begin, 0.21, 4.3, 0.7)
-            spins.append(spin)
-        found = pull_begins(spins, 1500.0).begin
+        begin = 1560.0 + 20.0 * rng.random()
+        found = pull_begins(spun(rng, begin), 1500.0).begin
         inside.append(abs(found.value - begin) < 1.645 * found.std)
         assert found.std < 0.5
     assert 0.78 <= np.mean(inside) <= 0.98
+
+
+@pytest.mark.parametrize("lag", [0.04, 0.084, 0.12])
+def test_a_motor_that_follows_late_is_told_from_its_onset(lag):
+    force = pull_begins(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
+    assert force.begin.value == pytest.approx(1565.0, abs=3.5 * force.begin.std)
+    assert force.begin.std < 1.0
+    assert force.lag == pytest.approx(lag, abs=0.01)
+
+
+def test_control_without_its_lag_the_onset_is_off_or_refused(monkeypatch):
+    monkeypatch.setattr(esc_fit, "_follows_late", lambda parts: False)
+    off = 0
+    for seed in range(3):
+        try:
+            begin = pull_begins(spun(np.random.default_rng(seed), 1565.0, 0.084), 1500.0).begin
+        except CalibrationFailed:
+            off += 1
+        else:
+            off += abs(begin.value - 1565.0) > 3.0
+    assert off == 3
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
+    """Both cars were refused before the lag was fitted."""
+    watched = Spun(f"{URL}{seed}&effect=throttle_lag:0.084", tmp_path)
+    with watched.car:
+        result = watched.calibrate()
+    true = reveal(seed)["sensors"]
+    for name in ("throttle.neutral_us", "throttle.deadband_forward_us"):
+        q = result.quantities[name]
+        assert abs(q.value - true[name]) < 3.5 * q.std
+        assert q.std < 1.5
+    assert any("follows its pulses" in note for note in result.notes)
 
 
 @pytest.mark.more
@@ -133,9 +178,9 @@ def test_intervals_of_30_hidden_cars_hold_the_truth():
 @pytest.mark.more
 def test_control_coasting_tells_friction_from_the_dead_band(tmp_path, monkeypatch):
     """Without the stretches at neutral dry friction and dead band are the same thing."""
-    rows = esc_fit._rows
-    monkeypatch.setattr(esc_fit, "_rows", lambda spin, neutral, reference: None
-                        if spin.pulse_us == neutral else rows(spin, neutral, reference))
+    stretches = esc_fit._stretches
+    monkeypatch.setattr(esc_fit, "_stretches",
+                        lambda *given: [part for part in stretches(*given) if part.pulls])
     with pytest.raises(CalibrationFailed, match="speed up and slow down alike"):
         Spun(f"{URL}5", tmp_path).calibrate()
 

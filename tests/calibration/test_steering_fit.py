@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -152,6 +154,20 @@ def test_loop_separates_map_backlash_and_slip(backlash, kappa):
     assert fitted.angle == pytest.approx(steering(TRUTH, fitted.command)[0], abs=1.5e-3)
     assert fitted.backlash.value == pytest.approx(backlash, abs=1.5e-3)
     assert fitted.kappa.value == pytest.approx(kappa, abs=6e-3)
+
+
+def test_the_servos_spread_is_not_underestimated():
+    """Sixty servos that rest 1 us beside their targets; two windows a level say little of it."""
+    rng, said = np.random.default_rng(1), []
+    for _ in range(60):
+        both = windows(0.02, 0.04, noise=0.0)
+        slope = steering(TRUTH, np.array([w.command for w in both]) + 1e-3)[0]
+        slope -= steering(TRUTH, np.array([w.command for w in both]))[0]
+        beside = rng.normal(size=len(both)) * slope / (1e-3 * 375.0)
+        moved = [replace(w, angle=w.angle + float(e), std=2e-4)
+                 for w, e in zip(both, beside + 2e-4 * rng.normal(size=len(both)), strict=True)]
+        said.append(fit_loop(moved, 0.175, Systematic(0.0, 0.0)).rest_us)
+    assert 0.97 < np.sqrt(np.mean(np.square(said))) < 1.2
 
 
 def test_one_way_only_would_be_wrong_by_half_the_backlash():

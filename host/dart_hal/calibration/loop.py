@@ -109,7 +109,8 @@ def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic
         std = np.hypot(measured, rest * slope[moved])
         solution, covariance = _solve(design, angle, std)
         slope = np.abs(np.gradient(solution[:k], pulse))
-        rest = _rest(angle - design @ solution, measured, slope[moved], rest, k + 2)
+        leverage = np.einsum("ni,ij,nj->n", design, covariance, design) / std**2
+        rest = _rest(angle - design @ solution, std, slope[moved], rest, leverage)
         moved, side = contact(np.asarray(index), solution[:k], solution[k], windows[0].direction)
     delta = solution[:k]
     _check_rising(levels, delta)
@@ -181,14 +182,20 @@ def _solve(design: FloatArray, angle: FloatArray, std: FloatArray
     return covariance @ full.T @ right, covariance
 
 
-def _rest(residual: FloatArray, measured: FloatArray, slope: FloatArray, rest: float,
-          parameters: int) -> float:
-    """Next estimate of the servo's spread [us]: residuals should weigh one each."""
+def _rest(residual: FloatArray, std: FloatArray, slope: FloatArray, rest: float,
+          leverage: FloatArray) -> float:
+    """Next estimate of the servo's spread [us], by restricted maximum likelihood.
+
+    Windows count as far as their variance is the servo's and the fit has left it in the residual
+    (1 - leverage): at the ends of the range, where the map is flat, the gyro is all there is. It
+    is the root of the mean of the variance given so few windows, n/(n - 2) of its best value, so
+    that 1.645 standard errors still hold 90 % of a Student t.
+    """
     size, weight_of_prior = REST_PRIOR
-    weight = 1.0 / (measured**2 + (rest * slope) ** 2)
-    freedom = max(len(residual) - parameters, 1)
-    excess = float(weight @ residual**2) + weight_of_prior * size**2 / rest**2
-    return float(np.clip(rest * np.sqrt(excess / (freedom + weight_of_prior)), 0.05, 10.0))
+    share = (rest * slope / std) ** 2
+    excess = float(share @ (residual / std) ** 2) + weight_of_prior * size**2 / rest**2
+    freedom = float(share @ (1.0 - leverage)) + weight_of_prior
+    return float(np.clip(rest * np.sqrt(excess / max(freedom - 2.0, 1.0)), 0.05, 10.0))
 
 
 def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
