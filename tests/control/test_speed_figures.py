@@ -15,6 +15,7 @@ from .speed_figures import STEP, driven, figures, identified, sine, step
 LATE = 0.084
 
 
+@pytest.mark.cpu(4)
 @pytest.mark.parametrize(("seeds", "lag"), [
     ((2,), LATE), pytest.param(range(1, 5), 0.0, marks=pytest.mark.more),
     pytest.param(range(3, 7), LATE, marks=pytest.mark.more),
