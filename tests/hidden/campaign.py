@@ -158,7 +158,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--jobs", type=int, default=2, help="cores")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
     p.add_argument("--fresh", action="store_true", help="forget earlier results")
-    p.add_argument("--picture", type=Path, default=None, help="confusion matrix as a picture")
+    p.add_argument("--picture", type=Path, default=None, help="picture of what was taken for what")
     p.add_argument("--json", action="store_true", help="the table as JSON")
     p.add_argument("--strict", action="store_true", help="exit 1 when a target is missed")
     return p

@@ -1,4 +1,4 @@
-"""The table of the campaign beside its targets, and the confusion matrix as a picture."""
+"""The table of the campaign beside its targets, and who was taken for whom as a picture."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from campaign_score import PROTOTYPE, TARGETS, Row
 from rich.table import Table
 from stranger_causes import CAUSES
 
 NOBODY = ("unexplained", "nothing")
-DARK = 0.6  # share from where on dark figures cannot be read
+RIGHT, WRONG = "#1f5f9e", "#c0504d"
+COLOURS = {"unexplained": "#9a9a9a", "nothing": "#e4e4e4"}
 
 
 def table(rows: Sequence[Row]) -> Table:
@@ -69,30 +69,30 @@ def errors(matrix: Mapping[str, Counter[str]]) -> Table:
 
 
 def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
-    """Rows: what was hidden; columns: what was named; dark: often. Needs matplotlib."""
+    """A bar for each hidden cause: what it was called, wrong names in words. Needs matplotlib."""
     from dart_hal.report.figures import new_figure, save_figure
 
     hidden = [name for name in CAUSES if name in matrix]
-    others = sorted({n for row in matrix.values() for n in row} - {*hidden, *NOBODY})
-    named = [*hidden, *others, *NOBODY]
-    share = np.array([[matrix[h][n] / matrix[h].total() for n in named] for h in hidden])
-    figure = new_figure((13.0, 11.5), path)
+    figure = new_figure((8.0, 1.5 + 0.24 * len(hidden)), path)
     axes: Any = figure.subplots()
-    axes.imshow(np.where(share > 0.0, share, np.nan), cmap="Blues", vmin=-0.25, vmax=1.0,
-                aspect="auto", zorder=2)
-    axes.set_xticks(range(len(named)), [_plain(n) for n in named], rotation=90, fontsize=8)
-    axes.set_yticks(range(len(hidden)), [_plain(n) for n in hidden], fontsize=8)
-    axes.axvline(len(named) - len(NOBODY) - 0.5, color="#999999", lw=0.8)
-    for i in range(len(hidden)):
-        off = [(j, share[i, j]) for j in range(len(named)) if share[i, j] > 0.0 and j != i]
-        for j, s in off:
-            axes.text(j, i, f"{s:.0%}"[:-1], ha="center", va="center", fontsize=7,
-                      color="#222222" if s < DARK else "#ffffff", zorder=3)
-    axes.set_xlabel("named")
-    axes.set_ylabel("hidden")
-    axes.grid(color="#eeeeee", lw=0.5)
-    axes.set_axisbelow(True)
-    axes.set_title("What is hidden and what is named (numbers: percent of the cases of a row)")
+    for i, truth in enumerate(hidden):
+        row, left = matrix[truth], 0.0
+        wrong = sorted(n for n in row if n not in (truth, *NOBODY))
+        for name in (truth, *wrong, *NOBODY):
+            share = 100.0 * row[name] / row.total()
+            axes.barh(i, share, left=left, height=0.8,
+                      color=COLOURS.get(name, RIGHT if name == truth else WRONG))
+            if share and name in wrong:
+                axes.text(left + 0.5 * share, i, _plain(name), ha="center", va="center",
+                          fontsize=9, color="#ffffff")
+            left += share
+    axes.set_yticks(range(len(hidden)), [_plain(n) for n in hidden], fontsize=10)
+    axes.set(ylim=(len(hidden) - 0.5, -0.5), xlim=(0.0, 100.0))
+    axes.set_xlabel("percent of the cases", fontsize=11)
+    for what, colour in (("named right", RIGHT), ("named wrongly", WRONG), *(
+            (_plain(n), COLOURS[n]) for n in NOBODY)):
+        axes.barh(0, 0.0, color=colour, label=what)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=4, frameon=False, fontsize=10)
     return save_figure(figure, path)
 
 
