@@ -73,7 +73,7 @@ def test_the_table_of_all_characters_is_nobody_s_own(tmp_path):
     """A new checkout has none, and hypothesis makes one for the first test that asks."""
     sample = ("from hypothesis import given, strategies as st\n\n"
               "@given(st.from_regex('[a-z]', fullmatch=True))\ndef test_any(c): pass\n")
-    options = ("--cpu-limit", "0.3")
+    options = ("--cpu-limit", "0.2")
     assert run(tmp_path, sample, *options).returncode == 0
     shutil.rmtree(tmp_path / ".hypothesis")
     done = run(tmp_path, sample, *options, edit=("unicode_data", "other"))
