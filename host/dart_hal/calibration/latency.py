@@ -30,7 +30,9 @@ from .runner import Runner, check_turning, doubted
 from .steering import standing_bias
 
 REPEATS = 12
+"""Steps to and fro of each part: twice the fewest from which their spread can be told."""
 STANDING = 3.0
+"""s at rest, in which the gyro shows its bias: 300 frames."""
 RADIUS, CRUISE = 1.1, 0.9
 """m of the circle, m/s in it."""
 UP, DOWN = 0.12, 0.04
