@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.estimation.gyro import GyroBias
+from dart_hal.estimation.imu_clock import AGE_STD
 from dart_hal.types import Pose
 
 GYRO_LATENCY = 0.010
@@ -129,7 +130,7 @@ class Odometry:
 
     def update(self, now: float, distance: float, speed: float, gyro_z: float | None,
                t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0,
-               missed: float = 0.0) -> Motion:
+               missed: float = 0.0, age_std: float = AGE_STD) -> Motion:
         """One frame; returns the motion since the last one, for a filter.
 
         now, t_gyro [s]: device times of the latch and of the IMU read;
@@ -137,7 +138,8 @@ class Odometry:
         gyro_z [rad/s]: body axes, None = not valid; rate: host seconds per
         device second; yaw_rate_hint [rad/s]: used while there is no gyro
         (speed tan(delta) / wheelbase of the applied steering angle); missed
-        [m/s]: what the car may do that its wheels do not tell, 0.0 = nothing.
+        [m/s]: what the car may do that its wheels do not tell, 0.0 = nothing;
+        age_std [s]: of the sample at t_gyro, AGE_STD where only its read is known.
         """
         if self._distance is None or now < self._now:
             self._distance, self._now = distance, now
@@ -145,7 +147,8 @@ class Odometry:
         dt = (now - self._now) * rate
         self._distance, self._now = distance, now
         standing = speed == 0.0 and travel == 0.0 and missed == 0.0
-        turn, unsure, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing)
+        turn, unsure, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing,
+                                         age_std)
         if standing:
             return Motion(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, standing=True)
         white = self.noise.gyro_noise**2 * seconds
@@ -168,7 +171,7 @@ class Odometry:
         return added
 
     def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
-              hint: float, standing: bool) -> tuple[float, float, float]:
+              hint: float, standing: bool, age_std: float) -> tuple[float, float, float]:
         """Yaw since the last frame [rad], its variance beyond white noise, seconds under bias."""
         if gyro_z is None:
             if (now - self._t_valid) * rate > STALE:
@@ -197,7 +200,7 @@ class Odometry:
         self._t_gyro, self._rate, self._carried = t_gyro, omega, carried
         change = (omega - self._smooth) / SMOOTH
         self._smooth += change * min(dt, SMOOTH)
-        return turn, (self.noise.gyro_age * change)**2 * dt, dt
+        return turn, (self.noise.gyro_age * age_std / AGE_STD * change)**2 * dt, dt
 
     def _freeze_bias(self, std: float) -> None:
         """A new bias is being learnt: what the old one did becomes plain noise."""
