@@ -147,6 +147,8 @@ void loop() {
   imu_step(now);
   if (phase.imu) {
     imu_slot(board::now());
+  } else if (phase.slot) {
+    imu_look(board::now());
   }
   write_eeprom();
   board::sleep_until_interrupt();

@@ -401,12 +401,13 @@ API void imu_step(uint32_t now) { imu.step(now); }
 API void imu_slot(uint32_t now, uint32_t edges, int32_t quiet) {
   imu.slot(now, edges, quiet != 0);
 }
+API void imu_look(uint32_t now) { imu.look(now); }
 API int32_t imu_store_step() {
   offsets.step();
   return offsets.saving();
 }
 // |out| state, valid, stuck, absent, has_sample, calib, factory, resting,
-// nack, timeout, recover, reinit, start, lin_acc[3], gyro[3]
+// nack, timeout, recover, reinit, start, lin_acc[3], gyro[3], changed
 API void imu_get(int64_t* out) {
   ImuCounters const& c = imu.counters();
   ImuSample const& s = imu.sample();
@@ -415,6 +416,6 @@ API void imu_get(int64_t* out) {
       imu.absent(), imu.has_sample(), imu.calib(), imu.factory_offsets(),
       imu.resting(), c.nack, c.timeout, c.recover, c.reinit, s.start,
       s.lin_acc[0], s.lin_acc[1], s.lin_acc[2], s.gyro[0], s.gyro[1],
-      s.gyro[2]};
+      s.gyro[2], s.changed};
   memcpy(out, values, sizeof values);
 }

@@ -110,6 +110,16 @@ def test_no_valid_imu_is_none_never_zero(flags, age):
     assert sample.acc is None
 
 
+def test_looks_are_read_of_firmware_that_has_them():
+    """Else the two bits are the magnetometer's level, as version 0.1 sends them."""
+    reader = FrameReader()
+    old = reader.read(state(calib=0b11_11_11_10), 0.0)
+    assert (old.calib, old.look) == ((3, 3, 3, 2), 0)
+    reader.looks = True
+    new = reader.read(state(t=20_000, calib=0b11_11_11_10), 0.01)
+    assert (new.calib, new.look) == ((3, 3, 3, 0), 2)
+
+
 def test_saturated_fields_are_unknown():
     sample = FrameReader().read(state(dt=65535, age=65535, beat=255), 0.0)
     assert sample.edge_dt == 0.0

@@ -39,6 +39,7 @@ class View(NamedTuple):
     start: int
     acc: tuple[int, ...]
     gyro: tuple[int, ...]
+    changed: int
 
 
 class Part:
@@ -50,9 +51,11 @@ class Part:
         self.edges, self.quiet, self.level = 0, False, 0
         self.fault = "ok"  # ok, nack, hang, sda, scl
         self.frozen = False
+        self.updates: tuple[int, ...] = (0,)  # ticks into the slot, multiples of 0.5 ms
         self.deaf_to_power = False
         self.offsets_stick = True
         self.calib = 0xFF
+        self.reads: list[int] = []  # registers
         self.log: list[tuple[str, int, int]] = []
         self.max_leg = 0
         self.busy_since: int | None = None
@@ -107,6 +110,8 @@ class Part:
 
     def start(self, reading: int, address: int, reg: int, data: object, size: int) -> int:
         self.busy_since = self.now
+        if reading:
+            self.reads.append(reg)
         self.transfer = (reading, reg, data, size)
         refused = self.fault == "nack" or not self.awake or address != self.address
         self.result = ADDRESS_NACK if refused else DONE
@@ -156,16 +161,20 @@ class Part:
     # --- time ---------------------------------------------------------------
 
     def view(self) -> View:
-        out = (c.c_int64 * 19)()
+        out = (c.c_int64 * 20)()
         self.core.imu_get(out)
-        return View(*out[:13], tuple(out[13:16]), tuple(out[16:19]))  # type: ignore[arg-type]
+        return View(*out[:13], tuple(out[13:16]), tuple(out[16:19]),  # type: ignore[arg-type]
+                    out[19])
 
     def slots(self, n: int, moving: bool = True) -> View:
-        """n slots of 10 ms: IMU phase at 3.5 ms, wakes by the bus each 0.5 ms."""
+        """n slots of 10 ms: look at 0.5 ms, read at 3.5 ms, wakes by the bus each 0.5 ms."""
         for _ in range(n):
-            self.sample()
             self.edges += moving
             for tick in range(0, 10 * MS, MS // 2):
+                if tick in self.updates:
+                    self.sample()
+                if tick == MS // 2:
+                    self.core.imu_look(self._u32())
                 if tick == 7 * MS // 2:
                     self.core.imu_slot(self._u32(), self.edges, int(self.quiet))
                 self.core.imu_step(self._u32())

@@ -76,6 +76,51 @@ def test_the_short_plan_reads_what_it_says(core: c.CDLL) -> None:
     assert view.gyro[2] == view.acc[0] + 20
 
 
+@pytest.mark.parametrize(("updates_ms", "changed"), [
+    ((0,), 1), ((3,), 2), ((9.5,), 1), ((0, 3), 3), ((), 0)])
+def test_a_look_tells_when_the_data_changed(core: c.CDLL, updates_ms: tuple[float, ...],
+                                            changed: int) -> None:
+    """The look is over at 2.5 ms, the gyro's bytes of a read are taken at 7.5 ms."""
+    part = running(core)
+    part.updates = tuple(round(ms * MS) for ms in updates_ms)
+    part.slots(1)
+    view = part.slots(1)
+    assert view.valid
+    assert view.changed == changed
+
+
+@pytest.mark.parametrize(("options", "looks"), [
+    ({}, True), ({"plan": 1}, False), ({"stretch": 600}, False)], ids=["ours", "short", "slow"])
+def test_a_look_has_its_time(core: c.CDLL, options: dict[str, int], looks: bool) -> None:
+    """A part of 300 us a byte is read for 6 ms: a look would be in the way."""
+    part = running(core, **options)
+    part.reads.clear()
+    view = part.slots(10)
+    per_slot = len([reg for reg in part.reads if reg == GYR]) / 10
+    assert view.valid
+    assert per_slot == (2 if looks else 0 if "plan" in options else 1)
+    assert bool(view.changed) == looks
+
+
+def test_a_look_that_hangs_costs_no_read(core: c.CDLL) -> None:
+    part = running(core)
+    start = part.now
+    part.core.imu_look(part._u32())
+    part.hangs = True
+    for _ in range(6):
+        part.now += STEP
+        part.core.imu_step(part._u32())
+    assert part.view().resting
+    part.core.imu_slot(part._u32(), part.edges, 0)
+    assert not part.view().resting
+    for _ in range(10):
+        part.now += STEP
+        part.core.imu_step(part._u32())
+    assert part.view().valid
+    assert part.view().start == start + 3 * MS
+    assert part.view().changed == 0
+
+
 def test_one_refused_read_clears_valid_and_keeps_the_sample(core: c.CDLL) -> None:
     part = running(core)
     before = part.view()

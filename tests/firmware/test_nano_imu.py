@@ -9,6 +9,8 @@ from collections.abc import Callable
 import pytest
 from firmware_rig import FLAG, Rig, eeprom_image
 
+from dart_hal.estimation.imu_clock import PERIOD, ImuClock
+
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 VALID, STALE, STUCK, ABSENT = (FLAG[f"IMU_{n}"] for n in ("VALID", "STALE", "STUCK", "ABSENT"))
@@ -54,6 +56,32 @@ def test_values_and_age(nano: Make) -> None:
     assert state["gyro"] == pytest.approx((90, -180, 270), abs=2)
     assert state["lin_acc"] == pytest.approx((100, -200, 300), abs=2)
     assert state["imu_age"] * 4e-6 == pytest.approx(6.5e-3, abs=0.3e-3)
+
+
+@pytest.mark.parametrize("clock", [0.006, -0.006])
+def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
+    """Its clock against the Nano's, which is true here: phase to 0.5 ms, rate to 3 %."""
+    rig = nano()
+    rig.nano.set_imu_errors(clock=clock)
+    alive(rig, 4.5)
+    follower, sampled = ImuClock(), []
+    for state in rig.states(0.6):
+        read = state["t_ck"] * 0.5e-6 - state["imu_age"] * 4e-6
+        sampled.append(follower.sampled(read, state["calib"] & 3))
+    assert {state["calib"] & 3 for state in rig.states(0.6)} >= {1, 2, 3 if clock > 0.0 else 0}
+    assert follower.rate == pytest.approx(clock, rel=0.03)
+    late = [t for t in sampled[-150:] if t is not None]
+    turns = [(t - late[0]) * (1.0 + clock) / PERIOD for t in late]
+    assert max(abs(turn - round(turn)) for turn in turns) < 0.05
+
+
+def test_a_slow_part_is_read_and_not_looked_at(nano: Make) -> None:
+    """At 300 us a byte a look would be in the way of the read."""
+    rig = nano()
+    rig.nano.set_i2c("ok", stretch_us=300)
+    flags = alive(rig, 2.0)
+    assert all(f & VALID for f in flags[100:])
+    assert {state["calib"] & 3 for state in rig.states(1.0)} == {0}
 
 
 def test_one_in_ten_reads_refused(nano: Make) -> None:

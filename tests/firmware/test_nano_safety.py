@@ -11,6 +11,7 @@ from firmware_rig import BOARD_ID, FLAG, Rig, eeprom_image, patched
 
 from dart_hal.errors import DartHalError
 from dart_hal.links.boot import BOOTS
+from dart_hal.wire.messages import CAPS
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
@@ -115,7 +116,7 @@ def test_our_pulse_is_1500_us_each_20_ms(nano: Make) -> None:
 def test_without_the_option_no_pin_is_driven(nano: Make) -> None:
     rig = live(nano, NONE)
     assert {rig.nano.pins()[p] for p in ("D5", "D6", "D9")} == {None}
-    assert rig.hello()["caps"] == 2
+    assert rig.hello()["caps"] == 1 << CAPS.index("CAPTURE") | 1 << CAPS.index("GYRO_LOOK")
 
 
 @pytest.mark.parametrize("wrong", [0, 1])

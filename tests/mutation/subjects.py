@@ -60,7 +60,8 @@ SUBJECTS = (
     Subject("edges", (SRC + "board/edges.cpp", SRC + "core/edge_counter.h"),
             ("tests/firmware/test_core_encoder.py", "tests/firmware/test_nano_edges.py",
              "tests/firmware"), 10),
-    Subject("two-wire bus", (SRC + "board/twi.cpp", SRC + "core/bno055.cpp"),
+    Subject("two-wire bus", (SRC + "board/twi.cpp", SRC + "core/bno055.cpp",
+                            SRC + "core/bno055_samples.cpp"),
             ("tests/firmware/test_core_imu.py", "tests/firmware/test_nano_imu.py",
              "tests/firmware"), 12),
 )

@@ -99,6 +99,8 @@ void imu_slot(Tick now) {
   imu.slot(now, ring_a.count(), quiet);
 }
 
+void imu_look(Tick now) { imu.look(now); }
+
 void imu_step(Tick now) {
   imu.step(now);
   // Set-up, save and reset steps come and go; what counts is data or none.

@@ -22,6 +22,9 @@ void watch_encoder(Tick now);
 // Once per slot, 3.5 ms after its start: begins the IMU's reads.
 void imu_slot(Tick now);
 
+// Once per slot, after its STATE: looks whether the gyro has new data.
+void imu_look(Tick now);
+
 // At every wake: moves the IMU's machine on and reports what changed.
 void imu_step(Tick now);
 

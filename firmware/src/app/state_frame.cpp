@@ -91,7 +91,8 @@ void send_state() {
     s.gyro[i] = sample.gyro[i];
   }
   s.imu_age = imu.has_sample() ? age_in_4us(now - sample.start) : 0xFFFF;
-  s.calib = imu.calib();
+  // No magnetometer runs: its two bits of CALIB_STAT tell of the looks.
+  s.calib = static_cast<uint8_t>((imu.calib() & 0xFC) | sample.changed);
   Flags flags = {0};
   add_imu(flags, now);
   add_errors(flags);

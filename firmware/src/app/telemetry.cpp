@@ -57,7 +57,8 @@ uint8_t cap(bool has, Cap bit) {
 
 uint16_t caps() {
   return static_cast<uint16_t>(
-      cap(true, Cap::kCapture) | cap(settings.ring_b, Cap::kRingB) |
+      cap(true, Cap::kCapture) | cap(true, Cap::kGyroLook) |
+      cap(settings.ring_b, Cap::kRingB) |
       cap(settings.safety_out == 1, Cap::kOutputEnable) |
       cap(settings.safety_out == 2, Cap::kMultiplexer) |
       cap(settings.wdt_reset, Cap::kWatchdogReset));

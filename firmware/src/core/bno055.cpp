@@ -1,7 +1,5 @@
 #include "bno055.h"
 
-#include <string.h>
-
 #include "bno055_registers.h"
 #include "rom.h"
 
@@ -45,31 +43,8 @@ bool has_script(ImuState state) {
   return state == ImuState::kSetup || state == ImuState::kSave;
 }
 
-// Registers looked at besides the samples, one every 25 slots: the mode
-// twice a second, the others once.
-constexpr uint8_t kStatusSlots = 25;
-constexpr uint8_t kStatusTurns[] DART_ROM = {kOprMode, kCalibStat, kOprMode,
-                                             kSysStatus};
-constexpr uint8_t kModeTurn = 0;
-
 // imu_age ends here (65535 x 4 us).
 constexpr Tick kMaxAge = ticks_of_ms(262);
-
-// A sample stays valid past one that was dropped, not past two: the data of
-// a part that stands perfectly still are all zeros now and then.
-constexpr Tick kHeld = ticks_of_ms(15);
-
-bool all_zero(uint8_t const* bytes, uint8_t size) {
-  while (size != 0 && *bytes == 0) {
-    ++bytes;
-    --size;
-  }
-  return size == 0;
-}
-
-int16_t word_at(uint8_t const* p) {
-  return static_cast<int16_t>(p[0] | static_cast<uint16_t>(p[1] << 8));
-}
 
 }  // namespace
 
@@ -128,7 +103,7 @@ void Bno055::step(Tick now) {
   if (job_ != Job::kNone) {
     BusStatus status = bus_->poll();
     if (status == BusStatus::kBusy) {
-      if (now - leg_start_ < kLegLimit) {
+      if (now - leg_start_ < leg_limit()) {
         return;
       }
       bus_->abort();
@@ -198,6 +173,10 @@ void Bno055::begin_read(Job job, uint8_t reg, uint8_t* to,
   bus_->start_read(address_, reg, to, size);
 }
 
+Tick Bno055::leg_limit() const {
+  return job_ == Job::kLook ? kLookLimit : kLegLimit;
+}
+
 void Bno055::begin_write(Job job, uint8_t reg, uint8_t size) {
   job_ = job;
   leg_start_ = now_;
@@ -258,6 +237,10 @@ void Bno055::fail(BusStatus kind) {
 void Bno055::finish(BusStatus status) {
   Job const job = job_;
   job_ = Job::kNone;
+  if (job == Job::kLook) {
+    looked_ = status == BusStatus::kDone;  // if not, the read will find out
+    return;
+  }
   if (status != BusStatus::kDone) {
     if (job == Job::kProbe) {
       address_ ^= kAddress ^ kAddressAlt;
@@ -289,105 +272,8 @@ void Bno055::finish(BusStatus status) {
     case Job::kStatus:
       take_status();
       break;
+    case Job::kLook:
     case Job::kNone:
-      break;
-  }
-}
-
-// --- samples --------------------------------------------------------------
-
-// Acceleration first, gyro last: the yaw rate is the fresher of the two. The
-// reads may straddle an update of the fusion: at most 10 ms of skew.
-void Bno055::begin_acc() {
-  read_start_ = now_;
-  begin_read(Job::kAcc, kLinAccX, leg_, plan_ == 0 ? 6 : 4);
-}
-
-// Behind the acceleration, which waits in leg_ for its other half.
-void Bno055::begin_gyro() {
-  if (plan_ == 0) {
-    begin_read(Job::kGyro, kGyroX, leg_ + 6, 6);
-    return;
-  }
-  memset(leg_ + 4, 0, 6);  // z of the acceleration, x and y of the gyro
-  begin_read(Job::kGyro, kGyroZ, leg_ + 10, 2);
-}
-
-//
-// A part that fell back to CONFIG reads as zeros: they are no sample, and the
-// mode is read at once.
-void Bno055::take_sample() {
-  bool const zeros = all_zero(leg_, 12);
-  look_ = zeros && !zeros_;
-  zeros_ = zeros;
-  if (zeros) {
-    valid_ = valid_ && read_start_ - sample_.start < kHeld;
-    watch_stuck(true);
-    return;
-  }
-  bool equal = true;
-  for (uint8_t i = 0; i < 6; ++i) {
-    int16_t const word = word_at(leg_ + 2 * i);
-    int16_t& axis = i < 3 ? sample_.lin_acc[i] : sample_.gyro[i - 3];
-    equal = equal && axis == word;
-    axis = word;
-  }
-  sample_.start = read_start_;
-  has_sample_ = valid_ = true;
-  busy_time_ = now_ - read_start_;
-  watch_stuck(equal);
-}
-
-void Bno055::watch_stuck(bool equal) {
-  if (!equal) {
-    equal_ = 0;
-  } else if (equal_ < 255) {
-    ++equal_;
-  }
-  if (equal_ <= 1) {
-    edges_equal_ = edges_;
-  }
-  if (equal_ >= kStuckToReset && stuck()) {
-    enter(ImuState::kReset);
-  }
-}
-
-void Bno055::begin_status() {
-  if (state_ != ImuState::kRun) {
-    return;
-  }
-  if (look_) {
-    status_turn_ = kModeTurn;
-  } else if (++status_slot_ < kStatusSlots) {
-    return;
-  } else {
-    status_slot_ = 0;
-    status_turn_ =
-        static_cast<uint8_t>((status_turn_ + 1) % sizeof kStatusTurns);
-  }
-  begin_read(Job::kStatus, rom_byte(&kStatusTurns[status_turn_]), leg_,
-             1);
-}
-
-void Bno055::take_status() {
-  busy_time_ = now_ - read_start_;
-  switch (rom_byte(&kStatusTurns[status_turn_])) {
-    case kCalibStat:
-      calib_ = leg_[0];
-      break;
-    case kSysStatus:
-      if (leg_[0] == kSystemError) {
-        enter(ImuState::kReset);
-      }
-      break;
-    default:
-      // A brown-out has put the part back into CONFIG: it is fresh from a
-      // reset, so the set-up alone brings it back.
-      if (leg_[0] != kModeImuPlus) {
-        ++counters_.reinit;
-        enter(ImuState::kSetup);
-        run_script();
-      }
       break;
   }
 }

@@ -39,6 +39,9 @@ struct ImuSample {
   Tick start;  // of the first of its two reads
   int16_t lin_acc[3];
   int16_t gyro[3];
+  // Where the gyro's data changed since the read before: bit 0 before the
+  // look, bit 1 after it. The part's clock is not ours: that tells its phase.
+  uint8_t changed;
 };
 
 struct ImuCounters {  // since boot, they wrap
@@ -53,6 +56,11 @@ class Bno055 {
   // Deadline of a leg. The longest, 22 offsets at 180 us of stretching per
   // byte and 400 kHz, takes 25 x (22.5 + 180) us = 5.1 ms.
   static constexpr Tick kLegLimit = ticks_of_ms(6);
+  // A look is over before the read of its slot, which begins 3 ms later: it
+  // takes half as long as a read, none is made of a part whose reads take
+  // more than 5 ms, and one that hangs is ended.
+  static constexpr Tick kLookIfRead = ticks_of_ms(5);
+  static constexpr Tick kLookLimit = kLookIfRead / 2;
   static constexpr uint8_t kFailuresToReset = 10;
   static constexpr uint8_t kPowerTries = 3;
   // 20 equal samples (200 ms) while the wheel turns: 19 repetitions.
@@ -71,6 +79,10 @@ class Bno055 {
   // Once per slot, when a read may begin. `edges` is ring A's count;
   // `quiet` says that the car stands and may do without data for 60 ms.
   void slot(Tick now, uint32_t edges, bool quiet);
+
+  // Once per slot, 3 ms before slot(): reads the gyro, if all is well, to see
+  // whether its data have changed yet.
+  void look(Tick now);
 
   ImuState state() const { return state_; }
   // The last read was good, its data are not stuck.
@@ -91,12 +103,13 @@ class Bno055 {
   Tick busy_time() const { return busy_time_; }
 
  private:
-  enum class Job : uint8_t { kNone, kProbe, kScript, kAcc, kGyro, kStatus,
-                             kReset };
+  enum class Job : uint8_t { kNone, kProbe, kScript, kLook, kAcc, kGyro,
+                             kStatus, kReset };
 
   void enter(ImuState next);
   void begin_read(Job job, uint8_t reg, uint8_t* to, uint8_t size);
   void begin_write(Job job, uint8_t reg, uint8_t size);
+  Tick leg_limit() const;
   bool lines_free();
   void finish(BusStatus status);
   void fail(BusStatus kind);
@@ -107,6 +120,7 @@ class Bno055 {
   void keep_offsets();
   void begin_acc();
   void begin_gyro();
+  uint8_t changed() const;
   void take_sample();
   void begin_status();
   void take_status();
@@ -144,6 +158,7 @@ class Bno055 {
   bool valid_ = false;
   bool zeros_ = false;  // what was read last
   bool look_ = false;   // at the mode, now
+  bool looked_ = false;  // at the gyro, in this slot
   bool has_sample_ = false;
   bool quiet_ = false;
   bool refused_ = false;  // the part did not take our offsets

@@ -59,6 +59,7 @@ enum class Cap : uint16_t {
   kOutputEnable = 1u << 2,
   kMultiplexer = 1u << 3,
   kWatchdogReset = 1u << 4,
+  kGyroLook = 1u << 5,
 };
 
 // Bits of Hello::build.
@@ -232,7 +233,8 @@ struct Hello {
   uint16_t boot_nonce;
   // edges per main-gear revolution of ring A and B
   uint8_t edges_per_rev[2];
-  // bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset
+  // bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset, 5 calib
+  // tells of looks at the gyro
   uint16_t caps;
   // ticks per second of all *_ck fields [Hz]
   uint32_t clock_hz;
@@ -364,7 +366,9 @@ struct State {
   // t minus start of the IMU read; 65535 = no sample or older than 262 ms [4
   // us]
   uint16_t imu_age;
-  // BNO055 CALIB_STAT: sys, gyr, acc, mag, 2 bits each from the top
+  // BNO055 CALIB_STAT: sys, gyr, acc, mag, 2 bits each from the top; with
+  // GYRO_LOOK, for mag: the gyro's data changed 1 before, 2 after the look, 3
+  // both
   uint8_t calib;
   // STATE_FLAGS
   uint16_t flags;

@@ -73,7 +73,8 @@ class Sample(NamedTuple):
     axes, None while there is no valid sample; imu_t [s]: device time at which
     the IMU read began; imu_age, beat_age [s]: inf = none or out of range;
     calib: sys, gyr, acc, mag 0..3; flags: bits, see ``flag_names``;
-    restarted: the Nano began anew since the frame before.
+    restarted: the Nano began anew since the frame before; look: where the
+    gyro changed, see ``imu_clock``, 0 from firmware that does not look.
     """
 
     t_dev: float
@@ -90,13 +91,19 @@ class Sample(NamedTuple):
     flags: int
     beat_age: float
     restarted: bool
+    look: int = 0
 
 
 class FrameReader:
-    """Turns decoded STATE payloads into samples; one per stream."""
+    """Turns decoded STATE payloads into samples; one per stream.
+
+    ``looks``: HELLO.caps has GYRO_LOOK, the two bits of CALIB_STAT that tell of the
+    magnetometer, which does not run, tell of the gyro.
+    """
 
     def __init__(self, mounting: Mounting | None = None) -> None:
         mounting = mounting or Mounting()
+        self.looks = False
         self._matrix = mounting.matrix()
         self._gyro_gain = 1.0 / (900.0 * mounting.gyro_scale)
         self._straight = self._matrix == Mounting().matrix()
@@ -137,12 +144,13 @@ class FrameReader:
             k = self._gyro_gain
             gyro = self._turn(gx * k, gy * k, gz * k)
             acc = self._turn(ax * 0.01, ay * 0.01, az * 0.01)
+        low = calib & 3
         return Sample(
             t_dev, self._ticks, self._edge_ck / TICKS_PER_SECOND,
             0.0 if dt_raw == SATURATED else dt_raw / TICKS_PER_SECOND,
             self._ticks_b, self._edge_b_ck / TICKS_PER_SECOND, gyro, acc, imu_t, imu_age,
-            (calib >> 6, calib >> 4 & 3, calib >> 2 & 3, calib & 3), flags,
-            inf if beat == NO_BEAT else beat * 1e-3, restarted)
+            (calib >> 6, calib >> 4 & 3, calib >> 2 & 3, 0 if self.looks else low),
+            flags, inf if beat == NO_BEAT else beat * 1e-3, restarted, low if self.looks else 0)
 
     def _advance(self, t_raw: int, t_arrival: float) -> bool:
         """Unwrap the device clock; True if it began anew."""

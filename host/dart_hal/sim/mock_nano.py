@@ -33,6 +33,9 @@ TO_UART = 255e-6
 """s from the latch to the first byte of STATE, as the emulated firmware takes."""
 IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
+LOOK = 4.8e-3
+"""s from the look at the gyro to the read, as the emulated firmware takes at 180 us a byte; there
+the look is in the same slot, for the gyro is read 2.4 ms after the acceleration."""
 HELD = 0.015
 """s for which a sample stays valid: past one of all zeros, which is dropped."""
 IMU_RESET = 0.650
@@ -199,6 +202,7 @@ class MockNano:
             ring.clear()
         self._slots = self._seq = self._events = 0
         self._sample: tuple[int, ...] | None = None
+        self._look = 0
         self._sample_at = float("-inf")
         self._equal = self._edges_then = 0
         self._out = []
@@ -250,7 +254,8 @@ class MockNano:
         second = (b.count & 0xFFFF, b.last_ck) if self.params[3] else (0, 0)
         flags |= _FLAG["ENC2_PRESENT"] if self.params[3] else 0
         return (ck, a.count, a.last_ck, a.interval_ck, *second,
-                *(self._sample or (0,) * 6), self._imu_age(), 0xF0 if self._sample else 0,
+                *(self._sample or (0,) * 6), self._imu_age(),
+                0xF0 | self._look if self._sample else 0,
                 flags, min(255, int(age * 1e3)) if age < 1.0 else 255)
 
     def _imu_flags(self) -> int:
@@ -258,6 +263,7 @@ class MockNano:
         t = self.now - IMU_READ
         started = self.now - self._boot_at >= START and self.now >= self._imu_from
         sample = self.imu.sample(t) if started else None
+        self._look = self._looked(sample, self.imu.sample(t - LOOK)) if sample else 0
         if sample is not None and not any(sample):
             return _FLAG["IMU_VALID"] if t - self._sample_at < HELD else 0
         if sample is not None:
@@ -269,6 +275,12 @@ class MockNano:
         age = self.now - max(self._sample_at, self._boot_at)
         stale = _FLAG["IMU_STALE"] if self._sample is not None and age > 0.020 else 0
         return stale | (_FLAG["IMU_ABSENT"] if age > 6.0 else 0)
+
+    def _looked(self, sample: tuple[int, ...], seen: tuple[int, ...] | None) -> int:
+        """Where the gyro's words changed: 1 before the look, 2 after it, 3 both."""
+        if seen is None or self._sample is None:
+            return 0
+        return (seen[3:] != self._sample[3:]) | (sample[3:] != seen[3:]) << 1
 
     def _imu_age(self) -> int:
         age = (self.now - self._sample_at) * 250e3
@@ -282,7 +294,7 @@ class MockNano:
         self._uart.send(data, self.now if earliest is None else earliest)
 
     def _hello(self, req_seq: int) -> dict[str, Any]:
-        caps = 2 | (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
+        caps = 2 | 32 | (1 if self.params[3] else 0) | {0: 0, 1: 4, 2: 8}[self.params[7]]
         return {"proto": m.PROTO, "req_seq": req_seq, "schema": m.SCHEMA,
                 "fw_version": (0, 0, 0), "build": 0x04, "git": 0, "board_id": self.board_id,
                 "boot_count": self.boot_count & 0xFFFF, "reset_cause": self._cause,

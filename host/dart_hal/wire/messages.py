@@ -124,7 +124,8 @@ HELLO = _m(
     _F("bootloader", "u8", "0 unknown, 1 ATmegaBOOT (57600), 2 Optiboot (115200)"),
     _F("boot_nonce", "u16", "crc16(board_id, boot_count): the arm token of this boot"),
     _F("edges_per_rev", "u8", "edges per main-gear revolution of ring A and B", count=2),
-    _F("caps", "u16", "bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset"),
+    _F("caps", "u16", "bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset, "
+       "5 calib tells of looks at the gyro"),
     _F("clock_hz", "u32", "ticks per second of all *_ck fields", unit="Hz"),
     _F("param_crc", "u16", "CRC of the parameter block in EEPROM"),
 )
@@ -147,7 +148,8 @@ STATE = _m(
     _F("gyro", "i16", "angular rate, sensor axes", 3, 1 / 900, "rad/s"),
     _F("imu_age", "u16", "t minus start of the IMU read; 65535 = no sample or "
        "older than 262 ms", scale=4e-6, unit="s"),
-    _F("calib", "u8", "BNO055 CALIB_STAT: sys, gyr, acc, mag, 2 bits each from the top"),
+    _F("calib", "u8", "BNO055 CALIB_STAT: sys, gyr, acc, mag, 2 bits each from the top; with "
+       "GYRO_LOOK, for mag: the gyro's data changed 1 before, 2 after the look, 3 both"),
     _F("flags", "u16", "STATE_FLAGS"),
     _F("beat_age", "u8", "age of the last valid HEARTBEAT, saturates at 255",
        scale=1e-3, unit="s"),
@@ -309,7 +311,7 @@ STATE_IMU_AGE_NONE = 65535
 """STATE.imu_age: no sample, or older than 262 ms."""
 
 PARAM_STATUS = {"OK": 0, "UNKNOWN_ID": 1, "OUT_OF_RANGE": 2, "EEPROM_BUSY": 3}
-CAPS = ("RING_B", "CAPTURE", "OUTPUT_ENABLE", "MULTIPLEXER", "WATCHDOG_RESET")
+CAPS = ("RING_B", "CAPTURE", "OUTPUT_ENABLE", "MULTIPLEXER", "WATCHDOG_RESET", "GYRO_LOOK")
 """Bit n of HELLO.caps has the n-th name."""
 
 BUILD_FLAGS = ("DIRTY", "EMULATOR_TEST", "MOCK")
