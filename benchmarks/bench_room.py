@@ -4,6 +4,7 @@
     python benchmarks/bench_room.py 3 30 0                cars 1 to 3, 30 s, nothing calibrated
     python benchmarks/bench_room.py 20 60 1 ,lock=6       with more wrong: false locks, 6 a minute
     python benchmarks/bench_room.py 20 60 1 "" 7          every bend 7 s long
+    python benchmarks/bench_room.py 20 60 1 none 7 101    cars 101 to 120, dead reckoning alone
 
 Bends to both sides, of changing length; of one length, they beat with the IMU's own clock
 (docs/explanation/estimation.md). Poses of the marker at 10 Hz, 5 mm, with the seed's marker,
@@ -150,13 +151,18 @@ def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
               for k in late]
     ahead = [normalised(frames[k].state.estimate.at(frames[k + AHEAD].state.t),
                         in_room(frames[k + AHEAD].true, params))[1] for k in late[:-AHEAD]]
-    end, distance = frames[-1], sum(
-        hypot(*(b.true - a.true)[:2]) for a, b in pairwise(frames))
-    last = away(end.state.pose, relative(end.true, start))
     return Score(float(np.sqrt(np.mean(error[tracking]**2))),
                  float(error[~tracking].max(initial=0.0)), float(np.mean(honest)),
-                 float(np.mean(ahead)), hypot(*last[:2]) / distance,
-                 float(last @ np.linalg.solve(end.state.pose.cov, last)))
+                 float(np.mean(ahead)), *reckoned(Drive(start, frames)))
+
+
+def reckoned(drive: Drive) -> tuple[float, float]:
+    """Error of dead reckoning at the end / distance, and its normalised error squared."""
+    end = drive.frames[-1]
+    distance = sum(hypot(*(b.true - a.true)[:2]) for a, b in pairwise(drive.frames))
+    last = away(end.state.pose, relative(end.true, drive.start))
+    return (hypot(*last[:2]) / distance,
+            float(last @ np.linalg.solve(end.state.pose.cov, last)))
 
 
 def moving(truth: Any) -> FloatArray:
@@ -207,24 +213,26 @@ def figures(scale: float = 1.0) -> list[Figure]:
 
 
 def main(cars: int = 20, seconds: float = 60.0, measured: int = 1, more: str = "",
-         bend: float = 0.0) -> None:
+         bend: float = 0.0, first: int = 1) -> None:
     """One line for each car, then the mean and the worst."""
-    print(f"{'car':>5} {'rms cm':>7} {'gap cm':>7} {'nees':>6} {'ahead':>6} {'reckoned %':>11} "
-          f"{'nees':>6}")
+    alone = more == "none"
+    names = ("rms cm", "gap cm", "nees", "ahead", "reckoned %", "nees")[4 if alone else 0:]
+    scales = (100.0, 100.0, 1.0, 1.0, 100.0, 1.0)[4 if alone else 0:]
+    print(f"{'car':>5}", *(f"{name:>10}" for name in names))
     rows = []
 
     def show(name: str, row: FloatArray) -> None:
-        print(f"{name:>5} {row[0]:7.2f} {row[1]:7.2f} {row[2]:6.2f} {row[3]:6.2f} {row[4]:11.2f} "
-              f"{row[5]:6.2f}", flush=True)
+        print(f"{name:>5}", *(f"{value:10.2f}" for value in row), flush=True)
 
-    for seed in range(1, cars + 1):
-        rows.append(np.array(scored(seed, seconds, SEEN + more, bool(measured), bend))
-                    * (100.0, 100.0, 1.0, 1.0, 100.0, 1.0))
+    for seed in range(first, first + cars):
+        score = (reckoned(driven(seed, seconds, "", bool(measured), bend)) if alone
+                 else scored(seed, seconds, SEEN + more, bool(measured), bend))
+        rows.append(np.array(score) * scales)
         show(str(seed), rows[-1])
     show("mean", np.mean(rows, axis=0))
     show("worst", np.max(rows, axis=0))
 
 
 if __name__ == "__main__":
-    kinds = int, float, int, str, float
+    kinds = int, float, int, str, float, int
     main(*(kind(text) for kind, text in zip(kinds, sys.argv[1:], strict=False)))

@@ -134,6 +134,7 @@ class Receiver:
     def _hello(self, hello: Hello) -> None:
         known, stale = self.hello, self.hello_stale
         self.hello, self.hello_stale = hello, False
+        self._telemetry.identified(hello.caps)
         if known is not None and (known.boot_count, known.board_id) != (hello.boot_count,
                                                                         hello.board_id):
             self.boots += 1

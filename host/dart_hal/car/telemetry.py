@@ -9,19 +9,21 @@ from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.consistency import EncoderCheck, covering
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
 from dart_hal.estimation.imu_checks import ImuCheck
+from dart_hal.estimation.imu_clock import ImuClock
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.room import RoomEstimator
 from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.types import Applied, Doubt, Health, Limit, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import Frame
-from dart_hal.wire.messages import STATE, STATE_FLAGS
+from dart_hal.wire.messages import CAPS, STATE, STATE_FLAGS
 
 BITS_PER_BYTE = 10
 """8N1: start, eight data bits, stop."""
 SLIDES = 0.5
 """Share of the speed that goes sideways where CAR_SLIDES is said: a slip angle of 30 degrees of the
 rear axle, beyond which a car spins."""
+GYRO_LOOK = 1 << CAPS.index("GYRO_LOOK")
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 
@@ -54,6 +56,7 @@ class Telemetry:
         self.odometry = Odometry(_noise(files.metres_per_edge, known),
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
+        self.imu_clock = ImuClock()
         self.imu = ImuCheck(self._wheelbase)
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
                                     files.metres_per_edge.value, files.config.imu.x)
@@ -69,6 +72,10 @@ class Telemetry:
         self._wire_time = STATE.wire_size * byte_time
         self.clock.byte_time = byte_time
 
+    def identified(self, caps: int) -> None:
+        """What the firmware can do: HELLO.caps."""
+        self._frames.looks = bool(caps & GYRO_LOOK)
+
     def restart(self) -> None:
         """The Nano booted again: re-base at the next frame."""
         self._frames.restart()
@@ -82,6 +89,7 @@ class Telemetry:
             self.clock.restart()
             self.odometry.restart()
             self.imu.restart()
+            self.imu_clock.restart()
             self.encoder.restart()
         self.clock.add_frame(sample.t_dev, t_arrival, self._wire_time, bytes_behind)
         t, t_std = self.clock.to_host(sample.t_dev)
@@ -92,9 +100,10 @@ class Telemetry:
                                              sample.t_dev, rate, hint)
         gyro_z, acc = self._judged(sample, speed, speed_std, applied, rate)
         odometry = self.odometry
-        motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, sample.imu_t,
-                                 rate, speed * tan(applied.steering) / self._wheelbase,
-                                 self._missed(speed, speed_std))
+        motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z,
+                                 self.imu_clock.mean_read(sample.imu_t, sample.look), rate,
+                                 speed * tan(applied.steering) / self._wheelbase,
+                                 self._missed(speed, speed_std), self.imu_clock.std)
         self.last_dev = sample.t_dev
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
                         t_std, "linear", sample.calib, self.imu.doubts | self.encoder.doubts)
