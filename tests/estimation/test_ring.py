@@ -72,6 +72,15 @@ def test_a_steady_acceleration_cancels():
     assert np.abs(learnt.fractions - truth).max() < 3e-3
 
 
+def test_an_acceleration_shifts_no_mark_of_an_uneven_ring():
+    """Exact times of marks at v = v0 exp(-x / 60 turns); 1.3e-4 off where middles are equal."""
+    truth, n = uneven(20), 20
+    places = np.concatenate([[0.0], np.cumsum(np.tile(truth, 30))]) / n
+    learner = RingLearner()
+    learner.add(1, (1e6 * np.diff(60.0 * np.exp(places / 60.0))).tolist())
+    assert np.abs(learner.learn(n).fractions - truth).max() < 5e-6
+
+
 def test_lost_frames_only_cost_revolutions():
     truth = uneven(10)
     learnt = learner_of(edges_frames(truth, 200, lost=0.3)).learn(10)

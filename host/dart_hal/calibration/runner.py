@@ -20,8 +20,7 @@ from dart_hal.vehicle.sets import PAPER
 
 K_P = 0.2
 """1/(m/s), softer than on the road: the unevenness of a ring of which nothing is known yet reads as
-a speed in step with it, and what the loop answers is measured as the ring's. The ring tables of
-eight hidden cars are off by 0.8 to 1.4 of their stated errors, at 0.4 by 0.8 to 2.9."""
+a speed in step with it, and what the loop answers moves the wheels."""
 MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
 NO_MOTION = 4.0  # s of throttle without motion until the procedure gives up
 MOVES = 0.1  # m/s

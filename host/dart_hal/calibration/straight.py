@@ -31,7 +31,8 @@ DOUBTS = frozenset({Doubt.IMU_DISAGREES.value, Doubt.IMU_ZERO.value})
 AT_REST, PATIENCE = 0.5, 6.0
 """s without an edge that count as rest; s of rolling out that are waited for."""
 
-EachFrame = Callable[[State], None]
+EachFrame = Callable[[State], float | None]
+"""Sees a State; the throttle's pulse [us] that answers it, None: the one that keeps the speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +95,12 @@ def roll(runner: Runner, files: CarFiles, metres: float, speed: float,
     pulse = line.pulse(first)
     per_edge = files.metres_per_edge.value
     seen: list[State] = []
+    throttle: float | None = None
     while True:
-        state = runner.hold(0.0, pulse, speed)[-1]
+        state = runner.hold(0.0, pulse, speed, throttle)[-1]
         seen.append(state)
         check_pull(seen, speed)
-        each(state)
+        throttle = each(state)
         pulse = line.pulse(state)
         if (state.ticks - first.ticks) * per_edge >= metres:
             break

@@ -107,12 +107,13 @@ class Aligner:
 @dataclass(frozen=True, slots=True)
 class LearntRing:
     """Result of learning: fractions shape (n,), sum n; their standard errors;
-    full revolutions seen; rms of the relative residual."""
+    full revolutions seen; rms of the relative residual; rms of the mean interval [ck]."""
 
     fractions: FloatArray
     std: FloatArray
     revolutions: float
     residual: float
+    interval: float
 
 
 class RingLearner:
@@ -153,22 +154,30 @@ class RingLearner:
         """Table for a ring of that many edges.
 
         Divides each interval by the mean of the revolution around it, then
-        averages over revolutions. Raises ValueError below two revolutions.
+        averages over revolutions; once more with what an acceleration does where
+        the two have not the same middle. Raises ValueError below two revolutions.
         """
         parts = [normalised(np.array(run), start, edges_per_rev) for start, run in self._runs]
-        tooth = np.concatenate([p[0] for p in parts]) if parts else np.zeros(0, np.int64)
-        value = np.concatenate([p[1] for p in parts]) if parts else np.zeros(0)
+        parts = [p for p in parts if p[0].size]
+        if not parts:
+            raise ValueError(f"{self.intervals} joined intervals are too few for "
+                             f"{edges_per_rev} edges")
+        tooth, value, around = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        gains = np.concatenate([np.gradient(p[2]) for p in parts]) / around
         seen = np.bincount(tooth, minlength=edges_per_rev)
-        if seen.size == 0 or seen.min() < 1 or value.size < edges_per_rev:
+        if seen.min() < 1 or value.size < edges_per_rev:
             raise ValueError(
                 f"{self.intervals} joined intervals are too few for {edges_per_rev} edges")
+        mean = np.bincount(tooth, value, edges_per_rev) / seen
+        value = value * (1.0 + gains * off_centre(mean)[tooth])
         mean = np.bincount(tooth, value, edges_per_rev) / seen
         fractions = mean * (edges_per_rev / mean.sum())
         residual = value - mean[tooth]
         spread = np.sqrt(np.bincount(tooth, residual**2, edges_per_rev)
                          / np.maximum(seen - 1, 1))
         return LearntRing(fractions, spread / np.sqrt(seen), value.size / edges_per_rev,
-                          float(np.sqrt(np.mean(residual**2))))
+                          float(np.sqrt(np.mean(residual**2))),
+                          float(np.sqrt(np.mean(around**2))))
 
     def period(self, candidates: Iterable[int]) -> int:
         """Number of edges per revolution that repeats best (a missing mark lowers it).
@@ -181,19 +190,35 @@ class RingLearner:
         return min(n for n, r in residual.items() if r <= limit)
 
 
-def normalised(run: FloatArray, start: int, n: int) -> tuple[np.ndarray, FloatArray]:
-    """(tooth index, interval / mean of the revolution centred on it) of one run.
+def normalised(run: FloatArray, start: int, n: int) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    """Of one run: tooth index; interval / mean of the revolution centred on it; that mean.
 
     The centred mean of n + 1 (half weights at its ends) is symmetric: a steady
     acceleration cancels.
     """
     if run.size < n + 2:
-        return np.zeros(0, np.int64), np.zeros(0)
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    weights = _centred(n)
     half = n // 2
-    weights = np.full(2 * half + 1, 1.0)
-    if n % 2 == 0:
-        weights[[0, -1]] = 0.5
     mean = np.convolve(run, weights / n, "valid")
     inner = run[half:half + mean.size]
     teeth = (start + half + np.arange(mean.size)) % n
-    return teeth, inner / mean
+    return teeth, inner / mean, mean
+
+
+def off_centre(fractions: FloatArray) -> FloatArray:
+    """By how much (n,) the middle of the revolution around an interval lies ahead of its own
+    middle, in mean intervals; 0 for an even ring."""
+    n, weights = len(fractions), _centred(len(fractions))
+    turns = np.concatenate([fractions] * 3)
+    middle = np.cumsum(turns) - 0.5 * turns
+    around = np.convolve(turns * middle, weights, "same") / np.convolve(turns, weights, "same")
+    return np.asarray((around - middle)[n:2 * n])
+
+
+def _centred(n: int) -> FloatArray:
+    """Weights of the intervals of a revolution around one of them."""
+    weights = np.full(2 * (n // 2) + 1, 1.0)
+    if n % 2 == 0:
+        weights[[0, -1]] = 0.5
+    return weights
