@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from dart_hal.errors import UsageError
 from dart_hal.types import SAMPLE
-from dart_hal.vehicle.flat import values
+from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile
 from dart_hal.vehicle.native.kernel import Kernel, make_native_step
@@ -183,7 +183,7 @@ def _floats(a: Array) -> Array:
 
 
 def _check_lanes(p: Vehicle, n: int) -> None:
-    sizes = {np.shape(v) for v in values(p).values() if np.ndim(v)}
+    sizes = shapes(p)
     if sizes - {(n,)}:
         raise UsageError("a stack has a vehicle for each car", found=f"{n} cars and parameters "
                          f"of shapes {sorted(sizes)}", expected=f"({n},)")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
-from dart_hal.vehicle.effect import ActiveEffect, Forces, Signal
+from dart_hal.vehicle.effect import ActiveEffect, Effect, Forces, Signal
 from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -49,4 +50,10 @@ def signals(p: Vehicle, channel: str) -> tuple[tuple[ActiveEffect, Signal], ...]
 def _without_vehicle(applied: ActiveEffect) -> ActiveEffect:
     if applied.effect.vehicle is None:
         return applied
-    return ActiveEffect(replace(applied.effect, vehicle=None), applied.values)
+    return ActiveEffect(_rest(applied.effect), applied.values)
+
+
+@cache
+def _rest(of: Effect) -> Effect:
+    """The same one every time: a kernel is looked up by it."""
+    return replace(of, vehicle=None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -19,6 +19,7 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
+T = TypeVar("T")
 GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
 
 
@@ -36,6 +37,11 @@ def values(p: Vehicle) -> dict[str, Any]:
         for parameter, number in zip(applied.effect.parameters, applied.values, strict=True):
             out[f"{applied.name}.{parameter.name}"] = number
     return out
+
+
+def shapes(p: Vehicle) -> set[tuple[int, ...]]:
+    """Of the arrays among the parameters; none of a single vehicle."""
+    return {v.shape for v in values(p).values() if isinstance(v, np.ndarray) and v.shape}
 
 
 def value(p: Vehicle, name: str) -> Any:
@@ -99,6 +105,37 @@ def applied_with(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveE
     return ActiveEffect(applied.effect, tuple(numbers))
 
 
+def setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehicle]:
+    """``with_values`` of the same parameters again and again, unchecked but for the body's.
+
+    The numbers must be within ``bounds``. Raises UsageError for an unknown name.
+    """
+    groups: dict[str, list[tuple[str, int]]] = {}
+    inside: dict[str, list[tuple[int, int]]] = {}
+    for i, name in enumerate(names):
+        group, key, applied = _find(p, name)
+        if applied is None:
+            groups.setdefault(group, []).append((key, i))
+        else:
+            inside.setdefault(group, []).append((_index(applied, key), i))
+    if "body" in groups:  # its lengths must suit each other
+        return lambda numbers: with_values(p, dict(zip(names, numbers, strict=True)))
+
+    def changed(applied: ActiveEffect, numbers: Sequence[float]) -> ActiveEffect:
+        own = list(applied.values)
+        for at, i in inside.get(applied.name, ()):
+            own[at] = numbers[i]
+        return ActiveEffect(applied.effect, tuple(own))
+
+    def vehicle(numbers: Sequence[float]) -> Vehicle:
+        changes = {group: _clone(getattr(p, group), {key: numbers[i] for key, i in part})
+                   for group, part in groups.items()}
+        effects = tuple(changed(a, numbers) for a in p.effects) if inside else p.effects
+        return _clone(p, {**changes, "effects": effects})
+
+    return vehicle
+
+
 def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
     """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
     changed = {group: {key: of(f"{group}.{key}") for key in _parameters(getattr(p, group))}
@@ -111,14 +148,7 @@ def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
 
 def unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) -> Vehicle:
     """A clone with changed parameters, {group: {key: value}}, that may be arrays or symbols."""
-    out = replace(p)
-    for group, part in changes.items():
-        old = getattr(p, group)
-        new = object.__new__(type(old))
-        for key in _fields(old):
-            object.__setattr__(new, key, part[key] if key in part else getattr(old, key))
-        object.__setattr__(out, group, new)
-    return out
+    return _clone(p, {group: _clone(getattr(p, group), part) for group, part in changes.items()})
 
 
 def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle:
@@ -156,6 +186,14 @@ def _find(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:
         if applied.name == group and any(q.name == key for q in applied.effect.parameters):
             return group, key, applied
     raise UsageError(f"no parameter is called {name!r}", expected=", ".join(names(p)))
+
+
+def _clone(old: T, changed: Mapping[str, Any]) -> T:
+    """``dataclasses.replace`` without its checks, which cost as much as a short rollout."""
+    new = object.__new__(type(old))
+    for key in _fields(old):
+        object.__setattr__(new, key, changed[key] if key in changed else getattr(old, key))
+    return new
 
 
 def _parameters(group: Any) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.flat import bounds, value, with_values
+from dart_hal.vehicle.flat import bounds, setter, value
 from dart_hal.vehicle.parameters import Vehicle
 
 AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
@@ -35,7 +35,7 @@ class Coordinates:
     def __init__(self, base: Vehicle, names: tuple[str, ...],
                  known: Mapping[str, float] = MappingProxyType({}),
                  amounts: Mapping[str, float] = MappingProxyType({})) -> None:
-        self._base, self.names = base, names
+        self.names, self._vehicle = names, setter(base, names)
         self._start = np.array([value(base, name) for name in names])
         usual_amounts = {**AMOUNT, **amounts}
         amount = [usual_amounts.get(n, usual_amounts.get(n.partition(".")[0])) for n in names]
@@ -87,5 +87,4 @@ class Coordinates:
 
     def vehicle(self, x: FloatArray) -> Vehicle:
         """The base with these parameters."""
-        return with_values(self._base, dict(zip(self.names, self.numbers(x).tolist(),
-                                                strict=True)))
+        return self._vehicle(self.numbers(x).tolist())

@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike
 
 from dart_hal.types import SAMPLE
 from dart_hal.vehicle.compose import moving
-from dart_hal.vehicle.flat import values
+from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.native.build import CannotCompile, Variant
 from dart_hal.vehicle.native.call import Array, aligned, call
 from dart_hal.vehicle.native.check import check
@@ -103,7 +103,7 @@ def find(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> Found
 
 def lanes_of(p: Vehicle) -> int:
     """Number of vehicles in a stack, 0 for a single one. Raises CannotCompile for other arrays."""
-    shapes = {np.shape(v) for v in values(p).values() if np.ndim(v)}
-    if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
-        raise CannotCompile(f"parameters of shapes {sorted(shapes)} are no stack of vehicles")
-    return int(shapes.pop()[0]) if shapes else 0
+    found = shapes(p)
+    if len(found) > 1 or any(len(shape) != 1 for shape in found):
+        raise CannotCompile(f"parameters of shapes {sorted(found)} are no stack of vehicles")
+    return int(found.pop()[0]) if found else 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -40,6 +40,10 @@ class Traced:
     outputs: tuple[int, ...]
     uniform: tuple[int, ...]
     held: tuple[int, ...]
+
+
+_FORMS: dict[Hashable, Vehicle] = {}
+"""By what makes equations differ: a fit asks for the same ones thousands of times."""
 
 
 @lru_cache(maxsize=64)
@@ -88,10 +92,11 @@ def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, .
 
 def form_of(p: Vehicle) -> Vehicle:
     """A vehicle with the equations of p and no numbers of its own, to be a key."""
-    tyres = p.tyres
-    if p.kind == "kinematic":   # the tyres have no part in it
-        return bind(replace(p, name="", slip="all_speeds"), lambda name: 0.0)
-    return bind(replace(p, name="", tyres=tyres), lambda name: 0.0)
+    slip = "all_speeds" if p.kind == "kinematic" else p.slip  # the tyres have no part in it
+    key = p.kind, slip, type(p.tyres), tuple(a.effect for a in p.effects)
+    if key not in _FORMS:
+        _FORMS[key] = bind(replace(p, name="", slip=slip), lambda name: 0.0)
+    return _FORMS[key]
 
 
 def slug(p: Vehicle) -> str:

@@ -9,6 +9,7 @@ whether a symbol is true or greater than another has a branch and is refused.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -16,10 +17,9 @@ from typing import Any
 from dart_hal.vehicle.namespace import SCALAR, Namespace
 
 FUNCTIONS = tuple(f.name for f in fields(Namespace))
-_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
-    "+": lambda a, b: a + b, "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b, "/": lambda a, b: a / b,
-}
+_ARITHMETIC: dict[str, Callable[..., Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+    "neg": operator.neg}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +32,22 @@ class Node:
     name: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Constants, symbols and operations by the index of their nodes, each in computable order."""
+
+    constants: Mapping[int, float]
+    symbols: tuple[tuple[int, str], ...]
+    steps: tuple[tuple[int, Callable[..., Any], tuple[int, ...]], ...]
+
+
 class Graph:
     """Nodes in the order in which they can be computed."""
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._known: dict[Node, int] = {}
+        self._plans: dict[tuple[tuple[int, ...], Namespace], Plan] = {}
 
     def symbol(self, name: str) -> Expr:
         """The symbol of that name."""
@@ -54,7 +64,7 @@ class Graph:
         exprs = [x if isinstance(x, Expr) else self.constant(x) for x in operands]
         nodes = [self.nodes[x.index] for x in exprs]
         if all(n.op == "const" for n in nodes):
-            return self.constant(_compute(op, [n.value for n in nodes], SCALAR))
+            return self.constant(_operation(op, SCALAR)(*[n.value for n in nodes]))
         same = _without_effect(op, exprs, nodes)
         return same if same is not None else self._node(Node(op, tuple(x.index for x in exprs)))
 
@@ -64,6 +74,18 @@ class Graph:
             return lambda *operands: self.apply(op, *operands)
 
         return Namespace(**{name: record(name) for name in FUNCTIONS})
+
+    def plan(self, wanted: tuple[int, ...], xp: Namespace) -> Plan:
+        """How to compute some nodes, made once."""
+        key = wanted, xp
+        if key not in self._plans:
+            nodes = [(i, self.nodes[i]) for i in needed(self, wanted)]
+            self._plans[key] = Plan(
+                {i: n.value for i, n in nodes if n.op == "const"},
+                tuple((i, n.name) for i, n in nodes if n.op == "symbol"),
+                tuple((i, _operation(n.op, xp), n.args) for i, n in nodes
+                      if n.op not in ("const", "symbol")))
+        return self._plans[key]
 
     def _node(self, node: Node) -> Expr:
         if node not in self._known:
@@ -124,15 +146,10 @@ class Expr:
 def evaluate(graph: Graph, wanted: tuple[int, ...], symbols: Mapping[str, Any],
              xp: Namespace) -> list[Any]:
     """Values of the nodes ``wanted`` for values of the symbols they depend on."""
-    values: dict[int, Any] = {}
-    for index in needed(graph, wanted):
-        node = graph.nodes[index]
-        if node.op == "symbol":
-            values[index] = symbols[node.name]
-        elif node.op == "const":
-            values[index] = node.value
-        else:
-            values[index] = _compute(node.op, [values[a] for a in node.args], xp)
+    plan = graph.plan(wanted, xp)
+    values: dict[int, Any] = {**plan.constants, **{i: symbols[name] for i, name in plan.symbols}}
+    for index, operation, args in plan.steps:
+        values[index] = operation(*[values[a] for a in args])
     return [values[i] for i in wanted]
 
 
@@ -148,12 +165,8 @@ def needed(graph: Graph, wanted: tuple[int, ...]) -> list[int]:
     return sorted(found)
 
 
-def _compute(op: str, values: list[Any], xp: Namespace) -> Any:
-    if op == "neg":
-        return -values[0]
-    if op in _ARITHMETIC:
-        return _ARITHMETIC[op](*values)
-    return getattr(xp, op)(*values)
+def _operation(op: str, xp: Namespace) -> Callable[..., Any]:
+    return _ARITHMETIC.get(op) or getattr(xp, op)
 
 
 def _without_effect(op: str, exprs: list[Expr], nodes: list[Node]) -> Expr | None:
