@@ -29,7 +29,10 @@ from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.sim.motion import Felt
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import World
+from dart_hal.types import Doubt
 
+UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
+"""Said of sound cars as well: one encoder has no sign."""
 SLOPE = 0.04 * 9.81
 """m/s2 along a floor of 4 %."""
 
@@ -159,8 +162,9 @@ def drive(case: tuple[int, str], seconds: float) -> Outcome:
         for state in car.states(duration=seconds):
             start = state.t if start is None else start
             act(driver, state.t - start)
-            told.update(state.health.doubts)
-            for name in state.health.doubts:
+            doubts = state.health.doubts - UNSURE
+            told.update(doubts)
+            for name in doubts:
                 first.setdefault(name, state.t - start)
     return Outcome(seconds, tuple((f"sim-{seed} {style}", n, round(first[n], 2), k * FRAME)
                                   for n, k in told.items()))
@@ -173,8 +177,9 @@ def recorded(path: Path) -> Outcome:
     for part in drives_of(read(path)):
         name = part.name
         for k, state in enumerate(states_of(part, files)):
-            told.update(state.health.doubts)
-            for doubt in state.health.doubts:
+            doubts = state.health.doubts - UNSURE
+            told.update(doubts)
+            for doubt in doubts:
                 first.setdefault(doubt, seconds + k * FRAME - 2.0)
         seconds += len(part) * FRAME
     return Outcome(seconds, tuple((name, n, round(first[n], 2), k * FRAME)

@@ -57,7 +57,9 @@ class Doubt(str, Enum):
     wheel makes were dropped; ENCODER_SLIPS the wheels turn faster than the car
     (they spin, or are lifted). IMU_ZERO, IMU_RANGE, IMU_STEP: samples that
     cannot be; IMU_DISAGREES: a yaw rate that the wheels contradict. CAR_SLIDES:
-    it turns faster than its wheels explain; the gyro is believed.
+    it turns faster than its wheels explain; the gyro is believed. DIRECTION_UNSURE: the wheels
+    turn, and neither command nor acceleration says which way: speed and travel may have the
+    other sign.
     """
 
     ENCODER_DEAD = "ENCODER_DEAD"
@@ -70,6 +72,7 @@ class Doubt(str, Enum):
     IMU_STEP = "IMU_STEP"
     IMU_DISAGREES = "IMU_DISAGREES"
     CAR_SLIDES = "CAR_SLIDES"
+    DIRECTION_UNSURE = "DIRECTION_UNSURE"
 
     def __str__(self) -> str:
         return self.value

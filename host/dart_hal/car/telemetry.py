@@ -7,6 +7,7 @@ from math import tan
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.consistency import EncoderCheck, covering
+from dart_hal.estimation.direction import FeltDirection
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
 from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.imu_clock import ImuClock
@@ -24,6 +25,7 @@ SLIDES = 0.5
 """Share of the speed that goes sideways where CAR_SLIDES is said: a slip angle of 30 degrees of the
 rear axle, beyond which a car spins."""
 GYRO_LOOK = 1 << CAPS.index("GYRO_LOOK")
+UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 
@@ -56,6 +58,7 @@ class Telemetry:
         self.odometry = Odometry(_noise(files.metres_per_edge, known),
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
+        self.direction = FeltDirection()
         self.imu_clock = ImuClock()
         self.imu = ImuCheck(self._wheelbase)
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
@@ -106,7 +109,7 @@ class Telemetry:
                                  self._missed(speed, speed_std), self.imu_clock.std)
         self.last_dev = sample.t_dev
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
-                        t_std, "linear", sample.calib, self.imu.doubts | self.encoder.doubts)
+                        t_std, "linear", sample.calib, self._doubts())
         pose = odometry.pose
         external = self.room.moved(t, pose, motion) if self.room is not None else None
         return State(
@@ -114,6 +117,10 @@ class Telemetry:
             None if gyro_z is None else gyro_z - odometry.bias.value,
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,
             applied, health, external)
+
+    def _doubts(self) -> frozenset[str]:
+        found = self.imu.doubts | self.encoder.doubts
+        return found | UNSURE if self.speed.unsure else found
 
     def _missed(self, speed: float, std: float) -> float:
         """Speed [m/s] that the wheels may not tell, while there is a doubt against them."""
@@ -136,6 +143,8 @@ class Telemetry:
             gyro = acc = None
         dt = (sample.t_dev - self.last_dev) * rate if self.last_dev else 0.0
         throttle = 0.0 if sample.flags & TRIPPED else applied.throttle
+        self.speed.feel(self.direction.add(dt, speed, acc[0] if acc and not self.speed.rejected
+                                           else None))
         self.encoder.judge(dt, speed, std, sample.ticks - self._ticks, self.speed.rejected,
                            throttle, applied.steering, armed, acc[0] if acc else None,
                            turn if gyro else None)

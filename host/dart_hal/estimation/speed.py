@@ -13,6 +13,8 @@ but age. Between edges the car cannot have moved on by more than one gap, so
 One channel has no direction: it is the sign of the command, taken over only
 when the wheel has stopped; until then the flag AMBIGUOUS is up. Should the
 wheel speed up against the held sign, it did turn round at its slowest point.
+What the car feels of it (``direction.py``) tells more, from a stand on or where
+the sign is in doubt: see ``feel``.
 """
 
 from __future__ import annotations
@@ -30,6 +32,12 @@ ZERO_AFTER = 0.3
 """s of silence after which the speed is 0: below 7 mm/s with 2 mm edges."""
 TURN_SPEED = 0.06
 """m/s: a wheel whose bound is below may follow a command of the other sign."""
+FRESH = 0.6
+"""s after a stand in which what is felt may overrule the command: it takes 0.4 s to tell, and
+later a wheel that catches again after a spin looks like a car that goes the other way."""
+SLOW = 0.3
+"""m/s at the slowest moment of wheels that nobody drives, below which they may have turned round:
+at 10 m/s2 a frame and the age of a pair of edges hide 0.25."""
 ACCELERATION = 2.0
 """m/s2 rms that a pair's age hides; enters the standard deviation only."""
 MAX_ACCELERATION = 100.0
@@ -62,6 +70,8 @@ class WheelSpeed:
         self.ambiguous = self.rejected = self.aligned = False
         self._unsigned = False
         self._lowest, self._lowest_interval = 0.0, 0
+        self._stand, self._rolled, self._felt = 0, 0.0, 0
+        self._driven = False
         self._hold = self._coasted = 0.0
         self._skipped = 0
         self._pair, self._pair_std = 0.0, 0.0
@@ -85,6 +95,7 @@ class WheelSpeed:
         new = count - self._count
         dt = (now - self._now) * rate
         self._count, self._now = count, now
+        self._rolled += dt
         if new > 3 and self._is_noise(new, dt):
             return self._coast(new, dt)
         self.rejected = False
@@ -97,6 +108,25 @@ class WheelSpeed:
         else:
             self._steer(hint, 0, (now - self._edge_t) * rate)
         return self._publish((now - self._edge_t) * rate)
+
+    @property
+    def unsure(self) -> bool:
+        """The wheels turn, and neither the command nor what is felt says which way."""
+        return self.ambiguous and self.speed != 0.0 and self._felt != self.direction
+
+    def feel(self, direction: int) -> None:
+        """The way that the acceleration says the wheels turn; 0 = it does not.
+
+        From a stand on, where nobody drives, or where the sign is in doubt, it makes the direction
+        sure, or turns it round together with the travel since the stand, or the slowest moment.
+        """
+        self._felt = direction
+        if direction == self.direction:
+            self._unsigned = False
+        elif direction and self._rolled < FRESH:
+            self._mirror(self._stand)
+        elif direction and (self.ambiguous or not self._driven):
+            self._mirror(self._lowest_interval)
 
     # -- edges ------------------------------------------------------------
 
@@ -112,7 +142,7 @@ class WheelSpeed:
         self.aligned = False
         self._ring = self._even
         self._aligner = Aligner(self._table) if self._table is not None else None
-        self._interval = 0
+        self._interval = self._stand = self._lowest_interval = 0
         self._edge_at = self._origin = self.distance
         self._ahead = 0.0
         self._edges.clear()
@@ -204,6 +234,8 @@ class WheelSpeed:
             return
         self._aligner, self._ring, self.aligned = None, self._table, True
         self._interval += shift
+        self._stand += shift
+        self._lowest_interval += shift
         self._origin = self._edge_at - self._table.position(edge + shift)
         newest = self._edges[-1]
         self._edges.clear()
@@ -214,27 +246,37 @@ class WheelSpeed:
     def _note_start(self, hint: int) -> None:
         if self._silent:
             self._unsigned = hint == 0
+            self._stand, self._rolled = self._interval, 0.0
+            self._lowest, self._lowest_interval = 0.0, self._interval
         elif hint == self.direction:
             self._unsigned = False
 
     def _steer(self, hint: int, new: int, silence: float) -> None:
         """Take over the command's sign once the wheel has stood; see the module."""
+        speed, self._driven = abs(self.speed), hint != 0
         if hint == 0 or hint == self.direction:
-            self._lowest = abs(self.speed)
-            self._lowest_interval = self._interval
-            self.ambiguous = self._unsigned
+            if hint or self._felt == self.direction or speed <= self._lowest:
+                self._lowest, self._lowest_interval = speed, self._interval
+            self.ambiguous = self._unsigned or (self._lowest < SLOW and self._gathers(speed))
             return
         self.ambiguous = True
-        speed = abs(self.speed)
         if self._silent or (new < 2 and silence * TURN_SPEED > self._ring.gap(self._interval)):
             self._turn_round()
-        elif speed <= self._lowest:
+        elif speed <= self._lowest or self._felt == self.direction:
             self._lowest, self._lowest_interval = speed, self._interval
-        elif speed > 1.5 * self._lowest + 0.1:
-            self._interval = 2 * self._lowest_interval - self._interval
-            self.distance = self._origin + self._ring.position(self._interval + (
-                0 if self.direction < 0 else 1))
-            self._turn_round()
+        elif self._gathers(speed):
+            self._mirror(self._lowest_interval)
+
+    def _gathers(self, speed: float) -> bool:
+        """The wheels are clearly faster than at their slowest moment."""
+        return speed > 1.5 * self._lowest + 0.1
+
+    def _mirror(self, interval: int) -> None:
+        """It has gone the other way since it was in this interval."""
+        self._interval = 2 * interval - self._interval
+        self.distance = self._origin + self._ring.position(self._interval + (
+            0 if self.direction < 0 else 1))
+        self._turn_round()
 
     def _turn_round(self) -> None:
         self.direction = -self.direction
