@@ -90,6 +90,13 @@ def test_it_is_evaluated_and_its_marker_found(seen):
     assert found.theta == pytest.approx(hidden.theta, abs=0.01)
 
 
+@pytest.mark.cpu(6)
+def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(seen):
+    marker, hidden = read_run(seen[0]).marker, hidden_mocap(3)
+    assert abs(hidden.ly) > 0.006
+    assert marker.ly == pytest.approx(hidden.ly, abs=0.0015)
+
+
 @pytest.mark.cpu(4)
 def test_a_run_without_poses_is_refused_with_the_way_to_get_them(tmp_path):
     path = tmp_path / "run.mcap"

@@ -1,4 +1,4 @@
-"""Commands of a run have instants of their own: no residual is put down to their age.
+"""Commands of a run have instants of their own, but for the wait for a frame of the PWM.
 
 Those of a published recording have that of the next message. There a residual that a command
 moves much is doubted, and of a backlash, which looks like commands of many ages, less is left.
@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from searched import drive, evidence
 
+from dart_hal.diagnose.evidence.noise import WAIT, measure
+from dart_hal.diagnose.evidence.residuals import Residuals
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
@@ -35,10 +37,28 @@ def test_commands_of_a_published_recording_may_have_any_age(seen):
     assert np.min(certainty(seen)) < 0.9
 
 
-def test_commands_of_a_run_have_their_own(seen):
+def test_commands_of_a_run_wait_for_a_frame_and_no_longer(seen):
     runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in seen.drives]
     run = type(seen)(runs, PAPER.body.l_r)
     assert run.commands_stamped
-    assert np.min(certainty(run)) == 1.0
+    r = run.residuals(PAPER, SOME_AGE).motion
+    late = run.residuals(PAPER, replace(SOME_AGE, command_age=SOME_AGE.command_age - WAIT)).motion
+    moved = np.abs(late - r) / np.median(np.abs(r), axis=0)
+    certain = certainty(run)
+    assert np.min(certain[moved < 0.01]) > 0.95
+    assert np.median(certain[moved > 1.0]) < 0.8
+    assert np.min(certain) > np.min(certainty(seen))  # where ages may be a tenth of a second
     mixed = type(seen)([*seen.drives, *runs], PAPER.body.l_r)
     assert not mixed.commands_stamped
+
+
+def test_a_known_wait_is_the_size_of_its_doubt():
+    rng = np.random.default_rng(0)
+    older = np.repeat([0.0, 5.0], [900, 100])[:, None]  # rad/s2: a step in a tenth of the windows
+    motion = 0.004 * rng.normal(size=(1000, 1)) + older * rng.uniform(-0.01, 0.01, (1000, 1))
+    block = np.arange(1000) // 4
+    found = measure(Residuals(motion, np.empty((0, 4))), (block, block[:0]), older=older, wait=WAIT)
+    assert np.all(found.certain[:900] == 1.0)
+    assert found.certain[900:] == pytest.approx(
+        1.0 / np.sqrt(1.0 + (WAIT * 5.0 / 0.004)**2), rel=0.1)
+    assert np.std(found.certain[900:] * motion[900:]) == pytest.approx(0.004, rel=0.15)

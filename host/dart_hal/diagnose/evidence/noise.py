@@ -6,10 +6,10 @@ With e (n, c) the motion residuals in SI units, b blocks of time, c = ``robust``
     w = min(1, sum_i r_i^2 / sum_b (sum_(i in b) r_i)^2)     and so do neighbours, by channel
     rho(r) = 2 c^2 (sqrt(1 + (r / c)^2) - 1)          soft L1: r^2 for small r
 
-Sensors are divided by their robust standard deviation each. Where nobody logs when commands
-change, each has an age of its own; with s the standard deviation of ages and a the change of a
-read-out with age in standard deviations per second, that read-out is first divided by
-sqrt(1 + s^2 a^2).
+Sensors are divided by their robust standard deviation each. A command has an age of its own: in
+published recordings nobody logs when it changed, in our own runs its pulse waits for the next
+frame of the PWM. With s the standard deviation of ages and a the change of a read-out with age in
+standard deviations per second, that read-out is first divided by sqrt(1 + s^2 a^2).
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from .space import MAX_COMMAND_AGE
 
 WIDEST = MAX_COMMAND_AGE / np.sqrt(12.0)  # s; standard deviation of ages of which nothing is known
 ROUNDS = 3  # of sizes and ages, each without the other
+FRAME = 0.020  # s; PWM frame of 50 Hz. A command acts with the next one, and in step with none
+WAIT = FRAME / np.sqrt(12.0)  # s; standard deviation of that wait about its mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +90,14 @@ class Noise:
 
 def measure(r: Residuals, blocks: tuple[IntArray, IntArray],
             overlap: float = 2.0, older: FloatArray | None = None,
-            policy: NoisePolicy = USUAL.noise) -> Noise:
+            policy: NoisePolicy = USUAL.noise, wait: float | None = None) -> Noise:
     """From the residuals of the base model; blocks: labels of windows (n,) and messages (m,).
 
     overlap: how often the windows predict every sample. older (n, c): by how much the
-    age of a command moves the motion at most [1/s], where each may have its own.
+    age of a command moves the motion at most [1/s], where each may have its own. wait [s]: the
+    standard deviation of ages; None = as the residuals say.
     """
-    certain = 1.0 if older is None else _certain(r.motion, older, policy)
+    certain = 1.0 if older is None else _certain(r.motion, older, policy, wait)
     whitener = _whitener(r.motion * certain, policy)
     finest = np.array([policy.encoder_floor, 0.0, 0.0, 0.0])
     sensors = np.maximum(_size(r.sensors), finest) if len(r.sensors) else np.ones(4)
@@ -106,23 +109,32 @@ def measure(r: Residuals, blocks: tuple[IntArray, IntArray],
     return replace(rough, weight=weight)
 
 
-def _certain(motion: FloatArray, older: FloatArray, policy: NoisePolicy) -> FloatArray:
-    """Of residuals (n, c): standard deviation without ages over that with them.
-
-    How far ages differ is what residuals say where a command moves them most.
-    """
+def _certain(motion: FloatArray, older: FloatArray, policy: NoisePolicy,
+             wait: float | None) -> FloatArray:
+    """Of residuals (n, c): standard deviation without ages over that with them."""
     certain = np.ones(motion.shape)
     for _ in range(ROUNDS):
         along = older / _size(motion * certain)
-        tells = along * MAX_COMMAND_AGE > 2.0 * policy.age_tells
-        if tells.sum() < policy.age_readouts:
+        own = _ages(motion, older, along, policy) if wait is None else wait**2
+        if own is None:
             break
-        age = np.clip(motion[tells] / older[tells], -MAX_COMMAND_AGE, MAX_COMMAND_AGE)
-        own = min(float(np.var(age) - np.mean(along[tells]**-2)), WIDEST**2)
         if own < policy.age_s**2:
             return np.ones(motion.shape)
         certain = 1.0 / np.sqrt(1.0 + own * along**2)
     return certain
+
+
+def _ages(motion: FloatArray, older: FloatArray, along: FloatArray, policy: NoisePolicy
+          ) -> float | None:
+    """Variance of ages [s2] by what residuals say where a command moves them most; None: nothing.
+
+    along (n, c): ``older`` in standard deviations per second.
+    """
+    tells = along * MAX_COMMAND_AGE > 2.0 * policy.age_tells
+    if tells.sum() < policy.age_readouts:
+        return None
+    age = np.clip(motion[tells] / older[tells], -MAX_COMMAND_AGE, MAX_COMMAND_AGE)
+    return float(min(np.var(age) - np.mean(along[tells]**-2), WIDEST**2))
 
 
 def _whitener(motion: FloatArray, policy: NoisePolicy) -> FloatArray:

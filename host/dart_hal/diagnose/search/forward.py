@@ -14,9 +14,10 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.noise import Noise, measure
+from ..evidence.noise import FRAME, WAIT, Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
 from ..evidence.space import Space, Timing, widest
+from ..unexplained.driven import undriven
 from .confounders import confounders, correlated
 from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
 from .scan import Line, Progress, Trial, scan
@@ -27,6 +28,8 @@ AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
 """s, of commands before their message, and how far they spread around it."""
 OLDER = (-0.025, -0.008, 0.008, 0.025)
 """s, by which commands are moved to see what their age does; a step does it at one instant."""
+WITHIN_FRAME = (-0.4 * FRAME, 0.4 * FRAME)
+"""s, the same where commands wait for a frame: nearly as far as that goes."""
 PASSES = 2  # the second with the sizes of the residuals of the first
 
 
@@ -182,21 +185,27 @@ class Search:
     def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
         """How large the residuals are, but for what commands do that come at a time of their own.
 
-        Only where some change between messages, and nobody knows when.
+        In a run of our own that is the wait for a frame. Elsewhere nobody knows when, and some
+        change between messages. From on-board sensors alone, neither is noise what goes with the
+        driving: the state at a start has errors that last for a window, as those of the model do,
+        and once taken for such a one an error of the model would count for nothing.
         """
-        r = self._evidence.residuals(vehicle, timing)
-        known = self._evidence.commands_stamped
-        if known or widest(timing.command_age) < self._settings.policy.noise.age_s:
+        seen = self._evidence.residuals(vehicle, timing)
+        age, stamped = timing.command_age, self._evidence.commands_stamped
+        r = seen if self._evidence.exact else undriven(
+            self._evidence, vehicle, seen, self._settings.policy.unexplained)
+        if not stamped and widest(age) < self._settings.policy.noise.age_s:
             return self._noise(r)
-        age = timing.command_age
+        by = WITHIN_FRAME if stamped else OLDER
         moved = [np.abs(self._evidence.residuals(vehicle, replace(timing, command_age=age + d))
-                        .motion - r.motion) / abs(d) for d in OLDER]
-        return self._noise(r, np.max(moved, axis=0))
+                        .motion - seen.motion) / abs(d) for d in by]
+        return self._noise(r, np.max(moved, axis=0), WAIT if stamped else None)
 
-    def _noise(self, r: Residuals, older: FloatArray | None = None) -> Noise:
+    def _noise(self, r: Residuals, older: FloatArray | None = None,
+               wait: float | None = None) -> Noise:
         policy = self._settings.policy
         return measure(r, self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
-                       older, policy.noise)
+                       older, policy.noise, wait)
 
     def _start(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the

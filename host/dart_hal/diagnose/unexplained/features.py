@@ -52,6 +52,20 @@ def message_features(evidence: Evidence, p: Vehicle) -> Features:
     return _gathered(evidence, p, lambda d: (d.at - WINDOW, d.at))
 
 
+def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
+    """Features without what the disturbance itself moves.
+
+    straight [rad]: of steering; half of it is neither left nor right. A gust makes the car
+    faster than the model says and accelerates it: residual and measured acceleration go together
+    although the model lacks nothing.
+    """
+    keep = {k: v for k, v in features.items() if k not in ("acceleration", "yaw_rate")}
+    keep["lateral_acceleration"] = (keep["speed"]**2 * np.tan(keep["steering_angle"])
+                                    / p.body.wheelbase)
+    keep["direction"] = np.sign(np.round(keep["steering_angle"] / straight))
+    return keep
+
+
 def _gathered(evidence: Evidence, p: Vehicle,
               ends: Callable[[Drive], tuple[FloatArray, FloatArray]]) -> Features:
     parts = [_of(drive, p, *ends(drive)) for drive in evidence.drives]

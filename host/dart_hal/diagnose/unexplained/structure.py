@@ -27,7 +27,7 @@ from ..policy import USUAL, UnexplainedPolicy
 from ..result import Unexplained
 from .bases import basis, sets
 from .crossfit import Blocked, fitted, held_out, normal_scores, predicted_share
-from .features import UNITS, message_features, window_features
+from .features import UNITS, exogenous, message_features, window_features
 from .waves import ALONG, WAVES, phases, wave, waves
 
 READ_OUT = 2  # the one at 0.5 s: as far as from window to window
@@ -110,30 +110,18 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
         names, motion, sensors = evidence.read_out
     whitener = np.linalg.inv(noise.motion)
     size = np.sqrt((whitener**2).sum(axis=1))[motion]
-    x = np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3) / size
-    while_driven = _exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)
-    while_counted = _exogenous(p, message_features(evidence, p), policy.straight)
+    certain = np.broadcast_to(noise.certain, residuals.motion.shape)[:, motion]
+    x = certain * np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3)
+    x = x / size
+    while_driven = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)
+    while_counted = exogenous(p, message_features(evidence, p), policy.straight)
     del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
     drives = tuple(d.recording.name for d in evidence.drives)
     read, loud = noise.whiten(residuals)[1], evidence.noise_scale
-    return [Group(names, x, np.broadcast_to(size, x.shape), while_driven, windows,
+    return [Group(names, x, size / certain, while_driven, windows,
                   evidence.motion_drive, drives),
             Group(tuple(SENSORS[sensors]), read[:, sensors], (noise.sensors / loud)[:, sensors],
                   while_counted, messages, evidence.sensor_drive, drives)]
-
-
-def _exogenous(p: Vehicle, features: dict[str, FloatArray], straight: float
-               ) -> dict[str, FloatArray]:
-    """Features without what the disturbance itself moves.
-
-    A gust makes the car faster than the model says and accelerates it: residual
-    and measured acceleration go together although the model lacks nothing.
-    """
-    keep = {k: v for k, v in features.items() if k not in ("acceleration", "yaw_rate")}
-    keep["lateral_acceleration"] = (keep["speed"]**2 * np.tan(keep["steering_angle"])
-                                    / p.body.wheelbase)
-    keep["direction"] = np.sign(np.round(keep["steering_angle"] / straight))
-    return keep
 
 
 def structure(of: list[Group], seed: int = 0, level: float = 0.01,

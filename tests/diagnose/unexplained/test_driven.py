@@ -1,0 +1,41 @@
+"""Noise is what does not go with the driving."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from onboard_files import evidence, recorded
+
+from dart_hal.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose.unexplained.driven import undriven
+from dart_hal.diagnose.unexplained.features import window_features
+from dart_hal.vehicle import PAPER
+
+GYRO = slice(1, None, 2)
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+
+
+def spread(motion):
+    return np.median(np.abs(motion - np.median(motion, axis=0)), axis=0)
+
+
+def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(seen):
+    rng = np.random.default_rng(3)
+    n = len(seen.motion_drive)
+    noise = 0.01 * rng.normal(size=(n, 2 * MESSAGES_AHEAD))
+    r = replace(seen.residuals(PAPER), motion=noise)
+    alone = undriven(seen, PAPER, r, USUAL.unexplained).motion
+    assert np.median(spread(alone) / spread(noise)) == pytest.approx(1.0, abs=0.1)
+    wrong = 0.05 * np.tanh(3.0 * window_features(seen, PAPER, 50)["steering_angle"])
+    both = noise.copy()
+    both[:, GYRO] += wrong[:, None]
+    left = undriven(seen, PAPER, replace(r, motion=both), USUAL.unexplained).motion
+    assert np.median(spread(both)[GYRO]) > 2.0 * np.median(spread(noise)[GYRO])
+    assert np.median(spread(left)[GYRO]) < 1.4 * np.median(spread(noise)[GYRO])
