@@ -66,15 +66,15 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     padded = np.concatenate([u, np.repeat(u[..., -1:], -n % BLOCK, axis=-1)], axis=-1)
     blocks = padded.reshape(*u.shape[:-1], -1, BLOCK)
     since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
-    answer = np.where(since >= 0, (1.0 - keep) * keep**np.maximum(since, 0), 0.0)
+    left = keep**ahead
+    answer = np.where(since >= 0, (1.0 - keep) * left[np.maximum(since, 0)], 0.0)
     forced = blocks @ answer
     last = keep * forced[..., -1] + (1.0 - keep) * blocks[..., -1]
-    begin = np.empty_like(last)
-    y = u[..., 0]
-    for i in range(begin.shape[-1]):
-        begin[..., i] = y
-        y = keep**BLOCK * y + last[..., i]
-    out = forced + begin[..., None] * keep**ahead
+    begin, over = [u[..., 0]], keep**BLOCK
+    # numbers are quicker than arrays of one
+    for one in last.tolist() if u.ndim == 1 else np.moveaxis(last, -1, 0):
+        begin.append(over * begin[-1] + one)
+    out = forced + np.stack(begin[:-1], axis=-1)[..., None] * left
     return np.asarray(out.reshape(padded.shape)[..., :n])
 
 
@@ -99,7 +99,13 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
     """
     p = settled(p)
     delay, lag = (getattr(p.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
-    series = first_order_lag(delayed(command, delay, smooth), lag, sampled)
+    return behind_lag(p, channel, first_order_lag(delayed(command, delay, smooth), lag, sampled),
+                      t, sampled)
+
+
+def behind_lag(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+               sampled: Sampled = "start") -> FloatArray:
+    """What is left of ``behind_actuator`` of a settled vehicle after delay and lag (n,)."""
     series = _through(p, channel, series, t, sampled)
     if channel == "throttle":
         return series

@@ -104,17 +104,20 @@ def spread_over(command: FloatArray, spread: float) -> FloatArray:
 
 
 def catmull_rom(series: FloatArray, at: FloatArray) -> FloatArray:
-    """A series (n,) at times (k,) in samples: cubic through four samples (Catmull-Rom).
+    """A series (n,) at times (..., k) in samples: cubic through four samples (Catmull-Rom).
+
+    Or series (s, n), each at times of its own (s, k).
 
     Straight lines would be off by what a signal bends within a sample, more or
     less of it at every age of the messages, and the loss rough along that age.
     """
-    last = len(series) - 1
+    last = series.shape[-1] - 1
     at = np.minimum(np.maximum(at, 0.0), last)
     i = np.minimum(at.astype(np.int64), last - 1)
     u = at - i
-    a, b, c, d = series[np.maximum(i - 1, 0)], series[i], series[i + 1], series[
-        np.minimum(i + 2, last)]
+    row = (last + 1) * np.arange(len(series))[:, None] if series.ndim == 2 else 0
+    a, b, c, d = (series.ravel()[row + k] for k in (
+        np.maximum(i - 1, 0), i, i + 1, np.minimum(i + 2, last)))
     return np.asarray(b + 0.5 * u * (c - a + u * (2.0 * a - 5.0 * b + 4.0 * c - d
                                                   + u * (3.0 * (b - c) + d - a))))
 

@@ -63,16 +63,18 @@ class Drive:
     still: BoolArray
     noise_scale: FloatArray
 
-    def commanded(self, channel: str, later: float) -> FloatArray | None:
-        """A command that comes so much later [s]; None where no message says when it came.
+    @property
+    def sent(self) -> FloatArray | None:
+        """When each message was (m,) [s]; None where none says when a command came."""
+        return None if self.recording.schema == "C" else message_time(self.recording.messages)
+
+    def commanded(self, channel: str, at: FloatArray) -> FloatArray:
+        """A command that comes with its messages at times (m,) [s].
 
         To move the series of samples instead would smear a step over two of
         them, more or less at every delay, and the loss would be rough along it.
         """
-        if self.recording.schema == "C":
-            return None
-        m = self.recording.messages
-        return zero_order_hold(message_time(m) + later, getattr(m, channel), len(self.grid))
+        return zero_order_hold(at, getattr(self.recording.messages, channel), len(self.grid))
 
     def without_mocap_effects(self, p: Vehicle, l_r: float) -> Grid:
         """The motion if the mocap had not done to the pose what the effects of p say.

@@ -29,7 +29,7 @@ from .onboard_drive import (
     counted,
 )
 from .onboard_windows import Actuated, actuated, predicted
-from .readings import SENSORS, at_rest
+from .readings import SENSORS, at_rest, resting
 from .residuals import SENSED, Evidence, Residuals, pulled_by, steered_by
 from .space import EXACT, Timing
 from .standing import spread
@@ -111,9 +111,11 @@ class OnboardEvidence(Evidence):
             self._once((channel, *of(p, q), timing.late, timing.spread),
                        partial(self._actuated, p, channel, timing))
             for channel, of in (("throttle", pulled_by), ("steering", steered_by)))
+        still = self._once("resting", lambda: [resting(d) for d in self.drives])
+        rest = [at_rest(d, p, rest=r) for d, r in zip(self.drives, still, strict=True)]
         parts = [(np.empty((0, MESSAGES_AHEAD * len(MOTION))), np.empty((0, 4))),
                  *(_of(drive, p, q, *inputs)
-                   for drive, *inputs in zip(self.drives, throttle, angle, strict=True))]
+                   for drive, *inputs in zip(self.drives, rest, throttle, angle, strict=True))]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # what says nothing of any model still needs a size
             if not np.isfinite(sensors[:, k]).any():
@@ -146,9 +148,8 @@ def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
     return (*UNKNOWN, *own)
 
 
-def _of(drive: Session, p: Vehicle, q: Vehicle, throttle: Actuated, angle: Actuated
-        ) -> tuple[FloatArray, FloatArray]:
-    rest = at_rest(drive, p)
+def _of(drive: Session, p: Vehicle, q: Vehicle, rest: FloatArray, throttle: Actuated,
+        angle: Actuated) -> tuple[FloatArray, FloatArray]:
     if not len(drive.begin):
         return np.empty((0, MESSAGES_AHEAD * len(MOTION))), rest
     said = predicted(drive, p, q, throttle, angle)

@@ -41,17 +41,17 @@ def measured(g: Grid) -> Measured:
     return Measured(sensors.motion(g.t, states(g), rates), savgol_derivative(g.yaw, SMOOTH))
 
 
-def driven(p: Vehicle, m: Measured, throttle: FloatArray, drive: Drive, late: float,
+def driven(p: Vehicle, m: Measured, throttle: FloatArray | None, drive: Drive, late: float,
            apart: float) -> FloatArray:
     """What each sensor of the moving car should read, minus what it read; (k, 4).
 
-    throttle (n,): behind its actuator. late: age of the readings [s]; apart: by how
+    throttle (n,): behind its actuator; None where no effect on a sensor asks for it. late: age of the readings [s]; apart: by how
     much more that of the gyro.
     """
     when, read = drive.at[~drive.still], drive.read[~drive.still]
     if not len(when):
         return np.empty((0, len(SENSORS)))
-    now = sensors.driven(p, m.now, throttle)
+    now = m.now if throttle is None else sensors.driven(p, m.now, throttle)
 
     def behind(channel: str, signal: Any) -> tuple[Any, FloatArray]:
         """(the signal behind its effects, where the messages read it in samples)."""
@@ -60,27 +60,34 @@ def driven(p: Vehicle, m: Measured, throttle: FloatArray, drive: Drive, late: fl
 
     wheel, at = behind("wheel", np.array(now.v_x))
     way = np.concatenate([[0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]))])
-    encoder = (catmull_rom(way, at) - catmull_rom(way, at - WINDOW)) / WINDOW
+    end, begin = catmull_rom(way, np.stack([at, at - WINDOW]))
     gyro, at = behind("gyro", m.omega)
     accel, at_accel = behind("accel", (now.a_x, now.a_y))
-    said = [encoder, catmull_rom(gyro, at - apart / SAMPLE),
-            *(catmull_rom(v, at_accel) for v in accel)]
-    return np.stack(said, axis=1) - read
+    said = catmull_rom(np.stack([gyro, *accel]),
+                       np.stack([at - apart / SAMPLE, at_accel, at_accel]))
+    return np.stack([(end - begin) / WINDOW, *said], axis=1) - read
 
 
-def at_rest(drive: Drive, p: Vehicle, seen: bool = False) -> FloatArray:
-    """What gyro and accelerometer say of a standing car, minus what they said; (k, 4).
-
-    seen: by motion capture, which knows how slowly it turns all the same. The
-    accelerometer in units of its noise while driving; nothing of the encoder.
-    """
+def resting(drive: Drive) -> tuple[Now, FloatArray]:
+    """The motion of a standing car at its messages, and how slowly it turns (k,) [rad/s]."""
     at = drive.at[drive.still]
     zero, g = np.zeros(len(at)), drive.grid
     sample = np.arange(len(g))
     now = sensors.motion(np.interp(at, sample, g.t),
                          (zero, zero, np.interp(at, sample, g.yaw), zero, zero, zero))
-    turning = (catmull_rom(g.yaw, at + AROUND) - catmull_rom(g.yaw, at - AROUND)) / (
-        2 * AROUND * SAMPLE)
+    end, begin = catmull_rom(g.yaw, np.stack([at + AROUND, at - AROUND]))
+    return now, (end - begin) / (2 * AROUND * SAMPLE)
+
+
+def at_rest(drive: Drive, p: Vehicle, seen: bool = False,
+            rest: tuple[Now, FloatArray] | None = None) -> FloatArray:
+    """What gyro and accelerometer say of a standing car, minus what they said; (k, 4).
+
+    seen: by motion capture, which knows how slowly it turns all the same. rest: what
+    ``resting`` says. The accelerometer in units of its noise while driving; nothing of the encoder.
+    """
+    now, turning = rest or resting(drive)
+    zero = np.zeros(len(turning))
     # read late, a standing car reads the same: and messages are no series of samples
     gyro = through(late_last(p, "gyro")[0], "gyro", turning if seen else zero, now, SAMPLE)
     a_x, a_y = through(late_last(p, "accel")[0], "accel", (zero, zero), now, SAMPLE)

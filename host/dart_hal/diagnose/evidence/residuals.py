@@ -10,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.predict.actuators import behind_actuator
+from dart_hal.predict.actuators import (
+    behind_actuator,
+    behind_lag,
+    delayed,
+    first_order_lag,
+)
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
@@ -20,26 +25,26 @@ from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import ActiveEffect, Effect
-from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 
 from .drive import HALF, READ_OUTS, Drive
-from .readings import SENSORS, at_rest, driven, measured
+from .readings import SENSORS, at_rest, driven, measured, resting
 from .space import EXACT, LATE, Timing
 
 MOTION = ("v_x", "v_y", "omega")
 SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
                            "accel": ("accel_x", "accel_y")})
 """By signal that is only read: channels of the residuals in which an effect on it shows."""
+ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
 POSE, THROTTLE, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering", "angle")))
-KEPT = 24  # parts of models
+KEPT = 32  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
 """Weights by which POINTS poses give a derivative [1/s]."""
-Read = Callable[[FloatArray, FloatArray], FloatArray]
+Read = Callable[[FloatArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +177,9 @@ class Evidence:
         q = settled(p)
         start, seen = self._once(("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
         throttle = self._once(("throttle", *pulled_by(p, q), spread), lambda: np.repeat(
-            self._inputs(p, spread, "throttle", _held), FINE, axis=0))
+            self._inputs(q, spread, "throttle", _held), FINE, axis=0))
         angle = self._once(("angle", *steered_by(p, q), spread),
-                           lambda: self._inputs(p, spread, "steering", fine))
+                           lambda: self._inputs(q, spread, "steering", _in_parts))
         states = fine_rollout(p, start, throttle, angle, AT)
         error = _velocities(states) - seen
         return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
@@ -185,23 +190,44 @@ class Evidence:
         states = measured_states(parts, (0, *READ_OUTS))
         return states[0], states[1:, 3:]
 
-    def _inputs(self, p: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
+    def _inputs(self, q: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
         """Of all windows, what an actuator did with its command: (samples, n) or finer."""
-        return np.concatenate([read(_actuated(p, drive, spread, channel),
-                                    drive.starts + np.arange(float(AT[-1]))[:, None])
-                               for drive in self.drives], axis=1)
+        delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
+        lagged = self._once((channel, delay, lag, spread), lambda: self._lagged(
+            channel, delay, lag, spread))
+        parts = [read(behind_lag(q, channel, series, drive.grid.t, "mean"),
+                      drive.starts + np.arange(AT[-1])[:, None])
+                 for drive, series in zip(self.drives, lagged, strict=True)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def _lagged(self, channel: str, delay: float, lag: float, spread: float) -> list[FloatArray]:
+        """Of each drive, means of a command over samples behind delay and lag, spread by so
+        much; delays to a part of a sample."""
+        out = []
+        sent = self._once("sent", lambda: [d.sent for d in self.drives])
+        for drive, at in zip(self.drives, sent, strict=True):
+            if at is None:
+                command = spread_over(getattr(drive.grid, channel), spread)
+                command = delayed(command, delay, smooth=True)
+            else:
+                command = spread_over(drive.commanded(channel, at + delay), spread)
+            out.append(first_order_lag(command, lag, "mean"))
+        return out
 
     def _sensors(self, p: Vehicle, late: float, apart: float) -> FloatArray:
         q = settled(p)
         seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
-        pulled = self._once(("pulled", pulled_by(p, q)), lambda: [
-            behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
-            for d in self.drives])
-        return np.concatenate([part for drive, m, throttle
-                               in zip(self.drives, seen, pulled, strict=True)
-                               for part in (driven(p, m, throttle, drive, late, apart),
-                                            at_rest(drive, p, True))])
+        pulled = [None] * len(self.drives) if not _on(p, ALL) else self._once(
+            ("pulled", pulled_by(p, q)), lambda: [
+                behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
+                for d in self.drives])
+        still = self._once("resting", lambda: [resting(d) for d in self.drives])
+        rest = self._once(("rest", q.body, _on(p, IMU)), lambda: [
+            at_rest(d, p, True, r) for d, r in zip(self.drives, still, strict=True)])
+        return np.concatenate([part for drive, m, throttle, read
+                               in zip(self.drives, seen, pulled, rest, strict=True)
+                               for part in (driven(p, m, throttle, drive, late, apart), read)])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
@@ -222,7 +248,7 @@ def _moves(p: Vehicle) -> Vehicle:
 def _reads(p: Vehicle) -> tuple[Hashable, ...]:
     """What readings depend on, of a vehicle and a measured motion."""
     q = settled(p)
-    on_sensors = _on(p, frozenset(SENSED))
+    on_sensors = _on(p, ALL)
     drive = (q.motor, q.friction, pulled_by(p, q)) if on_sensors else ()
     return ("readings", q.body, _on(p, POSE), on_sensors, drive)
 
@@ -234,7 +260,8 @@ def _on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...]:
 
 def pulled_by(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
     """What the throttle behind its actuator depends on; q: p settled."""
-    return (q.delay.throttle_s, q.delay.throttle_lag_s, q.motor.g, _on(p, THROTTLE))
+    on = _on(p, THROTTLE)
+    return (q.delay.throttle_s, q.delay.throttle_lag_s, on and q.motor.g, on)
 
 
 def steered_by(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
@@ -242,18 +269,14 @@ def steered_by(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
     return (q.delay.steering_s, q.delay.steering_lag_s, q.steering, _on(p, STEERING))
 
 
-def _actuated(p: Vehicle, drive: Drive, spread: float, channel: str) -> FloatArray:
-    """As ``behind_actuator``, with delays to a part of a sample and spread by as much [s]."""
-    q, g, key = settled(p), drive.grid, f"{channel}_s"
-    later = drive.commanded(channel, getattr(q.delay, key))
-    if later is not None:
-        q = unchecked(q, {"delay": {key: 0.0}})
-    command = spread_over(getattr(g, channel) if later is None else later, spread)
-    return behind_actuator(q, channel, command, g.t, smooth=later is None, sampled="mean")
+def _held(series: FloatArray, at: IntArray) -> FloatArray:
+    return np.asarray(series[at])
 
 
-def _held(series: FloatArray, at: FloatArray) -> FloatArray:
-    return np.asarray(series[at.astype(np.int64)])
+def _in_parts(series: FloatArray, at: IntArray) -> FloatArray:
+    """``fine`` where windows begin with samples: of each sample once, however many overlap."""
+    parts = fine(series, np.arange(float(len(series)))).reshape(len(series), FINE)
+    return np.asarray(np.swapaxes(parts[at], 1, 2).reshape(-1, at.shape[1]))
 
 
 def _velocities(states: FloatArray) -> FloatArray:
