@@ -45,8 +45,8 @@ def driven(p: Vehicle, m: Measured, throttle: FloatArray | None, drive: Drive, l
            apart: float) -> FloatArray:
     """What each sensor of the moving car should read, minus what it read; (k, 4).
 
-    throttle (n,): behind its actuator; None where no effect on a sensor asks for it. late: age of the readings [s]; apart: by how
-    much more that of the gyro.
+    throttle (n,): behind its actuator; None where no effect on a sensor asks for it. late: age of
+    the readings [s]; apart: by how much more that of the gyro.
     """
     when, read = drive.at[~drive.still], drive.read[~drive.still]
     if not len(when):
