@@ -11,14 +11,14 @@ import pytest
 import searched
 
 from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.mounted import mounted, of_the_accelerometer
+from dart_hal.diagnose.mounted import mounted, of_the_imu
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.result import Number
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.diagnose.write import extended_model
-from dart_hal.recording.dart import read
+from dart_hal.recording.dart import RUN, read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import vehicle_from
@@ -28,7 +28,7 @@ from dart_hal.vehicle.load import find_model
 def beside(seen, p=PAPER):
     noise, point = searched.fitted(seen, p)
     at = mounted(Search(seen, p, Settings()), seen, point, noise)
-    return at, of_the_accelerometer(at, seen, USUAL)
+    return at, of_the_imu(at, seen, USUAL)
 
 
 @pytest.mark.more
@@ -78,6 +78,20 @@ def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
     at, told = beside(seen)
     assert at.names == ()
     assert told == {}
+
+
+@pytest.mark.more
+def test_beside_motion_capture_a_run_tells_how_its_imu_sits_and_is_scaled(tmp_path):
+    wrong = apply(apply(PAPER, "gyro_scale", k=0.008), "imu_yaw", k=0.04)
+    path = hidden_drive.write(tmp_path / "car_1_a.csv", wrong, 1, hidden_drive.Plan(seconds=30.0))
+    seen = evidence_of([read(path)], PAPER.body.l_r)[0]
+    runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in seen.drives]
+    at, told = beside(type(seen)(runs, PAPER.body.l_r))
+    assert set(at.names) == told.keys() >= {"gyro_scale", "imu_yaw"}
+    for name, true in (("gyro_scale", 0.008), ("imu_yaw", 0.04)):
+        number = told[name]["k"]
+        assert 0.0 < number.std < 0.5 * true
+        assert number.value == pytest.approx(true, abs=3.0 * number.std)
 
 
 def test_the_extended_model_carries_it_with_its_error():

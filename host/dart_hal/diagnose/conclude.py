@@ -21,7 +21,7 @@ from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
 from .grade.names import Grading, Shown, shown
 from .grade.secants import secants
-from .mounted import Mounted, mounted, of_the_accelerometer
+from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .report.words import removes
@@ -97,7 +97,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         unexplained=left, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
-        mounting=of_the_accelerometer(at, q.train.evidence, q.settings.policy),
+        mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 

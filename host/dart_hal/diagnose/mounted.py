@@ -1,8 +1,8 @@
-"""How the IMU sits in the car, where nothing but the IMU tells: fitted beside the model.
+"""How the IMU sits in the car, or how its gyro is scaled: fitted beside the model.
 
 No car is built truer than a few degrees and a centimetre, so what that explains is no structure.
-What only the accelerometer shows of it goes into the extended model: it is of this car, and in the
-next drives it is known and no news.
+What only the accelerometer shows of it goes into the extended model, and beside motion capture what
+the gyro shows: it is of this car, and in the next drives it is known and no news.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Mounted:
 
 
 def mounted(search: Search, evidence: Evidence, point: Point, noise: Noise) -> Mounted:
-    """With all of ``Evidence.mounting``, none where motion capture tells how the car moved."""
+    """With all of ``Evidence.mounting``."""
     has = {a.name for a in point.vehicle.effects}
     names = tuple(name for name in evidence.mounting if name not in has)
     if not names:
@@ -44,10 +44,12 @@ def mounted(search: Search, evidence: Evidence, point: Point, noise: Noise) -> M
     return Mounted(beside, beside.noise, names)
 
 
-def of_the_accelerometer(at: Mounted, evidence: Evidence, policy: Policy
+def of_the_imu(at: Mounted, evidence: Evidence, policy: Policy
                          ) -> Mapping[str, Mapping[str, Number]]:
-    """By effect and parameter; not what moves the gyro, for then all else would have to follow."""
-    names = [n for n in at.names if set(catalogue()[n].signals) <= ACCELEROMETER]
+    """By effect and parameter; what moves the gyro only where the motion is known without it, for
+    else all else would have to follow."""
+    told = ACCELEROMETER | {"gyro"} if evidence.exact else ACCELEROMETER
+    names = [n for n in at.names if set(catalogue()[n].signals) <= told]
     if not names:
         return {}
     point = at.point

@@ -256,7 +256,7 @@ class Diagnosis:
 
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
-    mounting: of the accelerometer, by effect and parameter, where nothing but the IMU tells.
+    mounting: of the IMU, by effect and parameter, see ``mounted``.
     """
 
     verdict: str

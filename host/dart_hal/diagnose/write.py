@@ -26,7 +26,7 @@ def write_model(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recor
 
 def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
                    command: str = "") -> ModelFile:
-    """The file of ``d.extended`` and how its accelerometer sits.
+    """The file of ``d.extended`` and how its IMU sits.
 
     Standard errors are of what was fitted here, the base's of the rest.
 

@@ -30,7 +30,7 @@ from .onboard_drive import (
 )
 from .onboard_windows import Actuated, actuated, predicted
 from .readings import SENSORS, at_rest, resting
-from .residuals import SENSED, Evidence, Residuals, pulled_by, steered_by
+from .residuals import MOUNTING, SENSED, Evidence, Residuals, pulled_by, steered_by
 from .space import EXACT, Timing
 from .standing import spread
 
@@ -54,12 +54,14 @@ class OnboardEvidence(Evidence):
     late = 0.0  # everything is on the clock of the messages
     exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Session, ...]
-    mounting = ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")
-    """How the IMU sits: no car is built truer than 3 degrees and a centimetre, and with nothing
-    but this IMU to go by the search asks more of a name than to be visible."""
-
     def __init__(self, drives: Sequence[Session], l_r: float) -> None:
         super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING)
+
+    @property
+    def mounting(self) -> tuple[str, ...]:
+        """In any recording: with nothing but this IMU to go by the search asks more of a name than
+        to be visible."""
+        return MOUNTING
 
     @property
     def columns(self) -> dict[str, int]:

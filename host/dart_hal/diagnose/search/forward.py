@@ -186,14 +186,14 @@ class Search:
         """How large the residuals are, but for what commands do that come at a time of their own.
 
         In a run of our own that is the wait for a frame. Elsewhere nobody knows when, and some
-        change between messages. From on-board sensors alone, neither is noise what goes with the
-        driving: the state at a start has errors that last for a window, as those of the model do,
-        and once taken for such a one an error of the model would count for nothing.
+        change between messages. In a run from on-board sensors alone, neither is noise what goes
+        with the driving: the state at a start has errors that last for a window, as those of the
+        model do, and once taken for such a one an error of the model would count for nothing.
         """
         seen = self._evidence.residuals(vehicle, timing)
         age, stamped = timing.command_age, self._evidence.commands_stamped
-        r = seen if self._evidence.exact else undriven(
-            self._evidence, vehicle, seen, self._settings.policy.unexplained)
+        r = undriven(self._evidence, vehicle, seen, self._settings.policy.unexplained) if (
+            stamped and not self._evidence.exact) else seen
         if not stamped and widest(age) < self._settings.policy.noise.age_s:
             return self._noise(r)
         by = WITHIN_FRAME if stamped else OLDER
