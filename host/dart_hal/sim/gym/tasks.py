@@ -11,8 +11,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+from dart_hal.control.tracks import track_named
 from dart_hal.sim.gym.config import GymConfig
-from dart_hal.sim.gym.tracks import make_locate, make_point, track_named
+from dart_hal.sim.gym.tracks import make_locate, make_point
 from dart_hal.sim.light.ops import Ops
 from dart_hal.sim.light.sense import Reading
 from dart_hal.vehicle.namespace import Value
