@@ -38,7 +38,7 @@ def lap(name, speed, plant=PLANT, lane=1.0, **options):
 def test_two_metres_a_second(name):
     """The figures that are wanted of a whole car, with room for its electronics."""
     rms, largest = lap(name, 2.0, lane=0.3)
-    assert rms < {"lqr": 0.012, "pursuit": 0.025}[name]
+    assert rms < {"lqr": 0.012, "pursuit": 0.015}[name]
     assert largest < 0.06
 
 
@@ -97,14 +97,16 @@ def test_on_the_path_pursuit_asks_for_its_bend():
         motion = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, v / 1.2)
         for make in TRACKERS.values():
             tracker = make(circle, plant)
-            tracker._prediction._angle = bend.angle
+            tracker._prediction._servo = plant.command_of(bend.angle)
             tracker._prediction._t = 0.0
             assert tracker.steer(motion) == pytest.approx(bend.angle, abs=0.01)
 
 
 def test_left_and_right_are_alike():
     """Mirrored path, pose and plant: mirrored angle."""
-    plant = replace(PLANT, lock=(-0.3, 0.3))
+    even = replace(LATER.steering, s0=0.0, k_right=LATER.steering.k_left,
+                   a_right_rad=LATER.steering.a_left_rad)
+    plant = replace(PLANT, vehicle=replace(LATER, steering=even), lock=(-0.3, 0.3))
     path = Path([(1.0, 0.0), (2.0, 0.8), (1.0, -0.5)], closed=False)
     mirrored = Path([(1.0, 0.0), (2.0, -0.8), (1.0, 0.5)], closed=False)
     for make in TRACKERS.values():
@@ -135,9 +137,11 @@ def test_a_command_acts_after_transport_and_lag():
     still = motion_at(0.0, Pose(), 0.0, 0.0)
     prediction.at(still, 0.0)
     prediction.sent(0.0, 0.2)
-    assert prediction.at(still, 0.04).angle == 0.0
+    assert prediction.at(still, 0.04).angle == pytest.approx(0.0, abs=1e-9)
     share = 1.0 - np.exp(-0.06 / 0.1)
-    assert prediction.at(still, 0.1).angle == pytest.approx(0.2 * share, rel=0.1)
+    first, last = PLANT.command_of(0.0), PLANT.command_of(0.2)
+    assert PLANT.command_of(prediction.at(still, 0.1).angle) == pytest.approx(
+        first + share * (last - first), rel=0.1)
     later = motion_at(0.5, Pose(), 0.0, 0.0)
     assert prediction.at(later, 0.5).angle == pytest.approx(0.2, rel=0.02)
 
@@ -147,7 +151,8 @@ def test_a_servo_turns_no_faster_than_it_can():
     still = motion_at(0.0, Pose(), 0.0, 0.0)
     prediction.at(still, 0.0)
     prediction.sent(0.0, 0.3)
-    assert prediction.at(still, 0.1).angle == pytest.approx(0.1, abs=0.011)
+    there = PLANT.angle_of(PLANT.command_of(0.0) + 0.1)
+    assert prediction.at(still, 0.1).angle == pytest.approx(there, abs=0.005)
 
 
 def test_prediction_is_the_motion_of_the_model():
@@ -155,7 +160,7 @@ def test_prediction_is_the_motion_of_the_model():
     prediction, v, k = Prediction(PLANT), 1.5, 0.8
     bend = PLANT.steady.turn(k, v)
     start = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, k * v)
-    prediction._t, prediction._angle = 0.0, bend.angle
+    prediction._t, prediction._servo = 0.0, PLANT.command_of(bend.angle)
     prediction.sent(-1.0, bend.angle)
     where = prediction.at(start, 0.15)
     turned = k * v * 0.15

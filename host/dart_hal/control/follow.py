@@ -27,6 +27,8 @@ START_WITHIN = 1.0
 """m from the path and, by 90 deg, along it: where a drive may begin."""
 LANE = 0.3
 """m to either side that the car may be off, once it was within."""
+STARTS = 0.1
+"""m; a room that has not seen the car move yet does not know where its marker sits."""
 JOIN = 6.0
 """m of way to come into the lane: from 1 m beside it at 35 deg to the path 2 m, and a turn."""
 PATIENCE = 0.5
@@ -111,7 +113,7 @@ class Follower:
         self.phase, self.why, self.good = Phase.WAITING, "", False
         self.begun_at = 0.0
         self.joined = 0
-        """Rows of ``driven`` before it was in the lane."""
+        """Rows of ``driven`` before it was in the lane and under way."""
         self.driven = Driven()
         self._t0: float | None = None
         self._moves = False
@@ -182,7 +184,9 @@ class Follower:
         self._count_laps(t)
         self._joining += abs(motion.speed) * (t - self._before)
         if self.phase is Phase.JOINING and offset < 0.7 * rules.lane:
-            self.phase, self.joined = Phase.FOLLOWING, len(self.driven.rows)
+            self.phase = Phase.FOLLOWING
+        if self.phase is Phase.JOINING or self.tracker.s < self.begun_at + STARTS:
+            self.joined = len(self.driven.rows)
         if self.phase is Phase.STOPPING:
             return
         if t - self._seen > PATIENCE:

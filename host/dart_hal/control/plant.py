@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import cos, exp, inf, sin
 from typing import NamedTuple
 
 from dart_hal.config import CarFiles
+from dart_hal.control.drivetrain import FRAME
 from dart_hal.control.lqr import Gains, gains_of
 from dart_hal.control.measured import vehicle_for
 from dart_hal.control.steady import Steady
@@ -17,29 +19,35 @@ from dart_hal.types import MotionEstimate
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
-from dart_hal.vehicle.steering import make_steering
+from dart_hal.vehicle.steering import make_steering, make_steering_inverse
 
 SERVO = 0.02
 """s from a pulse to the road wheels, of a car of which nobody measured it: 5 to 30 ms."""
-SLEW = 3.5
-"""rad/s of the road wheels: a servo that turns 60 deg in 0.17 s, 0.35 rad for 375 us."""
+SLEW = 10.0
+"""1/s in commands of -1..1: a servo that turns 60 deg in 0.17 s, a command of 1 for 375 us."""
 SUBSTEP = 0.01
 """s of the prediction: at 2 m/s the wheels turn by 0.04 rad at most, the car goes on 2 cm."""
 BIAS_TIME, BIAS_MOST, BIAS_ABOVE = 0.6, 0.06, 0.4
 """s in which an error of the angle is learnt, rad at most, m/s: slower, noise is no curvature.
 A steering map is 0.3 deg off, a backlash 2 deg wide; the lag that was identified 10 ms."""
+SETTLES = 0.5 * FRAME + 0.012
+"""s: half the PWM frame for which a command is held, and what the yaw rate comes behind the wheels:
+by the linear bicycle of the later published set 8 ms at 1 m/s, 12 at 2."""
 KEPT = 0.5
 """s of commands that are kept: more than any car takes to steer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """How late the wheels turn: transport [s] from a command until it acts, lag [s] first-order
-    behind it, slew [rad/s] at most."""
+    """How late the servo turns: transport [s] from a command until it acts, lag [s] first-order
+    behind it, slew at most, in commands of -1..1 per s. All of it lies before the linkage, whose
+    map bends: wheels come back from a stop later than they go there. settles [s]: what the car
+    turns behind a command that changes all the time, beyond."""
 
     transport: float
     lag: float = 0.0
     slew: float = SLEW
+    settles: float = SETTLES
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,17 @@ class Plant:
     late: Late
     lock: tuple[float, float]
     throttle: float = 1.0
+
+    @cached_property
+    def angle_of(self) -> Callable[[float], float]:
+        """Road-wheel angle [rad] of a command -1..1, by the model's map."""
+        curve: Callable[[float], float] = make_steering(self.vehicle.steering)
+        return curve
+
+    @cached_property
+    def command_of(self) -> Callable[[float], float]:
+        """The inverse; -1 and 1 are its ends."""
+        return make_steering_inverse(self.vehicle.steering)
 
     @cached_property
     def gains(self) -> Gains:
@@ -126,11 +145,11 @@ class Prediction:
         """Forget commands and bias."""
         self.bias = 0.0
         self._queue: deque[tuple[float, float]] = deque()
-        self._t, self._angle = -inf, 0.0
+        self._t, self._servo = -inf, self.plant.command_of(0.0)
 
     def sent(self, t: float, angle: float) -> None:
         """At t [s] an angle [rad] was commanded; it acts a transport later."""
-        self._queue.append((t + self.plant.late.transport, angle))
+        self._queue.append((t + self.plant.late.transport, self.plant.command_of(angle)))
 
     def at(self, now: MotionEstimate, t: float) -> Where:
         """The motion that is known of ``now``, at a later t [s]: speed and what acts go on."""
@@ -138,33 +157,35 @@ class Prediction:
             self._t = now.t
         while self._t < now.t - 1e-9:
             step = min(SUBSTEP, now.t - self._t)
-            self._angle = self._turned(self._angle, self._t + step, step)
+            self._servo = self._turned(self._servo, self._t + step, step)
             self._t += step
             self._learn(now, step)
         while len(self._queue) > 1 and self._queue[1][0] < now.t - KEPT:
             self._queue.popleft()
-        pose, angle, steady = now.pose, self._angle, self.plant.steady
+        pose, servo, steady = now.pose, self._servo, self.plant.steady
+        angle_of = self.plant.angle_of
         x, y, yaw, at = pose.x, pose.y, pose.yaw, now.t
         while at < t - 1e-9:
             step = min(SUBSTEP, t - at)
             at += step
-            angle = self._turned(angle, at, step)
-            bend = steady.bend(angle + self.bias, now.speed)
+            servo = self._turned(servo, at, step)
+            bend = steady.bend(angle_of(servo) + self.bias, now.speed)
             turn, way = bend * now.speed * step, now.speed * step
             course = yaw + steady.turn(bend, now.speed).slip + 0.5 * turn
             x, y, yaw = x + way * cos(course), y + way * sin(course), yaw + turn
-        return Where(at, x, y, yaw, now.speed, angle + self.bias)
+        return Where(at, x, y, yaw, now.speed, angle_of(servo) + self.bias)
 
     def _learn(self, now: MotionEstimate, step: float) -> None:
         if now.speed < BIAS_ABOVE:
             return
-        curvature = self.plant.steady.bend(self._angle + self.bias, now.speed)
+        curvature = self.plant.steady.bend(self.plant.angle_of(self._servo) + self.bias,
+                                            now.speed)
         error = self.plant.vehicle.body.wheelbase * (now.yaw_rate / now.speed - curvature)
         self.bias = min(max(self.bias + error * step / BIAS_TIME, -BIAS_MOST), BIAS_MOST)
 
-    def _turned(self, angle: float, t: float, step: float) -> float:
-        """The road wheels ``step`` s later, at t [s]."""
-        target = angle
+    def _turned(self, servo: float, t: float, step: float) -> float:
+        """The servo ``step`` s later, at t [s], as a command."""
+        target = servo
         for acts, command in self._queue:
             if acts > t - 0.5 * step:
                 break
@@ -172,4 +193,4 @@ class Prediction:
         late = self.plant.late
         share = 1.0 - exp(-step / late.lag) if late.lag > 0.0 else 1.0
         most = late.slew * step
-        return angle + min(max(share * (target - angle), -most), most)
+        return servo + min(max(share * (target - servo), -most), most)
