@@ -10,7 +10,7 @@ import pytest
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
-from dart_hal.sim.gym import TRACKS
+from dart_hal.sim.gym import TRACKS, DartCarEnv
 from dart_hal.sim.gym.tracks import make_locate, make_point
 from dart_hal.sim.light.ops import ARRAY_OPS, SCALAR_OPS
 
@@ -83,3 +83,5 @@ def test_refusals():
     with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
     assert refused.value.remedy.startswith("oval;")
+    with pytest.raises(UsageError, match="is closed"):
+        DartCarEnv(track=Path([(2.0, 0.0)], closed=False))
