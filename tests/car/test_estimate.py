@@ -122,3 +122,13 @@ def test_ahead_it_goes_on_along_its_arc():
     assert np.linalg.eigvalsh(soon.cov)[0] > 0.0
     assert now.at(state.t - 1.0) is now
     assert now.at(state.t + 99.0).t == pytest.approx(state.t + 0.5)
+
+
+def test_the_present_moment_is_on_the_clock_of_the_states():
+    """A State is 1 to 2 ms old when it is told; by then the car has gone on."""
+    with Car.open("sim://?nano=mock") as car:
+        for _ in car.states(duration=0.2):  # what came while it was opened
+            pass
+        for state in car.states(duration=0.2):
+            assert 0.0005 < car.now - state.t < 0.005
+            assert state.estimate.at(car.now).t == car.now

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from dart_hal.control.paths import Path
+from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
-from dart_hal.sim.gym import TRACKS
-from dart_hal.sim.gym.tracks import make_locate, make_point, track_named
+from dart_hal.sim.gym import TRACKS, DartCarEnv
+from dart_hal.sim.gym.tracks import make_locate, make_point
 from dart_hal.sim.light.ops import ARRAY_OPS, SCALAR_OPS
 
 
@@ -81,4 +82,6 @@ def test_refusals():
         Path([(1.0, 0.0)], closed=True)
     with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
-    assert "docs/how_to/learning.md" in refused.value.remedy
+    assert refused.value.remedy.startswith("oval;")
+    with pytest.raises(UsageError, match="is closed"):
+        DartCarEnv(track=Path([(2.0, 0.0)], closed=False))

@@ -289,6 +289,11 @@ class Car(Arming, Shown):
         return hello
 
     @property
+    def now(self) -> float:
+        """This moment [s] on the car's clock, on which ``State.t`` is told."""
+        return self._engine.now
+
+    @property
     def simulated(self) -> bool:
         """Whether it is a car of this program's world, or a recording."""
         return self._engine.backend.simulated or self._engine.backend.virtual

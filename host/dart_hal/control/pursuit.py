@@ -6,7 +6,7 @@ CMU-RI-TR-92-01 (1992); written for the rear axle, where ``State.pose`` is.
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, sin
+from math import atan, atan2, cos, hypot, pi, remainder, sin
 
 from dart_hal.control.paths import Path
 from dart_hal.types import Pose
@@ -39,6 +39,12 @@ class PurePursuit:
         yaw = pose.yaw + yaw_rate * self._delay
         x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
         tx, ty = self.path.point(self.s + ahead + self._look_ahead)
-        bearing = atan2(ty - y, tx - x) - yaw
-        distance = max(hypot(tx - x, ty - y), 1e-3)
-        return atan2(2.0 * self._wheelbase * sin(bearing), distance)
+        return atan(self._wheelbase * arc(x, y, yaw, tx, ty))
+
+
+def arc(x: float, y: float, course: float, tx: float, ty: float) -> float:
+    """Curvature [1/m] of the arc that leaves x, y [m] along ``course`` [rad] and meets tx, ty; to a
+    point behind, the tightest that such a distance has."""
+    distance = max(hypot(tx - x, ty - y), 1e-3)
+    bearing = remainder(atan2(ty - y, tx - x) - course, 2.0 * pi)
+    return 2.0 * sin(min(max(bearing, -0.5 * pi), 0.5 * pi)) / distance

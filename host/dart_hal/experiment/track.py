@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from dart_hal.control.paths import Path
+from dart_hal.control.pursuit import arc
 from dart_hal.types import Pose
 
 from .floor import MARGIN, Floor, Place
@@ -54,9 +55,7 @@ class Track:
         tx, ty = self.path.point(self.s + DELAY * speed + reach)
         x = pose.x + DELAY * speed * math.cos(pose.yaw)
         y = pose.y + DELAY * speed * math.sin(pose.yaw)
-        bearing = math.atan2(ty - y, tx - x) - pose.yaw
-        distance = max(math.hypot(tx - x, ty - y), 0.1)
-        return math.atan2(2.0 * wheelbase * math.sin(bearing), distance)
+        return math.atan(wheelbase * arc(x, y, pose.yaw, tx, ty))
 
     def along_lane(self, pose: Pose, speed: float, wheelbase: float) -> float:
         """Road-wheel angle [rad] that keeps the lane as if it had no end."""
@@ -72,9 +71,7 @@ class Track:
         if lane:
             back = self.oval and math.cos(pose.yaw) < 0.0
             return Pose(pose.x, 2.0 * TURN if back else 0.0, math.pi if back else 0.0)
-        x, y = self.path.point(self.s)
-        index = int(self.s / self.path.length * len(self.path.x)) % len(self.path.x)
-        return Pose(x, y, float(self.path.heading[index]))
+        return Pose(*self.path.at(self.s)[:3])
 
 
 def straight_of(floor: Floor, *, oval: bool) -> float:

@@ -15,9 +15,9 @@ except ImportError as err:
     raise UsageError("the learning environment needs gymnasium",
                      remedy="pip install 'dart-hal[gym]'") from err
 
+from dart_hal.control.tracks import TRACKS
 from dart_hal.sim.gym.config import SPREAD, GymConfig
 from dart_hal.sim.gym.env import DartCarEnv
-from dart_hal.sim.gym.tracks import TRACKS
 from dart_hal.sim.gym.vector import DartCarVectorEnv
 
 __all__ = ["ENV_ID", "SPREAD", "TRACKS", "DartCarEnv", "DartCarVectorEnv", "GymConfig"]

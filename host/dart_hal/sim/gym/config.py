@@ -36,11 +36,11 @@ FIXED = ("body.wheelbase", "body.l_f", "body.l_r", "body.front_share", "delay.st
 class GymConfig:
     """One environment.
 
-    ``track``: a closed ``control.paths.Path`` or a name of ``tracks.TRACKS``; ``period`` [s] of one
-    environment step; ``episode`` [s] until truncation; ``speed`` [m/s]: the
-    reference on a path, the largest one of the speed task; ``half_width`` [m]
-    of the track; ``randomise``: half widths by name, see ``SPREAD``; empty =
-    the nominal car at every reset.
+    ``track``: a closed ``control.paths.Path`` or a name of
+    ``control.tracks.TRACKS``; ``period`` [s] of one environment step; ``episode``
+    [s] until truncation; ``speed`` [m/s]: the reference on a path, the largest one
+    of the speed task; ``half_width`` [m] of the track; ``randomise``: half widths
+    by name, see ``SPREAD``; empty = the nominal car at every reset.
     """
 
     vehicle: Vehicle | str | Path = DEFAULT

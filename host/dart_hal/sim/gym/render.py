@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.control.tracks import track_named
 from dart_hal.sim.gym.config import GymConfig
-from dart_hal.sim.gym.tracks import track_named
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Body
 

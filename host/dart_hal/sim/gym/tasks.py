@@ -11,8 +11,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+from dart_hal.control.tracks import track_named
+from dart_hal.errors import UsageError
 from dart_hal.sim.gym.config import GymConfig
-from dart_hal.sim.gym.tracks import make_locate, make_point, track_named
+from dart_hal.sim.gym.tracks import make_locate, make_point
 from dart_hal.sim.light.ops import Ops
 from dart_hal.sim.light.sense import Reading
 from dart_hal.vehicle.namespace import Value
@@ -73,6 +75,9 @@ class PathTask:
 
     def __init__(self, c: GymConfig, ops: Ops, l_r: float) -> None:
         track = track_named(c.track)
+        if not track.closed:
+            raise UsageError("a track of the environment is closed", found="an open path",
+                             remedy="docs/how_to/following.md lists the tracks")
         self._c, self._ops, self._l_r, self._length = c, ops, l_r, track.length
         self._point, self._locate = make_point(track, ops), make_locate(track, ops)
         self.limits: Limits = (*_COMMON, ("offset", 2.0), ("heading", math.pi), *(

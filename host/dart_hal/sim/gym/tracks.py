@@ -1,12 +1,10 @@
-"""Closed paths for the path task, and the closest point on them for one car or many."""
+"""The closest point on a closed path for one car or many."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
-from dart_hal.control.paths import Path, Segment
-from dart_hal.errors import UsageError
+from dart_hal.control.paths import Path
 from dart_hal.sim.light.ops import Ops
 from dart_hal.vehicle.namespace import Value
 
@@ -14,37 +12,6 @@ SEARCHES = 3
 """Newton steps to the closest point: from 0.3 m off it ends within 0.1 mm."""
 MAX_STEP = 0.5
 """m that one of them moves at most: a search never jumps to another part of the path."""
-
-
-def _arc(radius: float, degrees: float) -> Segment:
-    """Part of a circle; positive = left."""
-    return abs(math.radians(degrees)) * radius, math.copysign(1.0 / radius, degrees)
-
-
-def _vicon() -> list[Segment]:
-    """The track of the authors' curvature-aware MPC: 4.5 m square, turns of 0.75 m, 22.92 m."""
-    left, right, half, square = _arc(0.75, 180), _arc(0.75, -180), _arc(0.75, 90), 2.25
-    return [(1.5, 0.0), half, (3.0, 0.0), left, (square, 0.0), right, (square, 0.0), left,
-            (3.0, 0.0), half, (1.5, 0.0)]
-
-
-TRACKS: dict[str, list[Segment]] = {
-    "vicon": _vicon(),
-    "oval": [(2.4, 0.0), _arc(0.8, 180), (2.4, 0.0), _arc(0.8, 180)],
-    "eight": [_arc(1.0, 360), _arc(1.0, -360)],
-    "circle": [_arc(1.0, 360)],
-}
-"""Tracks by name; "oval": two straights of 2.4 m and half circles of 0.8 m."""
-
-
-def track_named(track: Path | str) -> Path:
-    """The path itself, or one of ``TRACKS``. Raises UsageError for an unknown name."""
-    if isinstance(track, Path):
-        return track
-    if track not in TRACKS:
-        raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS),
-                         remedy="docs/how_to/learning.md lists the tracks")
-    return Path(TRACKS[track], closed=True)
 
 
 def make_point(track: Path, ops: Ops) -> Callable[[Value], tuple[Value, Value, Value, Value]]:

@@ -1,0 +1,127 @@
+"""Trackers: the steering angle that keeps the rear axle on a path.
+
+Each is asked once per command, with the motion at that moment. It predicts, by the identified
+model and the commands on their way (``plant``), the moment at which its answer acts, and steers
+for there:
+
+    pose now --(transport [+ lag])--> pose then --> angle = bend of the path ahead + correction
+
+``Pursuit`` corrects along the arc that meets the path a look-ahead away; ``Lqr`` (``lqr``) by a
+gain that weighs the offset against the speed of the wheels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi, remainder
+from typing import Protocol
+
+import numpy as np
+
+from dart_hal.control.paths import Path
+from dart_hal.control.plant import Plant, Prediction, Where
+from dart_hal.control.pursuit import arc
+from dart_hal.types import MotionEstimate
+
+NEAR, PER_SPEED = 0.20, 0.15
+"""m and s: a look-ahead of 0.35 m at 1 m/s, 0.5 at 2. The offset is then corrected with
+2 (v / L)^2 per s2, a natural frequency of 4.0 1/s at 1 m/s and 5.7 at 2, well damped (0.7)."""
+EASE, SLOPE = 0.3, 0.02
+"""s over which a step of the path's curvature is drawn out, so that wheels that are led by a lag of
+0.13 s turn 0.4 too far at the most; 1/m of curvature, for the slope of the command there."""
+OFF = 0.6
+"""rad to the path at most, at which a car that is far from it comes nearer."""
+
+
+class Tracker(Protocol):
+    """s [m]: arc length of the closest point, grows over laps; offset [m]: to the left of it."""
+
+    s: float
+    offset: float
+
+    def begin(self, s: float) -> None:
+        """The car is near arc length s [m]; nothing is known of commands before."""
+
+    def steer(self, motion: MotionEstimate) -> float:
+        """Angle [rad] of the road wheels to command at ``motion.t``."""
+
+
+class _OnPath:
+    """What trackers share: where the car is and will be, beside the path."""
+
+    def __init__(self, path: Path, plant: Plant) -> None:
+        self.path, self.plant = path, plant
+        self.s = self.offset = 0.0
+        self._prediction = Prediction(plant)
+
+    def begin(self, s: float) -> None:
+        self.s = s
+        self._prediction.reset()
+
+    def _see(self, motion: MotionEstimate, ahead: float) -> tuple[Where, float]:
+        """Motion ``ahead`` s later, and the arc length of its closest point."""
+        pose = motion.pose
+        self.s = self.path.closest(pose.x, pose.y, self.s)
+        self.offset = self.path.offset(pose.x, pose.y, self.s)
+        where = self._prediction.at(motion, motion.t + ahead)
+        return where, self.path.closest(where.x, where.y, self.s)
+
+    def _command(self, motion: MotionEstimate, angle: float) -> float:
+        low, high = self.plant.lock
+        angle = min(max(angle - self._prediction.bias, low), high)
+        self._prediction.sent(motion.t, angle)
+        return angle
+
+
+class Pursuit(_OnPath):
+    """Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01, 1992) of the course of the rear axle.
+
+    The bend of the path itself is fed forward, so that the arc corrects what is left: on the path
+    it asks for nothing, and cuts no corner.
+    """
+
+    def steer(self, motion: MotionEstimate) -> float:
+        """See ``Tracker``."""
+        late, steady = self.plant.late, self.plant.steady
+        where, s = self._see(motion, late.transport + late.settles + late.lag)
+        spot, reach = self.path.at(s), NEAR + PER_SPEED * abs(where.speed)
+        target = self.path.at(s + reach)
+        course = where.course(self.plant)
+        more = arc(where.x, where.y, course, target.x, target.y) - arc(
+            spot.x, spot.y, spot.heading, target.x, target.y)
+        bend, rate = self._ahead(s - where.speed * late.lag, where.speed)
+        low, middle, high = (self.plant.command_of(steady.turn(bend + more + d, where.speed).angle)
+                             for d in (-SLOPE, 0.0, SLOPE))
+        servo = middle + late.lag * rate * (high - low) / (2.0 * SLOPE)
+        return self._command(motion, self.plant.angle_of(min(max(servo, -1.0), 1.0)))
+
+    def _ahead(self, s: float, speed: float) -> tuple[float, float]:
+        """Curvature of the path [1/m], drawn out over ``EASE``, and its rate [1/m/s]."""
+        half = 0.5 * EASE * max(speed, 0.1)
+        bends = self.path.curvatures(s + half * np.linspace(-1.0, 1.0, 9))
+        return float(bends.mean()), float(bends[-1] - bends[0]) / EASE
+
+
+class Lqr(_OnPath):
+    """Linear-quadratic with preview of the path, about the steady bend ahead."""
+
+    def steer(self, motion: MotionEstimate) -> float:
+        """See ``Tracker``."""
+        where, s = self._see(motion, self.plant.late.transport)
+        spot, speed = self.path.at(s), max(where.speed, 0.0)
+        gain, preview, reach = self.plant.gains.at(speed)
+        ahead = float(preview @ self.path.curvatures(s + reach))
+        bend = self.plant.steady.turn(ahead, speed)
+        left = self.path.offset(where.x, where.y, s)
+        most = OFF * gain[1] / gain[0]
+        turned = remainder(where.yaw - spot.heading, 2.0 * pi) + bend.slip
+        state = min(max(left, -most), most), turned, where.angle - bend.angle
+        return self._command(motion, bend.angle - float(gain @ state))
+
+
+TRACKERS: dict[str, type[Pursuit] | type[Lqr]] = {"lqr": Lqr, "pursuit": Pursuit}
+
+
+def uncompensated(plant: Plant) -> Plant:
+    """The same car, as if its wheels turned at once: the control of what prediction is worth."""
+    return replace(plant, late=replace(plant.late, transport=0.0, lag=0.0, settles=0.0))

@@ -1,0 +1,72 @@
+"""Tracks by name, those of DART's authors among them, and paths from files.
+
+``racetrack_vicon_2`` and ``savoiardo`` are drawn as in their curvature-aware MPC. Of
+``racetrack_vicon`` its size, radii and length are known: seven lanes up and down keep to them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from difflib import get_close_matches
+from pathlib import Path as File
+
+from dart_hal.control.path_file import read_path
+from dart_hal.control.paths import Path, Segment, figure_of_eight
+from dart_hal.errors import UsageError
+
+
+def _arc(radius: float, degrees: float) -> Segment:
+    """Part of a circle; positive = left."""
+    return abs(math.radians(degrees)) * radius, math.copysign(1.0 / radius, degrees)
+
+
+def _vicon_2() -> Path:
+    """4.5 m square, turns of 0.75 m, 22.92 m; begun in the middle of the lower side."""
+    left, right, half, lane = _arc(0.75, 180), _arc(0.75, -180), _arc(0.75, 90), 2.25
+    return Path([(1.5, 0.0), half, (3.0, 0.0), left, (lane, 0.0), right, (lane, 0.0), left,
+                 (3.0, 0.0), half, (1.5, 0.0)], closed=True, start=(2.25, 0.0, 0.0))
+
+
+def _vicon() -> Path:
+    """7 x 5.5 m, radii 0.5 and 1.0 m, 41.1 m.
+
+    Without the six inner lanes it has 5 + pi + 8 + 3.5 pi m; they share the rest.
+    """
+    left, right, corner = _arc(0.5, 180), _arc(0.5, -180), _arc(1.0, 90)
+    lane = ((41.1 - 13.0 - 4.5 * math.pi) / 6.0, 0.0)
+    return Path([(2.5, 0.0), corner, (4.0, 0.0), *[left, lane, right, lane] * 3, left,
+                 (4.0, 0.0), corner, (2.5, 0.0)], closed=True, start=(3.5, 0.0, 0.0))
+
+
+def _savoiardo() -> Path:
+    """Two straights of 2.4 m and half circles of 0.8 m."""
+    return Path([(2.4, 0.0), _arc(0.8, 180)] * 2, closed=True)
+
+
+TRACKS: dict[str, Callable[[], Path]] = {
+    "racetrack_vicon_2": _vicon_2, "racetrack_vicon": _vicon, "savoiardo": _savoiardo,
+    "eight": lambda: figure_of_eight(1.0),
+    "circle": lambda: Path([_arc(1.0, 360)], closed=True),
+    "vicon": _vicon_2, "oval": _savoiardo,
+}
+"""Tracks by name; "vicon" and "oval" are short names of the first and the third."""
+
+
+def track_named(track: Path | str) -> Path:
+    """The path itself, or one of ``TRACKS``. Raises UsageError for an unknown name."""
+    if isinstance(track, Path):
+        return track
+    if track not in TRACKS:
+        near = get_close_matches(track, TRACKS, n=1)
+        raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS),
+                         remedy=(f"{near[0]}; " if near else "")
+                         + "docs/how_to/following.md lists the tracks")
+    return TRACKS[track]()
+
+
+def path_of(text: str) -> Path:
+    """A CSV file by its name, else a track. Raises UsageError, FileNotFoundError."""
+    if text.lower().endswith(".csv") or File(text).is_file():
+        return read_path(File(text))
+    return track_named(text)

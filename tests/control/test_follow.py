@@ -1,0 +1,181 @@
+"""A drive along a path: where it may begin, how it ends, and what is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from tests.control.light_follow import light_drive, motion_at, plant_by
+
+from dart_hal.control.follow import (
+    JOIN,
+    PATIENCE,
+    RESTS,
+    WAIT,
+    Follower,
+    Phase,
+    Rules,
+    start_of,
+)
+from dart_hal.control.paths import Path
+from dart_hal.control.tracks import track_named
+from dart_hal.errors import UsageError
+from dart_hal.types import START, Pose, Tracking
+from dart_hal.vehicle.sets import UPSTREAM_2024
+
+PLANT = plant_by(UPSTREAM_2024)
+STRAIGHT = Path([(4.0, 0.0)], closed=False)
+
+
+def drive(path=STRAIGHT, rules=None, cap=1.0, **options):
+    """(follower, rows) of a drive that has ended at rest."""
+    follower = Follower(path, PLANT, cap, "lqr", rules or Rules())
+    rows = light_drive(follower, UPSTREAM_2024, **options)
+    assert follower.phase is Phase.ENDED
+    assert abs(rows[-1, 4]) < RESTS
+    return follower, rows
+
+
+def lost(t, after, tracking=Tracking.LOST):
+    """A hook that says so from ``after`` s on."""
+    def each(now, follower, motion):
+        return replace(motion, tracking=tracking) if now > after else motion
+    return each
+
+
+def test_an_open_path_ends_at_its_end_at_rest():
+    follower, rows = drive()
+    assert follower.good
+    assert follower.why == "the path is driven"
+    assert rows[-1, 1] == pytest.approx(4.0, abs=0.06)
+    assert rows[:, 4].max() == pytest.approx(1.0, abs=0.05)
+    assert np.diff(rows[:, 5]).min() > -0.25
+
+
+def test_laps_are_counted_and_timed():
+    follower, _ = drive(track_named("savoiardo"), Rules(laps=2), cap=1.5, seconds=40.0)
+    assert follower.good
+    assert len(follower.driven.lap_times) == 2
+    assert follower.driven.lap_times[1] == pytest.approx(follower.expected, rel=0.03)
+
+
+def test_a_lost_pose_stops_the_car():
+    follower, rows = drive(each=lost(0.0, 1.5))
+    assert not follower.good
+    assert "the pose was lost: LOST" in follower.why
+    stops = rows[np.argmax(rows[:, 0] > 1.5 + PATIENCE + 0.02):, 5]
+    assert (np.diff(stops) <= 0.0).all()
+    assert rows[-1, 1] < 3.5
+
+
+def test_a_pose_that_is_lost_for_a_moment_does_not():
+    """The control."""
+    follower, _ = drive(each=lambda t, f, m: replace(
+        m, tracking=Tracking.DEAD_RECKONING) if 1.5 < t < 1.5 + 0.8 * PATIENCE else m)
+    assert follower.good
+
+
+def test_out_of_the_lane_it_stops():
+    """It is seen 0.35 m beside where it was."""
+    def each(t, follower, motion):
+        pose = motion.pose
+        return replace(motion, pose=Pose(pose.x, pose.y + 0.35, pose.yaw)) if t > 2.0 else motion
+
+    follower, rows = drive(each=each)
+    assert "the car left the lane: 0.3" in follower.why
+    assert rows[-1, 1] < 2.8
+
+
+def test_out_of_time_it_stops():
+    follower, rows = drive(rules=Rules(duration=2.0))
+    assert follower.good
+    assert "the time of 2 s is over" in follower.why
+    assert rows[-1, 0] < 4.0
+
+
+def test_stopped_by_a_word():
+    def each(t, follower, motion):
+        if t > 1.5:
+            follower.stop("enough")
+        return motion
+
+    follower, rows = drive(each=each)
+    assert (follower.why, follower.good) == ("enough", True)
+    assert rows[-1, 1] < 2.5
+
+
+def test_the_speed_may_be_changed_on_the_way():
+    def each(t, follower, motion):
+        follower.cap = 0.5 if t > 2.0 else 1.0
+        return motion
+
+    _, rows = drive(each=each)
+    assert rows[(rows[:, 0] > 2.6) & (rows[:, 1] < 3.5), 4].mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_no_pose_no_drive():
+    """Dead reckoning in a frame of its own is no place in the room."""
+    follower = Follower(STRAIGHT, PLANT, 1.0)
+    for t in np.arange(0.0, WAIT + 0.3, 0.1):
+        command = follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START))
+        assert command == (0.0, 0.0)
+    assert follower.phase is Phase.ENDED
+    assert "no pose came" in follower.why
+    asked = Follower(STRAIGHT, PLANT, 1.0, rules=Rules(odometry=True))
+    assert asked.answer(motion_at(0.0, Pose(), 0.0, 0.0, Tracking.LOST, START)).speed > 0.0
+
+
+def test_a_car_that_never_comes_to_the_path_is_stopped():
+    def each(t, follower, motion):
+        pose = motion.pose
+        return replace(motion, pose=Pose(pose.x, 0.6, 0.0))
+
+    long = Path([(20.0, 0.0)], closed=False)
+    follower, rows = drive(long, each=each)
+    assert "did not come into the lane" in follower.why
+    assert JOIN < np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum() < JOIN + 1.0
+
+
+@pytest.mark.parametrize(("pose", "match"), [
+    (Pose(1.0, 1.3, 0.0), r"1\.30 m away from the path"),
+    (Pose(1.0, 0.2, 2.5), "looks against the path"),
+])
+def test_a_start_that_is_none(pose, match):
+    with pytest.raises(UsageError, match=match) as refused:
+        start_of(STRAIGHT, pose)
+    assert "--here" in refused.value.remedy
+
+
+def test_a_start_is_found_anywhere_and_by_the_heading():
+    """At its crossing the eight goes two ways; a start may be on any part of a lap."""
+    eight = track_named("eight")
+    half = eight.length / 2
+    assert start_of(eight, Pose(0.02, 0.0, 0.1)) % half == pytest.approx(0.02, abs=0.03)
+    spot = eight.at(9.0)
+    assert start_of(eight, Pose(spot.x, spot.y, spot.heading + 1.2)) == pytest.approx(9.0, abs=0.03)
+    with pytest.raises(UsageError, match="against"):
+        start_of(Path([(2 * pi, 1.0)], closed=True), Pose(0.0, 0.0, pi))
+
+
+def test_a_drive_may_begin_anywhere():
+    track = track_named("savoiardo")
+    spot = track.at(5.0)
+    follower, _ = drive(track, start=(spot.x + 0.4, spot.y + 0.6, spot.heading + 0.9), seconds=40.0)
+    assert follower.good
+    assert follower.begun_at == pytest.approx(5.0, abs=1.0)
+    assert follower.driven.table[-1, 6] > follower.begun_at + track.length
+
+
+def test_here_lays_the_path_from_the_car():
+    follower, rows = drive(rules=Rules(here=True), start=(3.0, 2.0, 1.0))
+    assert follower.begun_at == pytest.approx(0.0, abs=1e-6)
+    assert rows[-1, 1:3] == pytest.approx((3.0 + 4.0 * np.cos(1.0), 2.0 + 4.0 * np.sin(1.0)),
+                                          abs=0.06)
+
+
+def test_laps_of_an_open_path():
+    with pytest.raises(UsageError, match="not closed") as refused:
+        Follower(STRAIGHT, PLANT, 1.0, rules=Rules(laps=2))
+    assert "4.00 m apart" in refused.value.found

@@ -1,0 +1,186 @@
+"""Trackers on the light simulation: by the same equations, so what is left is their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from tests.control.light_follow import LATER, figures, light_drive, motion_at, plant_by
+
+from dart_hal.config import Calibration, Quantity, parse_car
+from dart_hal.control.follow import Follower, Rules
+from dart_hal.control.lqr import PREVIEW
+from dart_hal.control.paths import Path
+from dart_hal.control.plant import Late, Prediction, plant_of
+from dart_hal.control.pursuit import arc
+from dart_hal.control.trackers import TRACKERS, uncompensated
+from dart_hal.control.tracks import track_named
+from dart_hal.sim.car_file import typical_car_toml
+from dart_hal.types import Pose
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.sets import PAPER
+
+PLANT = plant_by(LATER)
+BOTH = pytest.mark.parametrize("name", TRACKERS)
+
+
+def lap(name, speed, plant=PLANT, lane=1.0, **options):
+    """(rms, largest) offset [m] of one lap of the 22.92 m track."""
+    follower = Follower(track_named("racetrack_vicon_2"), plant, speed, name, Rules(lane=lane))
+    rows = light_drive(follower, **options)
+    assert follower.why == "the path is driven"
+    return figures(rows)
+
+
+@BOTH
+def test_two_metres_a_second(name):
+    """The figures that are wanted of a whole car, with room for its electronics."""
+    rms, largest = lap(name, 2.0, lane=0.3)
+    assert rms < {"lqr": 0.012, "pursuit": 0.015}[name]
+    assert largest < 0.06
+
+
+@pytest.mark.more
+@BOTH
+def test_one_metre_a_second(name):
+    rms, largest = lap(name, 1.0, lane=0.3)
+    assert rms < 0.005
+    assert largest < 0.015
+
+
+@BOTH
+def test_without_delay_compensation_it_is_much_worse(name):
+    """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
+    blind, knowing = lap(name, 2.0, uncompensated(PLANT))[0], lap(name, 2.0)[0]
+    assert blind > 3.0 * knowing
+    assert blind > 0.04
+
+
+@pytest.mark.more
+@BOTH
+def test_a_lag_that_is_15_percent_off_and_a_map_that_is_half_a_degree_off(name):
+    late = replace(PLANT.late, lag=0.85 * PLANT.late.lag)
+    assert lap(name, 2.0, replace(PLANT, late=late), bias=0.01)[0] < 0.04
+
+
+@pytest.mark.more
+@BOTH
+def test_an_error_of_the_wheels_is_learnt(name):
+    """0.02 rad that stay: without learning the LQR is 1.1 cm off, and stays so."""
+    straight = Path([(12.0, 0.0)], closed=False)
+    follower = Follower(straight, PLANT, 1.0, name)
+    rows = light_drive(follower, bias=0.02)
+    late = (rows[:, 1] > 8.0) & (rows[:, 1] < 11.0)
+    assert np.abs(rows[late, 3]).max() < 0.002
+
+
+@BOTH
+@pytest.mark.parametrize("side", [0.9, -0.9])
+def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
+    """0.9 m beside it and across to it."""
+    straight = Path([(8.0, 0.0)], closed=False)
+    follower = Follower(straight, PLANT, 0.8, name)
+    rows = light_drive(follower, start=(0.2, side, -np.sign(side) * 1.2))
+    assert follower.good
+    assert (np.diff(rows[:, 1]) > -1e-6).all()
+    assert np.abs(rows[rows[:, 1] > 5.0, 3]).max() < 0.01
+    assert -np.sign(side) * rows[:, 2].max() < 0.25
+
+
+def test_on_the_path_pursuit_asks_for_its_bend():
+    circle = Path([(2 * pi * 1.2, 1 / 1.2)], closed=True)
+    plant = replace(PLANT, late=Late(0.0))
+    for v in (0.4, 1.2):
+        bend = plant.steady.turn(1 / 1.2, v)
+        motion = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, v / 1.2)
+        for make in TRACKERS.values():
+            tracker = make(circle, plant)
+            tracker._prediction._servo = plant.command_of(bend.angle)
+            tracker._prediction._t = 0.0
+            assert tracker.steer(motion) == pytest.approx(bend.angle, abs=0.01)
+
+
+def test_left_and_right_are_alike():
+    """Mirrored path, pose and plant: mirrored angle."""
+    even = replace(LATER.steering, s0=0.0, k_right=LATER.steering.k_left,
+                   a_right_rad=LATER.steering.a_left_rad)
+    plant = replace(PLANT, vehicle=replace(LATER, steering=even), lock=(-0.3, 0.3))
+    path = Path([(1.0, 0.0), (2.0, 0.8), (1.0, -0.5)], closed=False)
+    mirrored = Path([(1.0, 0.0), (2.0, -0.8), (1.0, 0.5)], closed=False)
+    for make in TRACKERS.values():
+        one = make(path, plant).steer(motion_at(0.0, Pose(0.8, 0.05, 0.1), 1.5, 0.3))
+        two = make(mirrored, plant).steer(motion_at(0.0, Pose(0.8, -0.05, -0.1), 1.5, -0.3))
+        assert one == pytest.approx(-two, abs=1e-6)
+
+
+def test_the_arc_to_a_point():
+    assert arc(0.0, 0.0, 0.0, 1.0, 1.0) == pytest.approx(1.0)
+    assert arc(0.0, 0.0, 0.0, 1.0, -1.0) == pytest.approx(-1.0)
+    assert arc(0.0, 0.0, 0.0, 2.0, 0.0) == 0.0
+    assert arc(0.0, 0.0, 0.0, -1.0, 0.1) == pytest.approx(2.0, rel=0.01)
+
+
+def test_gains_by_speed():
+    """A preview of ones is the bend itself; the faster, the less of what is near counts."""
+    gains = PLANT.gains
+    assert gains.preview.sum(axis=1) == pytest.approx(1.0)
+    assert gains.preview.shape == (len(gains.feedback), PREVIEW)
+    assert (gains.feedback[:, :2] > 0.0).all()
+
+
+def test_a_command_acts_after_transport_and_lag():
+    """0.1 s ahead of a step: what is left of the lag by then; nothing before the transport."""
+    late = Late(0.04, 0.1, slew=99.0)
+    prediction = Prediction(replace(PLANT, late=late))
+    still = motion_at(0.0, Pose(), 0.0, 0.0)
+    prediction.at(still, 0.0)
+    prediction.sent(0.0, 0.2)
+    assert prediction.at(still, 0.04).angle == pytest.approx(0.0, abs=1e-9)
+    share = 1.0 - np.exp(-0.06 / 0.1)
+    first, last = PLANT.command_of(0.0), PLANT.command_of(0.2)
+    assert PLANT.command_of(prediction.at(still, 0.1).angle) == pytest.approx(
+        first + share * (last - first), rel=0.1)
+    later = motion_at(0.5, Pose(), 0.0, 0.0)
+    assert prediction.at(later, 0.5).angle == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_servo_turns_no_faster_than_it_can():
+    prediction = Prediction(replace(PLANT, late=Late(0.0, 0.0, slew=1.0)))
+    still = motion_at(0.0, Pose(), 0.0, 0.0)
+    prediction.at(still, 0.0)
+    prediction.sent(0.0, 0.3)
+    there = PLANT.angle_of(PLANT.command_of(0.0) + 0.1)
+    assert prediction.at(still, 0.1).angle == pytest.approx(there, abs=0.005)
+
+
+def test_prediction_is_the_motion_of_the_model():
+    """A steady bend, predicted over 0.15 s, against a circle."""
+    prediction, v, k = Prediction(PLANT), 1.5, 0.8
+    bend = PLANT.steady.turn(k, v)
+    start = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, k * v)
+    prediction._t, prediction._servo = 0.0, PLANT.command_of(bend.angle)
+    prediction.sent(-1.0, bend.angle)
+    where = prediction.at(start, 0.15)
+    turned = k * v * 0.15
+    assert where.yaw == pytest.approx(turned - bend.slip, abs=2e-3)
+    assert (where.x, where.y) == pytest.approx(
+        (np.sin(turned) / k, (1.0 - np.cos(turned)) / k), abs=1e-3)
+
+
+def test_what_is_known_of_a_car(tmp_path):
+    """Nothing: the paper's bends and map, and a servo of this class; then what was measured."""
+    files = parse_car(typical_car_toml(), "typical", [tmp_path])
+    plant = plant_of(files)
+    assert plant.vehicle.tyres == PAPER.tyres
+    assert plant.late.transport == pytest.approx(0.0315)
+    assert plant.lock == pytest.approx((-0.3505, 0.3075), abs=1e-3)
+    measured = Calibration(car=files.config.name).with_quantities({
+        "latency.command_to_pulse": Quantity(0.013, 1e-4),
+        "latency.pulse_to_yaw": Quantity(0.01, 1e-3),
+        "latency.pulse_to_yaw_lag": Quantity(0.08, 1e-3)})
+    assert plant_of(replace(files, calibration=measured)).late == Late(0.023, 0.08)
+    known = plant_of(replace(files, model=model_of(LATER)))
+    assert known.late.transport == pytest.approx(0.0115 + 0.03)
+    assert known.late.lag == pytest.approx(0.1285, abs=1e-4)
