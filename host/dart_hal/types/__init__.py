@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.notebook import card
+from dart_hal.types.scan import Mount as Mount
+from dart_hal.types.scan import Scan as Scan
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -305,7 +307,8 @@ class State:
     unwrapped; speed [m/s] signed with one sigma; yaw_rate [rad/s],
     accel_x, accel_y [m/s2] in body axes (None while the IMU is not valid);
     ticks encoder edges since boot, unwrapped; external: what a source of
-    external poses knows (None: there is no such source).
+    external poses knows (None: there is no such source); scan: the lidar's newest
+    whole revolution (None: there was none yet).
     """
 
     t: float
@@ -320,6 +323,7 @@ class State:
     applied: Applied
     health: Health
     external: External | None = None
+    scan: Scan | None = None
 
     @property
     def estimate(self) -> MotionEstimate:
