@@ -38,8 +38,6 @@ SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
 ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
 POSE, THROTTLE, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering", "angle")))
-MOUNTING = ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")
-"""How an IMU sits, and what it errs in: no car is built truer than 3 degrees and a centimetre."""
 KEPT = 32  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
@@ -88,7 +86,7 @@ class Evidence:
         Beside motion capture the scale of a gyro is seen to 0.1 % in a minute; that of a BNO055 is
         good to 1 %, and a run of our own is of the car whose model it is.
         """
-        return MOUNTING if self.commands_stamped else ()
+        return ("gyro_scale",) if self.commands_stamped else ()
 
     @property
     def sensor_still(self) -> BoolArray:
