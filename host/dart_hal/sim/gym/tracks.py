@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
-from dart_hal.control.paths import Path, Segment
+from dart_hal.control.paths import Path
 from dart_hal.errors import UsageError
 from dart_hal.sim.light.ops import Ops
+from dart_hal.sim.tracks import TRACKS
 from dart_hal.vehicle.namespace import Value
 
 SEARCHES = 3
 """Newton steps to the closest point: from 0.3 m off it ends within 0.1 mm."""
 MAX_STEP = 0.5
 """m that one of them moves at most: a search never jumps to another part of the path."""
-
-
-def _arc(radius: float, degrees: float) -> Segment:
-    """Part of a circle; positive = left."""
-    return abs(math.radians(degrees)) * radius, math.copysign(1.0 / radius, degrees)
-
-
-def _vicon() -> list[Segment]:
-    """The track of the authors' curvature-aware MPC: 4.5 m square, turns of 0.75 m, 22.92 m."""
-    left, right, half, square = _arc(0.75, 180), _arc(0.75, -180), _arc(0.75, 90), 2.25
-    return [(1.5, 0.0), half, (3.0, 0.0), left, (square, 0.0), right, (square, 0.0), left,
-            (3.0, 0.0), half, (1.5, 0.0)]
-
-
-TRACKS: dict[str, list[Segment]] = {
-    "vicon": _vicon(),
-    "oval": [(2.4, 0.0), _arc(0.8, 180), (2.4, 0.0), _arc(0.8, 180)],
-    "eight": [_arc(1.0, 360), _arc(1.0, -360)],
-    "circle": [_arc(1.0, 360)],
-}
-"""Tracks by name; "oval": two straights of 2.4 m and half circles of 0.8 m."""
 
 
 def track_named(track: Path | str) -> Path:
