@@ -17,8 +17,8 @@ except ImportError as err:
 
 from dart_hal.sim.gym.config import SPREAD, GymConfig
 from dart_hal.sim.gym.env import DartCarEnv
-from dart_hal.sim.gym.tracks import TRACKS
 from dart_hal.sim.gym.vector import DartCarVectorEnv
+from dart_hal.sim.tracks import TRACKS
 
 __all__ = ["ENV_ID", "SPREAD", "TRACKS", "DartCarEnv", "DartCarVectorEnv", "GymConfig"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,5 +82,5 @@ def _runs(occupied: BoolArray) -> FloatArray:
     found = []
     for y in np.flatnonzero(change.any(axis=1)):
         at = np.flatnonzero(change[y])
-        found += [(a, y, b, y) for a, b in zip(at[:-1], at[1:], strict=True) if edge[y, a + 1]]
+        found += [(a, y, b, y) for a, b in pairwise(at) if edge[y, a + 1]]
     return np.array(found, dtype=np.float64).reshape(-1, 4)

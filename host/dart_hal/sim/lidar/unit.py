@@ -15,6 +15,7 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import atan2, pi, tau
 
 import numpy as np
@@ -68,14 +69,13 @@ class Unit:
 
     def _times(self, samples: IntArray) -> FloatArray:
         """World times [s] of samples of the unit."""
-        times: FloatArray = samples * (PERIOD * (1.0 + self._params.skew))
-        return times
+        return samples.astype(np.float64) * (PERIOD * (1.0 + self._params.skew))
 
     def _turned(self, t: FloatArray) -> FloatArray:
         """Angle that the head has turned through since the world began [rad]."""
-        even = tau * self._params.rate * t
-        swung: FloatArray = even + self._params.ripple * np.sin(even)
-        return swung
+        even = t * (tau * self._params.rate)
+        turned: FloatArray = even + self._params.ripple * np.sin(even)
+        return turned
 
     def _next_turn(self) -> IntArray:
         """Samples up to the first of the next revolution, which begins it and is in it."""
@@ -93,7 +93,7 @@ class Unit:
         counts = np.round(self._measured(t, turned) / QUARTER).astype(int)
         angles = np.round(np.degrees(turned) * 64.0).astype(int) % COUNTS
         cuts = [*range(0, len(samples) - 1, PER_PACKET), len(samples) - 1, len(samples)]
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        for a, b in pairwise(cuts):
             starts = b == len(samples)
             told = round(10.0 * p.rate) if starts and p.hertz else 0
             raw = bytearray(encode(starts, told, int(angles[a]), int(angles[b - 1]),
