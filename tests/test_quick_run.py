@@ -36,7 +36,7 @@ def test_marked(): work()
 @pytest.mark.few("1*")
 def test_cases(n): pass
 """
-LATE = "\ndef test_late(): work()\n"
+LATE = "\ndef test_late(): work(0.6)\n"  # late where the machine is four times slower, too
 INI = "[pytest]\nmarkers =\n  cpu\n  more\n  few\n"
 
 

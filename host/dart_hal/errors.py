@@ -85,6 +85,15 @@ class LinkLost(DartHalError, ConnectionError):
     remedy_default = "plug it in again, then dart-hal doctor"
 
 
+class NoScan(DartHalError, TimeoutError):
+    """The port of the lidar is open and no packet of an X4 comes."""
+
+    code = "D-LIDAR-01"
+    likely_default = ("its motor stands (5 V of the adapter), its cable to the adapter is off, or "
+                      "it is another device")
+    remedy_default = "dart-hal find ; serial:///dev/dart-lidar, with ?baud=N for another model"
+
+
 class PortDenied(DartHalError, PermissionError):
     """The user may not open the port."""
 

@@ -26,16 +26,17 @@ from dart_hal.car.misuse import check_record, check_times, check_url, shut
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import keep_old, start_recording
+from dart_hal.car.scans import give_lidar
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles
 from dart_hal.control.loop import SpeedLoop
-from dart_hal.errors import EndOfRecording, NoHello
+from dart_hal.errors import DartHalError, EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import PoseSource
+from dart_hal.ports import PoseSource, ScanSource
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import SAMPLE, Applied, State
+from dart_hal.types import SAMPLE, Applied, Scan, State
 from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
@@ -69,33 +70,36 @@ class Car(Arming, Shown):
     @classmethod
     def open(cls, url: str | None = None, *, car: str | None = None,
              cars: str | Path | None = None, record: str | Path | None = None,
-             poses: str | PoseSource | None = None, raise_on_trip: bool = True) -> Car:
+             poses: str | PoseSource | None = None, lidar: str | ScanSource | None = None,
+             raise_on_trip: bool = True) -> Car:
         """Open a car and leave it at neutral and disarmed.
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
         car, None: $DART_HAL_CAR, then dart-01; a simulated or recorded car
         brings its own. ``cars``: folder of the cars' files. ``record``: MCAP
         file for everything that passes. ``poses``: who sees the car from
-        outside, a source or its URL (None: $DART_HAL_POSES). ``raise_on_trip``:
-        a command to a car that a trip has disarmed raises Disarmed; False: only
+        outside, a source or its URL (None: $DART_HAL_POSES). ``lidar``: a source
+        of scans or its URL (None: $DART_HAL_LIDAR). ``raise_on_trip``: a command
+        to a car that a trip has disarmed raises Disarmed; False: only
         ``Applied.limited`` says so. Raises the errors of the catalogue:
         UnknownScheme, NoHello, ...
         """
         check_url(url)
         text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
         return cls.over(open_backend(text), car=car, cars=cars, record=record, poses=poses,
-                        raise_on_trip=raise_on_trip)
+                        lidar=lidar, raise_on_trip=raise_on_trip)
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
              record: str | Path | None = None, poses: str | PoseSource | None = None,
-             raise_on_trip: bool = True) -> Car:
+             lidar: str | ScanSource | None = None, raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         try:
             if record:
                 check_record(record)
             files = files_of(backend, car, cars)
             give_poses(backend, poses)
+            give_lidar(backend, lidar)
             own_actuator(backend, files)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)
@@ -197,6 +201,19 @@ class Car(Arming, Shown):
         self._state = state
         self._timer.give()
         return state
+
+    def scans(self) -> tuple[Scan, ...]:
+        """Revolutions of the lidar that are whole since the last call, at most the newest 64.
+
+        ``State.scan`` is the newest alone. Empty without a lidar: ``lidar_trouble`` says why.
+        """
+        with self._engine.lock:
+            return self._engine.scans.taken() if self._engine.scans else ()
+
+    @property
+    def lidar_trouble(self) -> DartHalError | None:
+        """Why no scans come from a lidar that was named; None while they do, or none was."""
+        return self._engine.scans.source.trouble if self._engine.scans else None
 
     # -- commands ------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
 from dart_hal.car.poses import PoseFeed, room_of
 from dart_hal.car.receive import Receiver
+from dart_hal.car.scans import ScanFeed, mount_of
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.config import CarFiles
@@ -72,6 +73,8 @@ class Engine:
         if backend.poses is not None:
             self.telemetry.room = room = room_of(files, self.telemetry.odometry)
             self.poses = PoseFeed(backend.poses, room)
+        self.scans = (None if backend.lidar is None
+                      else ScanFeed(backend.lidar, mount_of(files)))
         self.listeners: list[Callable[[State], None]] = []
 
     @property
@@ -133,6 +136,8 @@ class Engine:
                 self.hooks.rx(data, t), t, self.applied)]
             if self.poses is not None:
                 states = self.poses.take(states, t, self.now)
+            if self.scans is not None:
+                states = self.scans.take(states, t, self.now)
             if self.driver.overdue:
                 self._write(self.now)
         for state in states:        # without the lock: one that blocks holds up nobody's stop

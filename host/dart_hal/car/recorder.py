@@ -79,6 +79,8 @@ def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWri
     engine.listeners.append(writer.state)
     if engine.poses is not None:
         engine.poses.record = writer.pose
+    if engine.scans is not None:
+        engine.scans.record = writer.scan
     if isinstance(backend.bus, RecordedBus):
         backend.bus.recorder = writer
     return writer

@@ -10,14 +10,14 @@ recorded pings had left.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from dart_hal.errors import EndOfRecording, RecordingError
+from dart_hal.errors import DartHalError, EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
 from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
-from dart_hal.types import NEUTRAL, Applied, ExternalPose
+from dart_hal.types import NEUTRAL, Applied, ExternalPose, Scan
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
@@ -124,6 +124,27 @@ class ReplayPoses:
         self._poses.clear()
 
 
+class ReplayScans:
+    """The recorded scans, each at its arrival; read from the file as they are due."""
+
+    trouble: DartHalError | None = None
+
+    def __init__(self, recording: RunReader, first: Scan, rest: Iterator[Scan]) -> None:
+        self.name = f"the scans in {recording.path}"
+        self._next: Scan | None = first
+        self._rest = rest
+
+    def poll(self, now: float) -> list[Scan]:
+        due = []
+        while self._next is not None and self._next.arrival <= now:
+            due.append(self._next)
+            self._next = next(self._rest, None)
+        return due
+
+    def close(self) -> None:
+        self._next = None
+
+
 def sent_pings(recording: RunReader) -> dict[int, list[float]]:
     """Host times of the recorded TIME_PING frames by their id (ids wrap)."""
     decoder = Decoder(DOWN)
@@ -165,10 +186,12 @@ def open_replay(url: Url) -> Backend:
     if first is None:
         raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,
                              likely="the run was cut off before its first frame")
-    poses = list(recording.poses())
+    poses, scans = list(recording.poses()), recording.scans()
+    scan = next(scans, None)
     clock = ReplayClock(min(recording.start, first.t) if recording.meta else first.t)
     return Backend(
         url=url, link=ReplayLink(recording, clock), clock=clock, bus=None, virtual=True,
         car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
         measured={n: t for n, t in recording.files.items() if n != "car.toml"},
-        notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None)
+        notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None,
+        lidar=ReplayScans(recording, scan, scans) if scan else None)

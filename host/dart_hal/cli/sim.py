@@ -95,6 +95,12 @@ def _reveal(url: Url, as_json: bool) -> None:
     for name, value in (truth["mocap"] or {}).items():
         text = value if isinstance(value, str) else f"{value:.6g}"
         results.print(f"{'mocap.' + name:32} {text}")
+    for name, value in (truth["lidar"] or {}).items():
+        results.print(f"{'lidar.' + name:32} {value:.6g}")
+    if truth["room"]:
+        x, y, yaw = truth["room"]["start"]
+        results.print(f"room {truth['room']['name']}: {len(truth['room']['lines'])} lines, start "
+                      f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad; --json has them all")
     steering = truth["steering"]
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")

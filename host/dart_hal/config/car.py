@@ -109,6 +109,20 @@ class Imu(Table, frozen=True, kw_only=True):
     y: float = 0.0
 
 
+class Lidar(Table, frozen=True, kw_only=True):
+    """How the lidar sits; geometry.lidar_x is its axis ahead of the rear axle.
+
+    y [m] of the axis; mount_yaw [rad] of its zero against the car; ``inverted``: its angles
+    grow clockwise seen from above, as of an upright YDLidar; ``scale``: true distance over the
+    one that it tells.
+    """
+
+    y: float = 0.0
+    mount_yaw: float = 0.0
+    inverted: bool = True
+    scale: float = 1.0
+
+
 class Limits(Table, frozen=True, kw_only=True):
     """What a command may ask for: steering [rad], throttle, speed [m/s], rates [1/s].
 
@@ -156,6 +170,7 @@ class CarConfig(Table, frozen=True, kw_only=True):
     throttle: Throttle = Throttle()
     pwm: Pwm = Pwm()
     imu: Imu = Imu()
+    lidar: Lidar = Lidar()
     limits: Limits = Limits()
     priorities: Priorities = Priorities()
     safety: Safety = Safety()
@@ -205,6 +220,7 @@ def _check_actuators(car: CarConfig, origin: str) -> None:
     require(0x40 <= pwm.address <= 0x7f and pwm.address != 0x70, origin, "pwm.address",
             f"{pwm.address} = {pwm.address:#04x}",
             "0x40 to 0x7f without 0x70; the factory setting is hexadecimal 0x40")
+    require(0.9 <= car.lidar.scale <= 1.1, origin, "lidar.scale", car.lidar.scale, "0.9 to 1.1")
     require(40 <= pwm.frequency <= 400, origin, "pwm.frequency", pwm.frequency, "40 to 400 Hz")
     require(esc.arm_neutral >= 0 and esc.stop_ramp >= 0, origin, "throttle.arm_neutral",
             esc.arm_neutral, ">= 0 s")

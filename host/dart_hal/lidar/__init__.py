@@ -1,1 +1,41 @@
 """The lidar: bytes of a YDLidar X4 into scans with a time for every beam."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl, urlsplit
+
+from dart_hal.errors import UsageError
+from dart_hal.lidar.packets import BAUD
+from dart_hal.lidar.port import SerialLidar
+from dart_hal.links.serial_port import find_port
+from dart_hal.ports import ScanSource
+
+EXPECTED = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
+OPTIONS = ("baud",)
+
+
+def open_lidar(text: str) -> ScanSource:
+    """Open the lidar of a URL. Raises UsageError, PortMissing, PortBusy, PortDenied.
+
+    Option behind ``?``: ``baud``, the line rate; default 128000, that of an X4.
+    """
+    try:
+        parts = urlsplit(text)
+    except ValueError as why:
+        raise UsageError(f"{text!r} is no lidar", found=str(why), expected=EXPECTED) from why
+    target = parts.netloc + parts.path
+    if parts.scheme not in ("serial", "hwgrep") or not target:
+        raise UsageError(f"{text!r} is no lidar", found=parts.scheme or "no scheme://",
+                         expected=EXPECTED)
+    pairs = parse_qsl(parts.query, keep_blank_values=True)
+    options = dict(pairs)
+    unknown = sorted(set(options) - set(OPTIONS))
+    if unknown or len(options) < len(pairs):
+        raise UsageError(f"{text}: options of a lidar", expected=", ".join(OPTIONS),
+                         found=", ".join(unknown) or "one given twice")
+    baud = options.get("baud", str(BAUD))
+    if not (baud.isascii() and baud.isdigit() and int(baud)):
+        raise UsageError(f"baud={baud!r} is not a line rate", found=text, expected=str(BAUD))
+    pattern = target if parts.scheme == "hwgrep" else None
+    device = target if pattern is None else find_port(pattern)
+    return SerialLidar(device, int(baud), text, pattern)

@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
-from dart_hal.ports import Bus, Clock, Link, PoseSource, Workshop
+from dart_hal.ports import Bus, Clock, Link, PoseSource, ScanSource, Workshop
 
 URLS = "what each option means: docs/reference/urls.md"
 
@@ -71,7 +71,7 @@ class Backend:
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
     ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
-    ``poses``: external poses that come with the backend.
+    ``poses``: external poses that come with the backend; ``lidar``: scans that do.
     """
 
     url: Url
@@ -89,6 +89,7 @@ class Backend:
     candidates: Callable[[], list[str]] = list
     workshop: Workshop | None = None
     poses: PoseSource | None = None
+    lidar: ScanSource | None = None
 
     def close(self) -> None:
         """Close link and bus, each also when another one raises."""

@@ -13,9 +13,10 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+from dart_hal.errors import DartHalError
 from dart_hal.links.busio import TransferBus
-from dart_hal.ports import Chunk, Link, PoseSource
-from dart_hal.types import ExternalPose
+from dart_hal.ports import Chunk, Link, PoseSource, ScanSource
+from dart_hal.types import ExternalPose, Scan
 
 LOOK = 0.001
 """s between two looks at a line on which nothing came: one tick of the world."""
@@ -98,6 +99,24 @@ class PacedPoses:
         self.name, self._source, self._link = source.name, source, link
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
+        with self._link.lock:
+            return self._source.poll(now)
+
+    def close(self) -> None:
+        self._source.close()
+
+
+class PacedScans:
+    """A lidar in a paced world."""
+
+    def __init__(self, source: ScanSource, link: PacedLink) -> None:
+        self.name, self._source, self._link = source.name, source, link
+
+    @property
+    def trouble(self) -> DartHalError | None:
+        return self._source.trouble
+
+    def poll(self, now: float) -> Sequence[Scan]:
         with self._link.lock:
             return self._source.poll(now)
 

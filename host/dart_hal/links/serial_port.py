@@ -59,14 +59,15 @@ class SerialLink(Link):
 
     Raises PortMissing, PortBusy, PortDenied, UsageError on opening; LinkLost
     afterwards. What the port does not take within ``WRITE_PATIENCE`` is lost,
-    as on a bad line: the Nano's own time-out is the judge of that.
+    as on a bad line: the Nano's own time-out is the judge of that. ``dtr``: the modem line,
+    which resets a Nano and lets the motor of a lidar run.
     """
 
     rates = RATES
     dropped = 0
     """Frames that the port did not take in time."""
 
-    def __init__(self, device: str, baud: int = RATES[0]) -> None:
+    def __init__(self, device: str, baud: int = RATES[0], *, dtr: bool = False) -> None:
         self.device = device
         self._port = serial.Serial()
         self._port.port = device
@@ -74,7 +75,7 @@ class SerialLink(Link):
         self._port.write_timeout = WRITE_PATIENCE
         self._port.exclusive = True
         with contextlib.suppress(OSError, serial.SerialException):
-            self._port.dtr = False
+            self._port.dtr = dtr
         try:
             self._port.baudrate = baud
             self._port.open()

@@ -12,7 +12,7 @@ from struct import Struct
 
 import numpy as np
 
-from dart_hal.types import Applied, ExternalPose, FloatArray, State, nanoseconds
+from dart_hal.types import Applied, ExternalPose, FloatArray, Scan, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
@@ -47,6 +47,7 @@ _FLOAT = Struct("<4sd")
 _DIMENSION = Struct("<I4sII")  # an empty label with its padding, size, stride
 _TIME = Struct("<iI")
 _POSE = Struct("<43d")
+_SCAN = Struct("<4s3d")
 
 
 def byte_array(data: bytes) -> bytes:
@@ -206,3 +207,24 @@ def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
     cov.setflags(write=False)
     return ExternalPose((seconds * 10**9 + rest) / 10**9, arrival, x, y, 2.0 * atan2(z, w), cov,
                         frame)
+
+
+def scan(value: Scan) -> bytes:
+    """dart_msgs/LidarScan: as the unit told it; how it is mounted is in the car's files."""
+    columns = (value.after, value.angle, value.distance)
+    return _SCAN.pack(HEADER, value.start, value.std, value.rate) + b"".join(
+        _U32.pack(len(c)) + c.astype("<f4").tobytes() for c in columns)
+
+
+def scan_of(payload: bytes, arrival: float) -> Scan:
+    """Inverse of ``scan``. Raises ValueError or struct.error for other bytes."""
+    _, start, std, rate = _SCAN.unpack_from(payload)
+    columns, at = [], _SCAN.size
+    for _ in range(3):
+        (count,) = _U32.unpack_from(payload, at)
+        columns.append(np.frombuffer(payload, "<f4", count, at + _U32.size))
+        at += _U32.size + 4 * count
+    if at != len(payload):
+        raise ValueError(f"{len(payload) - at} bytes too many")
+    after, angle, distance = columns
+    return Scan(arrival, start, rate, after, angle, distance, std)

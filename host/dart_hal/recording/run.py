@@ -2,10 +2,11 @@
 
 Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
 ``command`` what was asked for, ``applied`` what the pins carried, ``/log/...``
-what the program logged, ``/external_pose`` the poses that came from outside, if
-any; attachments hold who the car was (HELLO), its files, the URL and the
-versions. Messages are in chunks, and chunks and attachments have checksums. No
-wall clock and no random number enters: the same run gives the same bytes.
+what the program logged, ``/external_pose`` the poses that came from outside and
+``/scan`` the lidar's revolutions, if any; attachments hold who the car was
+(HELLO), its files, the URL and the versions. Messages are in chunks, and chunks
+and attachments have checksums. No wall clock and no random number enters: the
+same run gives the same bytes.
 
 All times are host times of the backend's clock in s, >= 0.
 """
@@ -19,7 +20,7 @@ from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
@@ -28,10 +29,14 @@ from dart_hal.notebook import card
 from dart_hal.ports import Chunk
 from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
+from dart_hal.recording.items import AppliedAt as AppliedAt
+from dart_hal.recording.items import Command as Command
+from dart_hal.recording.items import I2c as I2c
+from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.schemas import definition
-from dart_hal.types import Applied, ExternalPose, State
+from dart_hal.types import Applied, ExternalPose, Scan, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 LIBRARY = "dart-hal recording 4"
@@ -49,40 +54,8 @@ _CHANNELS = (
 )
 _NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 _POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
+_SCANS = ("/scan", "dart_msgs/msg/LidarScan")
 _I2C = Struct("<BHH")
-
-
-class Command(NamedTuple):
-    """What a source asked for: t [s], steering [rad], throttle [-1..1]."""
-
-    t: float
-    steering: float
-    throttle: float
-    source: str
-
-
-class I2c(NamedTuple):
-    """One bus transaction: t [s], address, bytes written, bytes read."""
-
-    t: float
-    address: int
-    wrote: bytes
-    read: bytes
-
-
-class Logged(NamedTuple):
-    """What the program logged at t [s] under a name: a number, or an array of its shape."""
-
-    t: float
-    name: str
-    value: Value
-
-
-class AppliedAt(NamedTuple):
-    """What the pins carry from t [s] on."""
-
-    t: float
-    applied: Applied
 
 
 def mcap_writer(file: BinaryIO) -> Writer:
@@ -168,6 +141,12 @@ class RunWriter:
         with self._lock:
             if not self._closed:
                 self._add_to(*_POSES, cdr.external_pose(pose), pose.arrival)
+
+    def scan(self, scan: Scan) -> None:
+        """A revolution of the lidar, at its arrival; a run without a lidar has no channel."""
+        with self._lock:
+            if not self._closed:
+                self._add_to(*_SCANS, cdr.scan(scan), scan.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
@@ -336,6 +315,10 @@ class RunReader:
     def poses(self) -> Iterator[ExternalPose]:
         """Poses from outside, in order of arrival."""
         return self._decoded({_POSES[0]: lambda t, data: cdr.external_pose_of(data, t)})
+
+    def scans(self) -> Iterator[Scan]:
+        """Revolutions of the lidar as the unit told them, in order of arrival."""
+        return self._decoded({_SCANS[0]: lambda t, data: cdr.scan_of(data, t)})
 
     def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""

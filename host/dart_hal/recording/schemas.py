@@ -32,6 +32,11 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "float64 steering  # rad, left positive\nfloat64 throttle  # -1..1\n"
         "float64 steering_us\nfloat64 throttle_us\nstring[] limited  # why not what was asked\n",
         ()),
+    "dart_msgs/msg/LidarScan": (
+        "float64 start  # s, first beam, on the car's clock\nfloat64 std  # s, one sigma of it\n"
+        "float64 rate  # revolutions per second\nfloat32[] after  # s behind start\n"
+        "float32[] angle  # rad, as the unit counts: an upright one clockwise\n"
+        "float32[] distance  # m, NaN where nothing came back\n", ()),
     "nav_msgs/msg/Odometry": (
         "std_msgs/Header header\nstring child_frame_id\n"
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",

@@ -11,7 +11,9 @@ of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
 shipped set that the car really is, ``effect`` what it has beyond it, such as
 ``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md), ``mocap``
 1 or, for example, ``rate=50,lock=2``: a motion capture sees the car
-(``dart_hal.sim.mocap``), ``pace`` 1: real time, the world does not wait for its program.
+(``dart_hal.sim.mocap``), ``lidar`` 1 or, for example, ``rate=8,noise=0.01``: a lidar on the car
+(``dart_hal.sim.lidar``), in the room ``map``, ``pace`` 1: real time, the world does not wait
+for its program.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
-from dart_hal.links.paced import PacedBus, PacedLink, PacedPoses
+from dart_hal.links.paced import PacedBus, PacedLink, PacedPoses, PacedScans
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
@@ -31,6 +33,9 @@ from dart_hal.sim.eeprom import preset
 from dart_hal.sim.failures import parse, schedule, silences
 from dart_hal.sim.faults import Line, LineFaults, jitter
 from dart_hal.sim.hidden import HiddenCar
+from dart_hal.sim.lidar.maps import Room, room_of
+from dart_hal.sim.lidar.params import LidarParams, lidar_of
+from dart_hal.sim.lidar.unit import SimLidar, Unit
 from dart_hal.sim.link import SimClock, SimLink
 from dart_hal.sim.mocap import SimMocap, mocap_of
 from dart_hal.sim.mock_nano import MockNano
@@ -39,7 +44,7 @@ from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "physics", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
-           "vehicle", "effect", "mocap", "pace")
+           "vehicle", "effect", "mocap", "lidar", "map", "pace")
 
 
 def open_sim(url: Url) -> Backend:
@@ -64,17 +69,32 @@ def open_sim(url: Url) -> Backend:
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
     mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
+    lidar = lidar_in_room(url, car.seed)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name, car_toml=car_toml(drawn.base, drawn.body),
                       notices=notices + drawn.notices, workshop=SimWorkshop(world),
-                      poses=None if mocap is None else SimMocap(world, mocap))
+                      poses=None if mocap is None else SimMocap(world, mocap),
+                      lidar=None if lidar is None else SimLidar(
+                          Unit(world.poses, lidar[1], lidar[0], car.seed)))
     return _in_real_time(backend, link, world) if choice(url, "pace", "1") else backend
+
+
+def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
+    """The lidar of a URL and the room that it is in, None without one. Raises UsageError."""
+    params, name = lidar_of(url.options.get("lidar", "0"), seed), url.options.get("map")
+    if params is None:
+        if name is not None:
+            raise UsageError("a map without a lidar that sees it", found=url.text,
+                             expected=f"lidar=1&map={name}")
+        return None
+    return params, room_of(name or "room", seed)
 
 
 def _in_real_time(backend: Backend, link: SimLink, world: World) -> Backend:
     paced = PacedLink(link, lambda: link.now, link.sleep)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
                    virtual=False, poses=backend.poses and PacedPoses(backend.poses, paced),
+                   lidar=backend.lidar and PacedScans(backend.lidar, paced),
                    workshop=SimWorkshop(world, paced.lock))
 
 

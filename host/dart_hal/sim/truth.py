@@ -14,10 +14,11 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.paced import PacedLink
-from dart_hal.sim.backend import OPTIONS
+from dart_hal.sim.backend import OPTIONS, lidar_in_room
 from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
+from dart_hal.sim.lidar.maps import Room
 from dart_hal.sim.link import SimLink
 from dart_hal.sim.mocap import mocap_of
 from dart_hal.sim.mock_nano import TO_UART
@@ -57,7 +58,8 @@ def reveal_url(url: Url) -> dict[str, Any]:
     neutral [us]; the dead band ends where drive force begins (the ESC's or
     the motor's, whichever is wider). ``steering.backlash`` is the full width
     of the loop. All this is the car without its ``effects``, which come on top.
-    ``mocap``: the parameters of ``MocapParams``, None without a motion capture.
+    ``mocap``: the parameters of ``MocapParams``, None without a motion capture; ``lidar``: those
+    of ``LidarParams``, ``room``: name, lines, glass and start of a ``Room``, None without a lidar.
     """
     url.known(*OPTIONS)
     drawn = car_of(url)
@@ -66,7 +68,22 @@ def reveal_url(url: Url) -> dict[str, Any]:
     if mocap:
         shown["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,
                              "mocap.marker_yaw": mocap.theta, "mocap.latency": mocap.latency}
-    return {**shown, "mocap": mocap and asdict(mocap)}
+    seen = lidar_in_room(url, drawn.base.seed)
+    return {**shown, "mocap": mocap and asdict(mocap), "lidar": seen and asdict(seen[0]),
+            "room": seen and _room(seen[1])}
+
+
+def room_of_car(backend: Backend) -> Room:
+    """The room in which a simulated lidar is. Raises UsageError where there is none."""
+    found = lidar_in_room(backend.url, world_of(backend).car.seed)
+    if found is None:
+        raise UsageError(f"{backend.url.text} has no lidar", expected="sim://?lidar=1")
+    return found[1]
+
+
+def _room(room: Room) -> dict[str, Any]:
+    return {"name": room.name, "lines": room.lines.tolist(), "glass": room.glass.tolist(),
+            "start": list(room.start)}
 
 
 def _revealed(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:

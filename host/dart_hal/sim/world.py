@@ -30,6 +30,7 @@ from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.servo import Servo
 from dart_hal.sim.stand import Stand
+from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 STEERING, THROTTLE, CLOCK = 0, 1, 15
@@ -156,6 +157,13 @@ class World:
         part = min(1.0, max(0.0, (when - t0) / (t1 - t0))) if t1 > t0 else 1.0
         a, b = self._rows[_ROW * (k - 1):_ROW * k], self._rows[_ROW * k:_ROW * (k + 1)]
         return Truth(when, *(p + part * (q - p) for p, q in zip(a, b, strict=True)))
+
+    def poses(self, times: FloatArray) -> FloatArray:
+        """x, y [m], yaw [rad] (n, 3) of the rear axle at rising times (n,) [s], as ``truth``."""
+        self._record(self._next)
+        k = max(bisect_right(self._times, times[0]) - 1, 0)
+        at, rows = np.array(self._times[k:]), np.array(self._rows[_ROW * k:]).reshape(-1, _ROW)
+        return np.column_stack([np.interp(times, at, rows[:, i]) for i in range(3)])
 
     def _physics(self) -> None:
         """State of the pins now, motion until the next tick, what the sensors see."""

@@ -1,0 +1,41 @@
+"""What a run holds beside bytes, each with its time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from dart_hal.recording.log import Value
+from dart_hal.types import Applied
+
+
+class Command(NamedTuple):
+    """What a source asked for: t [s], steering [rad], throttle [-1..1]."""
+
+    t: float
+    steering: float
+    throttle: float
+    source: str
+
+
+class I2c(NamedTuple):
+    """One bus transaction: t [s], address, bytes written, bytes read."""
+
+    t: float
+    address: int
+    wrote: bytes
+    read: bytes
+
+
+class Logged(NamedTuple):
+    """What the program logged at t [s] under a name: a number, or an array of its shape."""
+
+    t: float
+    name: str
+    value: Value
+
+
+class AppliedAt(NamedTuple):
+    """What the pins carry from t [s] on."""
+
+    t: float
+    applied: Applied

@@ -1,0 +1,86 @@
+"""Grid maps of ROS's map_server, PGM with YAML, as the outlines of what is occupied."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dart_hal.errors import UsageError
+from dart_hal.types import BoolArray, FloatArray
+
+_PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
+                  rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """occupied, free (rows, columns), row 0 at the bottom; cell [m]; origin (2,) [m] of the lower
+    left corner."""
+
+    occupied: BoolArray
+    free: BoolArray
+    cell: float
+    origin: FloatArray
+
+    def is_free(self, x: float, y: float) -> bool:
+        """Whether the cell at x, y [m] is known to be free."""
+        column, row = ((np.array((x, y)) - self.origin) / self.cell).astype(int)
+        rows, columns = self.free.shape
+        return bool(0 <= row < rows and 0 <= column < columns and self.free[row, column])
+
+
+def read_grid(path: Path) -> Grid:
+    """Raises UsageError naming the file."""
+    try:
+        told = dict(re.findall(r"^(\w+):\s*(.*?)\s*$", path.read_text(encoding="utf-8"),
+                               re.MULTILINE))
+        shades = read_pgm(path.parent / told["image"].strip("'\""))
+        x, y, yaw = (float(v) for v in told["origin"].strip("[]").split(","))
+        cell, high = float(told["resolution"]), float(told.get("occupied_thresh", 0.65))
+        low, negate = float(told.get("free_thresh", 0.196)), int(told.get("negate", 0))
+    except (OSError, UnicodeDecodeError, KeyError, ValueError) as why:
+        raise UsageError(f"{path} is no map of map_server", found=repr(why), read=str(path),
+                         expected="image, resolution, origin; the image a binary PGM (P5)") from why
+    if yaw or not cell > 0.0:
+        raise UsageError(f"{path}: the map cannot be used", read=str(path),
+                         found=f"origin turned by {yaw:g} rad, cells of {cell:g} m",
+                         expected="a map that is not turned, cells above 0 m")
+    share = shades / 255.0 if negate else 1.0 - shades / 255.0
+    return Grid(share[::-1] > high, share[::-1] < low, cell, np.array((x, y)))
+
+
+def read_pgm(path: Path) -> NDArray[np.uint8]:
+    """Shades (rows, columns) of a binary PGM. Raises OSError, ValueError."""
+    raw = path.read_bytes()
+    head = _PGM.match(raw)
+    if head is None or int(head[3]) > 255:
+        raise ValueError(f"{path.name} is no binary PGM of 8 bits")
+    columns, rows = int(head[1]), int(head[2])
+    shades = np.frombuffer(raw, np.uint8, offset=head.end(), count=rows * columns)
+    return shades.reshape(rows, columns)
+
+
+def lines_of_grid(grid: Grid) -> FloatArray:
+    """Outlines (m, 4) [m] of the occupied cells; neighbours' edges in a row are one line."""
+    level = _runs(grid.occupied)
+    upright = _runs(grid.occupied.T)
+    cells = np.vstack((level, upright[:, [1, 0, 3, 2]]))
+    scaled: FloatArray = cells * grid.cell + np.tile(grid.origin, 2)
+    return scaled
+
+
+def _runs(occupied: BoolArray) -> FloatArray:
+    """Level edges as x1, y, x2, y in cells: where what is below differs from what is above."""
+    padded = np.pad(occupied, ((1, 1), (0, 0))).astype(np.int8)
+    edge = np.pad(np.diff(padded, axis=0), ((0, 0), (1, 1)))
+    change = np.diff(edge, axis=1) != 0
+    found = []
+    for y in np.flatnonzero(change.any(axis=1)):
+        at = np.flatnonzero(change[y])
+        found += [(a, y, b, y) for a, b in pairwise(at) if edge[y, a + 1]]
+    return np.array(found, dtype=np.float64).reshape(-1, 4)

@@ -1,0 +1,121 @@
+"""A car with a lidar: scans with its States, in its recording, and the same from the recording."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import sin
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from dart_hal.car import Car
+from dart_hal.errors import UsageError
+from dart_hal.links.base import open_backend
+from dart_hal.recording.run import RunReader
+from dart_hal.sim.lidar.maps import clearance
+from dart_hal.sim.truth import room_of_car, world_of
+from dart_hal.types import Mount
+
+URL = "sim://?seed=3&nano=mock&physics=kinematic"
+SEEN = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
+
+
+def drive(url, seconds, record=None):
+    """(States, scans, room, poses of the truth) of a drive in bends."""
+    backend = open_backend(url)
+    states, scans = [], []
+    with Car.over(backend, record=record) as car:
+        car.arm()
+        car.scans()
+        for state in car.states(duration=seconds):
+            states.append(state)
+            scans += car.scans()
+            car.drive(steering=0.35 * sin(3.0 * state.t), throttle=0.2)
+        assert car.lidar_trouble is None
+        return states, scans, room_of_car(backend), world_of(backend).poses
+
+
+def told(scan):
+    return (scan.arrival, scan.start, scan.rate, scan.std, scan.after.tobytes(),
+            scan.angle.tobytes(), scan.distance.tobytes(), scan.mount)
+
+
+@pytest.mark.cpu(4)
+def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_path):
+    path = tmp_path / "run.mcap"
+    states, scans, room, poses = drive(SEEN, 3.0, path)
+    assert 20 <= len(scans) <= 26
+    assert all(s.mount == Mount(x=0.13) for s in scans)
+
+    def pose_at(t):
+        x0, y0, yaw0 = room.start
+        x, y, yaw = poses(t).T
+        c, s = np.cos(yaw0), np.sin(yaw0)
+        return x0 + c * x - s * y, y0 + s * x + c * y, yaw0 + yaw
+
+    everything = np.vstack((room.lines, room.glass))
+    for scan in scans[4:]:
+        off = [clearance(everything, x, y) for x, y in scan.points(pose_at)[::10]
+               if np.isfinite(x)]
+        assert len(off) > 30
+        assert np.median(off) < 0.004
+    for a, b in pairwise(scans):
+        assert 0.0 <= b.start - a.t[-1] < 0.5e-3
+    for state in states[50:]:  # a revolution takes 0.14 s, and is whole with the next one's first
+        assert 0.0 < state.t - state.scan.t[-1] < 0.2
+    live = {state.seq: told(state.scan) for state in states if state.scan}
+    with Car.open(f"replay://{path}") as car:
+        again = {state.seq: told(state.scan) for state in car.states() if state.scan}
+        assert car.lidar_trouble is None
+    assert all(again[seq] == seen for seq, seen in live.items())
+
+
+def test_a_run_keeps_them_as_the_unit_told_them(tmp_path):
+    path = tmp_path / "run.mcap"
+    _, scans, _, _ = drive(SEEN, 1.0, path)
+    kept = {s.start: s for s in RunReader(path).scans()}
+    for scan in scans:
+        same = kept[scan.start]
+        assert told(same)[:-1] == told(scan)[:-1]
+        assert same.mount == Mount()
+    with path.open("rb") as file:
+        names = {c.topic: s.name for s, c, _ in make_reader(file).iter_messages()}
+    assert names["/scan"] == "dart_msgs/msg/LidarScan"
+
+
+def test_without_a_lidar_nothing_is_told_or_recorded(tmp_path):
+    path = tmp_path / "run.mcap"
+    with Car.open(URL, record=path) as car:
+        assert next(car.states()).scan is None
+        assert car.scans() == ()
+        assert car.lidar_trouble is None
+    with path.open("rb") as file:
+        assert "/scan" not in {
+            c.topic for c in make_reader(file).get_summary().channels.values()}
+    assert list(RunReader(path).scans()) == []
+
+
+def test_a_program_that_never_asks_keeps_the_newest():
+    with Car.open(f"{URL}&lidar=1") as car:
+        for state in car.states(duration=9.5):
+            pass
+        came = car.scans()
+        assert len(came) == 64
+        assert came[-1] is state.scan
+        assert car.scans() == ()
+
+
+def test_the_lidar_of_the_environment_is_opened(monkeypatch):
+    monkeypatch.setenv("DART_HAL_LIDAR", "colour://red")
+    with pytest.raises(UsageError, match="is no lidar"):
+        Car.open(URL)
+    with Car.open(f"{URL}&lidar=1") as car:  # which has one of its own
+        assert car.scans() == ()
+
+
+def test_a_map_without_a_lidar_is_refused():
+    with pytest.raises(UsageError, match="map without a lidar"):
+        Car.open(f"{URL}&map=room")
+    with pytest.raises(UsageError, match="map=cellar is no room"):
+        Car.open(f"{URL}&lidar=1&map=cellar")

@@ -1,0 +1,169 @@
+"""The simulated lidar: what it sees is where it is, with every fault that the URL can state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi, radians
+
+import numpy as np
+import pytest
+
+from dart_hal.errors import UsageError
+from dart_hal.lidar.packets import Decoder
+from dart_hal.sim.lidar.maps import Room, box
+from dart_hal.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
+from dart_hal.sim.lidar.unit import SimLidar, Unit
+from dart_hal.types import Mount
+
+EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
+HALL = Room("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))
+
+
+def standing(t):
+    return np.zeros((len(t), 3))
+
+
+def spinning(rate):
+    def poses(t):
+        return np.column_stack((np.zeros(len(t)), np.zeros(len(t)), rate * t))
+    return poses
+
+
+def scans(poses=standing, room=HALL, params=EXACT, seconds=1.0, others=()):
+    """Scans as the host makes them, with the true mount."""
+    lidar = SimLidar(Unit(poses, room, params, 1))
+    lidar.unit.others += others
+    return [s.mounted(params.mount) for s in lidar.poll(seconds)]
+
+
+def in_room(poses, room=HALL):
+    """``PoseAt`` in the room's frame, for rooms whose start is not turned."""
+    def at(t):
+        x, y, yaw = poses(t).T
+        return x + room.start[0], y + room.start[1], yaw
+    return at
+
+
+def off_walls(points, room=HALL):
+    """Distance of points (n, 2) from the walls of the hall [m]; NaN points left out."""
+    (x0, x1), (y0, y1) = ((room.lines[:, [0, 2]].min(), room.lines[:, [0, 2]].max()),
+                          (room.lines[:, [1, 3]].min(), room.lines[:, [1, 3]].max()))
+    x, y = points[~np.isnan(points).any(axis=1)].T
+    return np.minimum.reduce([abs(x - x0), abs(x - x1), abs(y - y0), abs(y - y1)])
+
+
+@pytest.mark.parametrize("params", [
+    EXACT, replace(EXACT, yaw=0.7, y=0.05), replace(EXACT, clockwise=0.0, yaw=pi),
+    replace(EXACT, scale=1.012), replace(EXACT, rate=8.25), replace(EXACT, ripple=0.01)])
+def test_points_lie_on_the_walls(params):
+    """Within the rounding of an angle (1/64 deg) and of the manual's correction (0.02 deg)."""
+    found = scans(params=params)
+    assert len(found) >= 6
+    for scan in found:
+        assert np.isfinite(scan.range).all()
+        assert off_walls(scan.points(in_room(standing))).max() < 0.006
+
+
+def test_a_wrong_mount_is_seen():
+    """The control of the test above."""
+    scan = scans(params=replace(EXACT, yaw=0.05))[2].mounted(Mount(x=0.13))
+    assert off_walls(scan.points(in_room(standing))).max() > 0.05
+    mirrored = scans()[2].mounted(Mount(x=0.13, inverted=False))
+    assert abs(mirrored.bearing + scans()[2].bearing).max() < 1e-6
+
+
+def bent(params, rate=3.0, seconds=2.0):
+    """rms [m] of a wall 1.5 m beside a car that turns, by each beam's pose, and by one pose."""
+    wall = Room("wall", np.array(((-9.0, 1.5, 9.0, 1.5),)), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    poses, by_beam, by_scan = spinning(rate), [], []
+    for scan in scans(poses, wall, params, seconds)[4:]:
+        at = in_room(poses, wall)
+        near = np.abs(scan.range) < 3.0
+        by_beam.append((scan.points(at)[near] - (0.0, 1.5))[:, 1])
+        middle = np.full(len(scan), scan.t.mean())
+        by_scan.append((scan.points(lambda t, middle=middle, at=at: at(middle))[near]
+                        - (0.0, 1.5))[:, 1])
+    return [float(np.sqrt(np.mean(np.concatenate(r) ** 2))) for r in (by_beam, by_scan)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_beside_a_car_that_turns_a_wall_is_straight_by_the_pose_of_each_beam(seed):
+    straight, crooked = bent(hidden_lidar(seed))
+    assert straight < 0.02
+    assert crooked > 3.0 * straight, "one pose for all does as well: nothing is shown"
+
+
+def test_noise_dropouts_and_limits_are_what_is_stated():
+    params = replace(EXACT, noise=0.015, dropout=0.03)
+    found = scans(params=params, seconds=6.0)
+    reach = np.concatenate([s.range for s in found])
+    assert np.isnan(reach).mean() == pytest.approx(0.03, abs=0.005)
+    points = np.concatenate([s.points(in_room(standing)) for s in found])
+    beside = points[np.abs(points[:, 0] - 3.0) < 1.0]
+    y = beside[beside[:, 1] > 3.0][:, 1]
+    assert y.std() == pytest.approx(0.015, abs=0.001)
+    big = Room("big", box(0.0, 0.0, 0.0, 30.0, 30.0), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    assert all(np.isnan(s.range).all() for s in scans(room=big))
+    tight = Room("tight", box(0.13, 0.0, 0.0, 0.2, 0.2), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    assert all(np.isnan(s.range[s.range < 0.119]).all() for s in scans(room=tight))
+
+
+def test_glass_gives_nothing_back_and_hides_what_is_behind():
+    pane = np.array(((5.0, 1.0, 5.0, 3.0),))
+    scan = scans(room=Room("glass", HALL.lines, pane, HALL.start))[1]
+    ahead = np.abs(scan.bearing) < radians(20.0)
+    assert np.isnan(scan.range[ahead]).all()
+    assert np.isfinite(scan.range[np.abs(scan.bearing) > radians(40.0)]).all()
+
+
+def test_another_car_is_seen_where_it_is_when_the_beam_passes():
+    def other(t):
+        return box(4.5, 1.0 + 1.0 * t, 0.0, 0.2, 0.2)
+
+    near = [s.points(in_room(standing)) for s in scans(others=(other,), seconds=1.5)]
+    for points, scan in zip(near, scans(seconds=1.5), strict=True):
+        hit = points[off_walls(points) > 0.1]
+        assert len(hit) > 3
+        t = scan.t[off_walls(points) > 0.1].mean()
+        assert hit[:, 1].mean() == pytest.approx(1.0 + t, abs=0.12)
+
+
+def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
+    unit = Unit(standing, HALL, replace(EXACT, rate=8.25), 1)
+    came = unit.chunks(2.0)
+    decoder = Decoder()
+    beams = [len(p.angle) for data, _ in came for p in decoder.feed(data)]
+    assert (decoder.broken, decoder.skipped) == (0, 0)
+    assert sum(beams) == pytest.approx(2.0 * 5000, abs=650)
+    gaps = np.diff([t for _, t in came])
+    wire = np.array([len(data) for data, _ in came[1:]]) * 10 / 128000
+    assert (gaps >= wire - 1e-12).all()
+    turn = [len(s) for s in scans(params=replace(EXACT, rate=8.25))]
+    assert set(turn) == {606}
+
+
+def test_damaged_bytes_cost_their_packet_alone():
+    found = scans(params=replace(EXACT, lost=0.05), seconds=4.0)
+    lengths = [len(s) for s in found]
+    assert min(lengths) < 620 < max(lengths)
+    for scan in found:
+        assert off_walls(scan.points(in_room(standing))).max() < 0.006
+
+
+def test_same_seed_same_bytes_and_another_seed_others():
+    params = hidden_lidar(4)
+    one, two, other = (b"".join(d for d, _ in Unit(standing, HALL, params, s).chunks(0.5))
+                       for s in (4, 4, 5))
+    assert one == two != other
+
+
+@pytest.mark.parametrize("text", ["2", "colour=1", "rate=x", "rate=8,rate=8", "rate=99", "noise"])
+def test_what_makes_no_sense_is_refused(text):
+    with pytest.raises(UsageError):
+        lidar_of(text, 1)
+
+
+def test_what_is_not_stated_is_hidden_in_the_seed():
+    assert lidar_of("0", 1) is None
+    assert lidar_of("1", 7) == hidden_lidar(7) != hidden_lidar(8)
+    assert lidar_of("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
