@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.options import Number, car_options, json_option, poses_option, waive_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.cli.session import in_real_time, opened, with_progress
 from dart_hal.cli.summary import Summary
@@ -24,7 +24,6 @@ from dart_hal.errors import DartHalError, ScriptFailed, UsageError
 from dart_hal.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops the car"
 
 
@@ -37,8 +36,7 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
               help="seconds of the car's time (a script: 10)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
               help="scale of keyboard and gamepad")
-@click.option("--waive", multiple=True, type=click.Choice(WAIVE),
-              help="arm although this is missing")
+@waive_option
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write the run to this MCAP file")
 @poses_option

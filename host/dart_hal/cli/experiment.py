@@ -15,8 +15,13 @@ from rich.table import Table
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.car.files import files_of
-from dart_hal.cli.drive import WAIVE
-from dart_hal.cli.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.options import (
+    Number,
+    car_options,
+    json_option,
+    poses_option,
+    waive_option,
+)
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.config import CarFiles
 from dart_hal.errors import ExperimentFailed, UsageError
@@ -47,8 +52,7 @@ SIM_FLOOR = "10"
               help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
 @click.option("--out-model", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="add the identified values to this model.toml")
-@click.option("--waive", multiple=True, type=click.Choice(WAIVE),
-              help="arm although this is missing")
+@waive_option
 @click.option("--no-fit", is_flag=True, help="drive and record only")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="picture of the path and the commands")

@@ -49,6 +49,15 @@ def poses_option(command: F) -> F:
                         )(command)
 
 
+WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+
+
+def waive_option(command: F) -> F:
+    """``--waive``: what may be missing."""
+    return click.option("--waive", multiple=True, type=click.Choice(WAIVE),
+                        help="arm although this is missing")(command)
+
+
 def json_option(command: F) -> F:
     """``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,

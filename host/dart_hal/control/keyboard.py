@@ -24,8 +24,11 @@ RELEASE = 50
 usual delay before a terminal repeats a held key."""
 
 
-class Keyboard:
-    """Raw terminal input; restores the terminal on close(). Raises UsageError."""
+class Terminal:
+    """The keys of this terminal, read without waiting; restores it on close().
+
+    Raises UsageError where standard input is none.
+    """
 
     def __init__(self) -> None:
         if not sys.stdin.isatty():
@@ -34,14 +37,27 @@ class Keyboard:
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)
+
+    def keys(self) -> bytes:
+        """What was typed since the last call."""
+        ready, _, _ = select.select([self._fd], [], [], 0)
+        return os.read(self._fd, 64) if ready else b""
+
+    def close(self) -> None:
+        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
+
+
+class Keyboard(Terminal):
+    """Steers and drives by arrow keys or WASD. Raises UsageError."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.steering = 0.0
         self.throttle = 0.0
         self._quiet = 0
 
     def read(self) -> tuple[float, float, bool]:
-        ready, _, _ = select.select([self._fd], [], [], 0)
-        keys = os.read(self._fd, 64) if ready else b""
-        return self.press(keys)
+        return self.press(self.keys())
 
     def press(self, keys: bytes) -> tuple[float, float, bool]:
         """Apply the bytes of one read; returns steering, throttle, quit."""
@@ -68,6 +84,3 @@ class Keyboard:
             step = THROTTLE_STEP if name == "up" else -THROTTLE_STEP
             self.throttle = min(1.0, max(-1.0, self.throttle + step))
         return False
-
-    def close(self) -> None:
-        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)

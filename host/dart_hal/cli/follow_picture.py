@@ -1,0 +1,49 @@
+"""The picture of ``dart-hal follow``: path and driven line, offset and speed over the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dart_hal.control.follow import Follower
+from dart_hal.report.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
+
+
+def draw(follower: Follower, name: str, file: Path) -> Path:
+    """Write the picture. Raises UsageError without matplotlib or for another suffix."""
+    figure = new_figure((11.0, 4.6), file)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.25))
+    _draw_floor(figure.add_subplot(grid[:, 0]), follower, name)
+    above = figure.add_subplot(grid[0, 1])
+    _draw_way(above, figure.add_subplot(grid[1, 1], sharex=above), follower)
+    return save_figure(figure, file)
+
+
+def _draw_floor(axes: Any, follower: Follower, name: str) -> None:
+    path, driven = follower.path, follower.driven.table
+    lane, (s, c) = follower.rules.lane, (np.sin(path.heading), np.cos(path.heading))
+    for side in (-lane, lane):
+        _closed(axes, path.x - side * s, path.y + side * c, path.closed, color=GREY, lw=0.6)
+    _closed(axes, path.x, path.y, path.closed, color=ORANGE, lw=1.4, label="path")
+    if len(driven):
+        axes.plot(driven[:, 1], driven[:, 2], color=BLUE, lw=1.0, label="driven")
+        axes.plot(driven[0, 1], driven[0, 2], "o", color=INK, ms=5, label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    finish(axes, "x [m]", "y [m]", f"{Path(name).name}: {follower.why}", loc="center")
+
+
+def _closed(axes: Any, x: Any, y: Any, closed: bool, **style: Any) -> None:
+    axes.plot(np.append(x, x[:1]) if closed else x, np.append(y, y[:1]) if closed else y, **style)
+
+
+def _draw_way(above: Any, below: Any, follower: Follower) -> None:
+    driven = follower.driven.table
+    if len(driven):
+        way = driven[:, 6] - follower.begun_at
+        above.plot(way, 100.0 * driven[:, 3], color=BLUE, lw=1.0)
+        below.plot(way, driven[:, 5], color=ORANGE, lw=1.4, label="asked for")
+        below.plot(way, driven[:, 4], color=BLUE, lw=1.0, label="driven")
+    finish(above, "", "left of the path [cm]", legend=False)
+    finish(below, "way [m]", "speed [m/s]")

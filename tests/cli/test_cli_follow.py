@@ -1,0 +1,102 @@
+"""``dart-hal follow``: what it prints, draws, records and refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.control.light_follow import LATER, plant_by
+
+from dart_hal.cli.follow import SLOWEST, listen
+from dart_hal.control.follow import Follower, Phase
+from dart_hal.control.tracks import track_named
+from dart_hal.recording.run import RunReader
+
+URL = "sim://?seed=3&nano=mock&mocap=1"
+
+
+def csv(tmp_path, points):
+    file = tmp_path / "path.csv"
+    file.write_text("x,y\n" + "".join(f"{x},{y}\n" for x, y in points))
+    return file
+
+
+@pytest.fixture
+def bend(tmp_path):
+    """3 m, by 0.4 m to the left."""
+    x = np.linspace(0.0, 3.0, 13)
+    return csv(tmp_path, np.column_stack([x, 0.4 * (x / 3.0) ** 2]))
+
+
+@pytest.mark.more
+def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
+    run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
+    done = verb("follow", bend, "--speed", 1, "--here", "--url", URL, "--record", run, "--plot",
+                picture, "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    assert told["ended"] == "the path is driven"
+    assert told["length_m"] == pytest.approx(3.03, abs=0.02)
+    assert told["offset_max_m"] < 0.3
+    assert done.json["files"].keys() == {"recording", "plot"}
+    assert picture.stat().st_size > 10_000
+    assert "begins at 0.00 m of 3.0" in done.err
+    assert "no model.toml" in done.err
+    assert {"follow/s", "follow/offset", "follow/speed"} <= {
+        row.name for row in RunReader(run).logged()}
+
+
+def test_out_of_time_it_stops_and_says_so(verb, bend):
+    done = verb("follow", bend, "--speed", 0.5, "--odometry", "--duration", 1,
+                "--url", "sim://?seed=3&nano=mock")
+    assert done.code == 0, done.err
+    assert "ended: the time of 1 s is over" in done.out
+
+
+def test_without_a_pose_it_does_not_drive(verb, bend):
+    done = verb("follow", bend, "--speed", 1, "--url", "sim://?nano=mock")
+    assert done.code == 1
+    assert "no pose came within 5 s" in done.out
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    (("savoyardo", "--speed", 1), "savoiardo;"),
+    (("savoiardo",), "say how fast"),
+    (("savoiardo", "--speed", 1, "--profile"), "say how fast"),
+    (("savoiardo", "--speed", 1, "--raceline", 0.9), "lane of this width"),
+    (("racetrack_vicon", "--speed", 1), "tighter than the car turns"),
+    (("nothing.csv", "--speed", 1), "nothing.csv"),
+])
+def test_what_cannot_be(verb, arguments, says):
+    done = verb("follow", *arguments, "--url", URL)
+    assert done.code == 2
+    assert says in done.err
+
+
+def test_a_car_that_stands_elsewhere(verb, tmp_path):
+    there = csv(tmp_path, [(9.0, 9.0), (10.0, 9.0), (11.0, 9.0)])
+    done = verb("follow", there, "--speed", 1, "--url", URL)
+    assert done.code == 2
+    assert "m away from the path" in done.err
+    assert "--here" in done.err
+
+
+def test_laps_of_an_open_path(verb, bend):
+    done = verb("follow", bend, "--speed", 1, "--laps", 2, "--url", URL)
+    assert done.code == 2
+    assert "repeat the first row of the file as its last" in done.err
+
+
+def test_keys_change_the_speed_and_end_the_drive():
+    class Keys:
+        def __init__(self, typed):
+            self.keys = lambda: typed
+
+    follower = Follower(track_named("savoiardo"), plant_by(LATER), 1.0)
+    listen(None, follower)
+    listen(Keys(b"++x-+"), follower)
+    assert follower.cap == pytest.approx(1.2)
+    listen(Keys(b"-" * 30), follower)
+    assert follower.cap == SLOWEST
+    assert follower.phase is Phase.WAITING
+    listen(Keys(b"q"), follower)
+    assert follower.phase is Phase.STOPPING
