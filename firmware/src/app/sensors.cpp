@@ -32,6 +32,11 @@ void push_imu_state(Tick now, ImuState from, ImuState to) {
                   static_cast<uint8_t>(to));
 }
 
+// Edges of a slot up to which the gyro is looked at twice: a wheel at 20 m/s
+// makes 100. A line that chatters needs the time itself.
+constexpr uint32_t kLookEdges = 100;
+uint32_t edges_at_slot = 0;
+
 }  // namespace
 
 Tick latch_encoders() {
@@ -96,10 +101,15 @@ void watch_encoder(Tick now) {
 void imu_slot(Tick now) {
   bool const quiet = standing_slots == kQuietSlots &&
                      supervisor.state() != Safety::kLive;
-  imu.slot(now, ring_a.count(), quiet);
+  edges_at_slot = ring_a.count();
+  imu.slot(now, edges_at_slot, quiet);
 }
 
-void imu_look(Tick now) { imu.look(now); }
+void imu_look(Tick now) {
+  if (ring_a.count() - edges_at_slot <= kLookEdges) {
+    imu.look(now);
+  }
+}
 
 void imu_step(Tick now) {
   imu.step(now);
