@@ -24,7 +24,7 @@ from dart_hal.control.profile import FOLLOWED
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_motor
+from dart_hal.vehicle.motor import make_drive
 
 GRIP = 0.95
 """Share of the speed in a bend that is asked for: 0.9 of the force, for models are 2 % off each."""
@@ -123,11 +123,11 @@ class _Limits:
 
     def __init__(self, plant: Plant) -> None:
         p = plant.vehicle
-        self._motor, self._friction = make_motor(p.motor), make_friction(p.friction)
+        self._drive, self._friction = make_drive(p.motor, p.friction), make_friction(p.friction)
         self._mass, self._throttle = p.body.mass, plant.throttle
 
     def forward(self, v: float) -> float:
-        force: float = self._motor(self._throttle, v) + self._friction(v)
+        force: float = self._drive(self._throttle, v)
         return min(max(force / self._mass, 0.0), ALONG)
 
     def backward(self, v: float) -> float:

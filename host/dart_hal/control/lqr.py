@@ -22,12 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.control.steady import SPEEDS, Steady
+from dart_hal.control.drivetrain import FRAME
+from dart_hal.control.steady import SPEEDS, Steady, row_of
 from dart_hal.types import FloatArray
 
 RATE = 40.0
 """rad/s of the wheels for 1 m of offset."""
-PERIOD, PREVIEW = 0.02, 50
+PERIOD, PREVIEW = FRAME, 50
 """s between two commands that act, one PWM frame; steps ahead, 1 s."""
 LEAST_LAG = 0.03
 """s: no servo is quicker, for its slew takes as long for 0.1 rad."""
@@ -43,13 +44,11 @@ class Gains(NamedTuple):
 
     def at(self, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(feedback (3,), preview (n,), metres ahead of its bends (n,)) at a speed [m/s]."""
-        v = min(max(speed, SPEEDS[0]), SPEEDS[-1])
-        part = (v - SPEEDS[0]) / (SPEEDS[1] - SPEEDS[0])
-        k = min(int(part), len(SPEEDS) - 2)
-        part -= k
+        k, part = row_of(speed)
         gain, ahead = ((1.0 - part) * rows[k] + part * rows[k + 1]
                        for rows in (self.feedback, self.preview))
-        return gain, ahead, v * PERIOD * (np.arange(len(ahead)) + 0.5)
+        way = SPEEDS[k] + part * (SPEEDS[k + 1] - SPEEDS[k])
+        return gain, ahead, way * PERIOD * (np.arange(len(ahead)) + 0.5)
 
 
 def gains_of(steady: Steady, lag: float) -> Gains:

@@ -59,14 +59,14 @@ class Steady:
 
     def turn(self, curvature: float, speed: float) -> Turn:
         """For a curvature [1/m] of the rear axle's way at a speed [m/s]."""
-        k, part = _row(speed)
+        k, part = row_of(speed)
         both = [[float(np.interp(curvature, self.curvature, table[i])) for i in (k, k + 1)]
                 for table in (self.angle, self.slip)]
         return Turn(*(low + part * (high - low) for low, high in both))
 
     def bend(self, angle: float, speed: float) -> float:
         """Curvature [1/m] that a steering angle [rad] gives."""
-        k, part = _row(speed)
+        k, part = row_of(speed)
         low, high = (float(np.interp(angle, self.angle[i], self.curvature)) for i in (k, k + 1))
         return low + part * (high - low)
 
@@ -86,7 +86,7 @@ class Steady:
         return np.asarray(np.minimum(by_left, by_right), dtype=np.float64)
 
 
-def _row(speed: float) -> tuple[int, float]:
+def row_of(speed: float) -> tuple[int, float]:
     """Grid row below a speed [m/s] and the share of the way to the next."""
     at = (min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]) - SPEEDS[0]) / (SPEEDS[1] - SPEEDS[0])
     k = min(int(at), len(SPEEDS) - 2)

@@ -54,6 +54,7 @@ class OnboardEvidence(Evidence):
     late = 0.0  # everything is on the clock of the messages
     exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Session, ...]
+
     def __init__(self, drives: Sequence[Session], l_r: float) -> None:
         super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING)
 

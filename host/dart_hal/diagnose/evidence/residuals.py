@@ -61,6 +61,7 @@ class Evidence:
 
     late = LATE
     exact = True  # but for noise, with the right model nothing is left
+
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.control.drivetrain import FRAME
 from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.noise import FRAME, WAIT, Noise, measure
+from ..evidence.noise import WAIT, Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
 from ..evidence.space import Space, Timing, widest
 from ..unexplained.driven import undriven

@@ -7,12 +7,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from dart_hal.car.scans import AXIS_X
 from dart_hal.errors import UsageError
 from dart_hal.types import Mount
 
 OFF = ("0", "none")
-AXIS_X = 0.13
-"""m of the axis before the rear axle, as its plan says."""
 
 
 @dataclass(frozen=True, slots=True)
