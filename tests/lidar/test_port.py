@@ -11,11 +11,13 @@ from math import isfinite
 
 import numpy as np
 import pytest
+import serial
 from x4_bytes import revolution
 
 from dart_hal.errors import LinkLost, NoScan, PortMissing, UsageError
 from dart_hal.lidar import open_lidar, port
 from dart_hal.lidar.packets import START, STOP
+from dart_hal.links.serial_port import SerialLink
 
 pytestmark = pytest.mark.realtime
 
@@ -158,3 +160,17 @@ def test_a_port_that_is_not_there():
 def test_what_is_no_lidar_is_refused(url):
     with pytest.raises(UsageError):
         open_lidar(url)
+
+
+def test_the_motor_stops_with_the_port(unit, monkeypatch):
+    """DTR lets it run; a port that closes leaves the line as it is. The Nano's stays low."""
+    lines = []
+    monkeypatch.setattr(serial.Serial, "_update_dtr_state",
+                        lambda of: lines.append((of.port, of._dtr_state)))
+    one = unit([])
+    open_lidar(f"serial://{one.path}").close()
+    assert [up for _, up in lines][-1] is False
+    assert True in [up for _, up in lines]
+    lines.clear()
+    SerialLink(one.path).close()
+    assert True not in [up for _, up in lines]
