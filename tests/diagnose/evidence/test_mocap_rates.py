@@ -8,13 +8,16 @@ import hidden_drive
 import numpy as np
 import pytest
 
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.recording.dart import grid, read
+from dart_hal.recording.dart import Reference, grid, read
 from dart_hal.vehicle import PAPER
 
 RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
 YAW = 13  # column
+REFERENCE = Reference(hidden_drive.LX, hidden_drive.THETA, hidden_drive.LY, "hidden")
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +68,12 @@ def test_a_gap_of_several_poses_is_still_a_gap(drive, tmp_path):
     at = slice(810, 820)  # samples of 10 ms
     assert grid(torn).bad[at].all()
     assert not grid(slow).bad[at].any()
+
+
+def test_a_car_that_only_stands_is_no_window_of_motion(tmp_path):
+    plan = hidden_drive.Plan(series=(np.zeros(1100), np.zeros(1100)))
+    stands = read(hidden_drive.write(tmp_path / "stands.csv", PAPER, 3, plan))
+    l_r = PAPER.body.l_r
+    r = Evidence([prepare(stands, l_r, REFERENCE)], l_r).residuals(PAPER, Timing(0.0))
+    assert len(r.motion) == 0
+    assert len(r.sensors) > 80  # ten a second

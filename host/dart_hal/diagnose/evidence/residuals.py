@@ -282,7 +282,7 @@ def _held(series: FloatArray, at: IntArray) -> FloatArray:
 def _in_parts(series: FloatArray, at: IntArray) -> FloatArray:
     """``fine`` where windows begin with samples: of each sample once, however many overlap."""
     parts = fine(series, np.arange(float(len(series)))).reshape(len(series), FINE)
-    return np.asarray(np.swapaxes(parts[at], 1, 2).reshape(-1, at.shape[1]))
+    return np.asarray(np.swapaxes(parts[at], 1, 2).reshape(len(at) * FINE, at.shape[1]))
 
 
 def _velocities(states: FloatArray) -> FloatArray:
