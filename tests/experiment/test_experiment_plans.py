@@ -130,6 +130,15 @@ def test_lane_keeping_steers_back_to_the_lane(side):
     assert side * track.along_lane(back, 1.0, 0.175) < 0.0
 
 
+@pytest.mark.parametrize("oval", [True, False])
+def test_a_car_set_down_before_the_lane_has_all_of_it_ahead(oval):
+    track = Track(5.0, oval=oval)
+    track.seen(Pose(-0.002, 0.0, 0.0))
+    assert track.remaining == pytest.approx(5.0, abs=0.01)
+    track.seen(Pose(0.1, 0.0, 0.0))
+    assert track.remaining == pytest.approx(4.9, abs=0.01)
+
+
 def test_signals():
     chirp = Chirp(0.5, 0.4, 0.25, 2.5, 12.0)
     t = np.arange(0.0, 12.0, 0.001)

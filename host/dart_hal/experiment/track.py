@@ -40,8 +40,12 @@ class Track:
         return self.straight + math.pi * TURN if self.oval else self.straight
 
     def seen(self, pose: Pose) -> None:
-        """The car is here; call at every frame."""
-        self.s = self.path.closest(pose.x, pose.y, self.s)
+        """The car is here; call at every frame.
+
+        Nobody drives backwards: a car set down a hair before the lane stands at its beginning, not
+        at the end of the turn that closes the oval.
+        """
+        self.s = max(self.path.closest(pose.x, pose.y, self.s), 0.0)
 
     @property
     def remaining(self) -> float:
