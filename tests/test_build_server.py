@@ -19,6 +19,11 @@ def test_needs_the_emulator():
 
 def test_needs_recordings():
     pytest.skip("no recordings here")
+
+@pytest.mark.emulator
+@pytest.mark.xfail(strict=True)
+def test_what_the_emulator_shows_to_be_wrong():
+    assert False
 """
 
 
@@ -35,3 +40,4 @@ def test_a_missing_emulator_fails_on_a_build_server_alone(tmp_path, ci, failed):
     assert done.returncode == failed, done.stdout
     assert ("1 failed" in done.stdout) == bool(failed)
     assert f"{2 - failed} skipped" in done.stdout
+    assert "1 xfailed" in done.stdout
