@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dart_hal.sim.esc import Mode
 from dart_hal.sim.hidden import hidden_car
 from dart_hal.sim.imu import Imu, ImuParams, rotation
+from dart_hal.sim.mock_imu import MockImu
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.truth import reveal
 from dart_hal.sim.world import World
@@ -112,3 +113,12 @@ def test_revealed_bias_is_what_a_calibrated_host_is_left_with(seed):
         gyro, _ = imu.sense(0.0, 0.0, omega, 0.0)
         yaw_rate = (rows @ gyro)[2] / shown["imu.gyro_scale"] - shown["imu.gyro_bias"]
         assert yaw_rate == pytest.approx(omega, abs=1e-12)
+
+
+def test_the_mock_shows_nothing_before_it_happens():
+    """As the emulated chip: its filter follows what was, not what the tick brings."""
+    imu = MockImu()
+    for k in range(31):
+        imu.set(1e-3 * k, (0.0, 0.0, 1.0 if k >= 20 else 0.0), (0.0, 0.0, 0.0))
+    assert imu.sample(0.020)[5] == 0
+    assert imu.sample(0.030)[5] == round(900.0 * -math.expm1(-2.0 * math.pi * 32.0 * 0.010))

@@ -22,6 +22,7 @@ class MockImu:
         self._history: deque[tuple[int, ...]] = deque(maxlen=128)
         self._gyro = [0.0, 0.0, 0.0]
         self._accel = [0.0, 0.0, 0.0]
+        self._shows: tuple[Sequence[float], Sequence[float]] = ((0.0,) * 3, (0.0,) * 3)
         self._t = 0.0
         self._dt = 0.0
         self._g = self._a = 0.0
@@ -29,9 +30,11 @@ class MockImu:
         self._samples: deque[tuple[float, tuple[int, ...]]] = deque(maxlen=4)
 
     def set(self, t: float, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
-        """True values from t on (sensor axes, SI)."""
+        """True values from t on (sensor axes, SI); until t those of the last call."""
         dt = t - self._t
         self._t = t
+        before, self._shows = self._shows, (gyro, lin_acc)
+        gyro, lin_acc = before
         if dt != self._dt:
             self._dt = dt
             self._g = 1.0 - math.exp(-2.0 * math.pi * GYRO_HZ * dt)
