@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.fitting.covariance import block_covariance, plain_covariance
-from dart_hal.fitting.least_squares import least_squares
+from dart_hal.fitting.least_squares import Solution, least_squares
 
 
 def mean_of(y, robust=None):
@@ -46,3 +46,15 @@ def test_a_wild_sample_moves_neither_value_nor_error_when_it_is_held_down(far):
     error, usual = (np.sqrt(block_covariance(s, block)[0, 0]) for s in (held, clean))
     assert error == pytest.approx(usual, rel=0.5)
     assert np.sqrt(block_covariance(mean_of(wild), block)[0, 0]) > 20 * usual
+
+
+def test_a_prior_of_one_parameter_leaves_the_others_to_the_data():
+    """In blocks of one sample: slope by the data, the other, of which they tell nothing, by 1."""
+    rng = np.random.default_rng(8)
+    column = rng.normal(0.0, 1.0, 4000)
+    s = Solution(np.zeros(2), 0.5 * rng.normal(0.0, 1.0, 4000),
+                 np.column_stack([column, np.zeros(4000)]), np.ones(4000), True,
+                 np.zeros(2, dtype=bool))
+    found = block_covariance(s, np.arange(4000), np.array([0.0, 0.25]))
+    assert np.sqrt(found[0, 0]) == pytest.approx(0.5 / np.sqrt(4000), rel=0.05)
+    assert found[1, 1] == pytest.approx(1.0)

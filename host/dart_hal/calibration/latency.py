@@ -45,6 +45,8 @@ FLOOR = (4.0, 4.0)
 LEFT_FOR, RIGHT_FOR = 0.5, 0.4
 VARIED = (0.0, 0.02, 0.01, 0.03)
 """s by which the steps of a repetition last longer, so that they meet all phases of the frames."""
+IN_STEP = 2e-3
+"""s, one sigma of the delay of the steering: half of it where the age of the samples shows."""
 LOST = 0.3e-3
 """s, a floor of the arrival's sigma: what no ping can see."""
 
@@ -120,6 +122,9 @@ def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
     if files.calibration is None or files.calibration.steering.backlash is None:
         notes.append("caution: the backlash of the steering is not known and counts as a delay: "
                      "dart-hal calibrate steering, then this again")
+    if turning.delay[1] > IN_STEP:
+        notes.append("caution: the clocks of gyro and Nano ran in step, so how old the samples of "
+                     "the gyro are does not show: pulse_to_yaw is known to some ms; run it again")
     if turning.lag is None:
         notes.append("a lag of the servo below 0.04 s does not show behind its slew")
     return (*notes, "drive_speed is tuned by these from the next start on")

@@ -18,7 +18,7 @@ from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import DOWN, UP
 from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.messages import HEARTBEAT, STATE, TICKS_PER_SECOND
+from dart_hal.wire.messages import DIAG, HEARTBEAT, STATE, TICKS_PER_SECOND
 from dart_hal.wire.plausible import Gates
 
 from .sensor_log import WatchedCar
@@ -53,14 +53,26 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """What passed in one stretch: writes (n, 3), frames (m, 9), columns as named above."""
+    """What passed in one stretch: writes (n, 3), frames (m, 9), columns as named above.
+
+    slot [s]: the longest turn of the firmware's loop, its read of the IMU included, as the newest
+    DIAG said; nan = none came.
+    """
 
     written: FloatArray
     seen: FloatArray
+    slot: float
 
     def column(self, name: str) -> FloatArray:
         """One column of the frames (m,)."""
         return np.asarray(self.seen[:, Seen._fields.index(name)])
+
+    @property
+    def edges(self) -> tuple[FloatArray, FloatArray]:
+        """(time [s], count) (k,) of the edges that were the last when a frame was made."""
+        t, ticks = self.column("edge_t"), self.column("ticks")
+        fresh = np.diff(ticks, prepend=ticks[0] - 1) > 0
+        return t[fresh], ticks[fresh]
 
 
 class TrafficLog:
@@ -72,6 +84,7 @@ class TrafficLog:
         self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
         self._written: list[Written] = []
         self._seen: list[Seen] = []
+        self._slot = math.nan
         car.on_bytes(self._bytes)
         car.on_state(self._state)
 
@@ -82,7 +95,7 @@ class TrafficLog:
         if len(seen) < FEW or not written:
             raise CalibrationFailed("no telemetry", found=f"{len(seen)} frames",
                                     expected="100 per second", remedy="dart-hal doctor")
-        return Traffic(np.array(written), np.array(seen))
+        return Traffic(np.array(written), np.array(seen), self._slot)
 
     def host_time(self, ck: int) -> float:
         """Car time [s] of a raw stamp of the Nano, by the newest frame."""
@@ -99,8 +112,11 @@ class TrafficLog:
 
     def _bytes(self, direction: str, data: bytes, t: float) -> bytes:
         if direction == "rx":
-            self._waiting.extend((self._reader.read(frame.values(), t), t)
-                                 for frame in self._up.feed(data) if frame.message is STATE)
+            for frame in self._up.feed(data):
+                if frame.message is STATE:
+                    self._waiting.append((self._reader.read(frame.values(), t), t))
+                elif frame.message is DIAG:
+                    self._slot = 1e-6 * frame.as_dict()["loop_max_us"]
         else:
             for frame in self._down.feed(data):
                 if frame.message is HEARTBEAT:
@@ -118,3 +134,11 @@ class TrafficLog:
         self._seen.append(Seen(
             state.t, arrival, sample.t_dev, sample.ticks, state.t - (sample.t_dev - sample.edge_t),
             rate, state.t - age, state.speed, state.health.t_std))
+
+
+def not_following(answer: str, command: str, found: float, least: float, unit: str, likely: str,
+                  remedy: str) -> CalibrationFailed:
+    """Why a procedure ends whose steps show nothing."""
+    return CalibrationFailed(f"the {answer} does not follow the {command}",
+                             found=f"{found:.3f} {unit} each step",
+                             expected=f"more than {least} {unit}", likely=likely, remedy=remedy)

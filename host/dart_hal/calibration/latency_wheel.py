@@ -13,7 +13,7 @@ each edge of a revolution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from dart_hal.errors import CalibrationFailed
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.motor import make_dead_band
 
-from .latency_fit import fit_clusters
-from .latency_log import Traffic
+from .latency_fit import Problem, fit_lag
+from .latency_log import Traffic, not_following
 from .latency_pulse import Grid
 
 DT = 1e-3
@@ -65,12 +65,6 @@ class Steps:
     ends: FloatArray
 
 
-def held(grid: Grid, traffic: Traffic, column: int, t: FloatArray) -> FloatArray:
-    """The pulse [us] that servo (1) or ESC (2) knew at t (n,) [s]."""
-    ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, column])
-    return np.asarray(widths[np.maximum(np.searchsorted(ends, t, side="right") - 1, 0)])
-
-
 def fit_wheel(grid: Grid, traffic: Traffic, starts: FloatArray, throttle: tuple[float, float],
               metres: float, edges_per_rev: int) -> Pull:
     """throttle: neutral and span [us]; starts (k,) [s]: when each repetition was begun; metres [m]
@@ -78,59 +72,92 @@ def fit_wheel(grid: Grid, traffic: Traffic, starts: FloatArray, throttle: tuple[
 
     Errors: CalibrationFailed where the speed does not follow the throttle.
     """
-    from scipy.signal import lfilter
-
     steps = _steps(grid, traffic, starts, metres, edges_per_rev)
     t = np.arange(steps.t[0] - 1.0, steps.t[-1] + DT, DT)
-    pulse = held(grid, traffic, 2, t)
-    x = (pulse - throttle[0]) / throttle[1]
-    place = np.interp(t, steps.t, steps.place)
-    speed = np.gradient(np.interp(t, *_smooth(steps, edges_per_rev)), DT)
-    _check_follows(steps, speed, t)
-    begin = np.searchsorted(t, steps.starts)
+    x = (held(grid, traffic, 2, t) - throttle[0]) / throttle[1]
+    motion = Motion.of(steps, t, x, edges_per_rev)
+    _check_follows(steps, motion.speed, t)
+    found, shows = fit_lag(Problem(
+        motion.residual, start=np.array([0.01, 0.03, DEAD_BAND[0]]),
+        low=np.array([-0.05, 0.0, -0.3]), high=np.array([LONGEST_DELAY, LONGEST_LAG, -0.02]),
+        steps=np.full(3, 1e-3), known=np.array([np.inf, np.inf, DEAD_BAND[1]]), noise=NOISE,
+        cluster=steps.cluster), lag=1, least=HIDDEN_LAG)
+    delay, lag = ((float(found.x[k]), float(np.hypot(found.std[k], MODEL))) for k in range(2))
+    return Pull(delay, lag if shows else (0.0, 0.5 * HIDDEN_LAG), found.left)
 
-    def pulled(delay: float, lag: float) -> FloatArray:
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Steps on a grid t (n,) [s]: throttle x (n,), speed (n,) [m/s]; where each step begins on it.
+
+    fixed (m, k): orthonormal, what the places of the edges owe to everything but the motor;
+    left (m,): what that leaves of them.
+    """
+
+    steps: Steps
+    t: FloatArray
+    x: FloatArray
+    speed: FloatArray
+    begin: IntArray
+    fixed: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def of(cls, steps: Steps, t: FloatArray, x: FloatArray, edges_per_rev: int) -> Motion:
+        speed = np.gradient(np.interp(t, *_smooth(steps, edges_per_rev)), DT)
+        bare = cls(steps, t, x, speed, np.searchsorted(t, steps.starts), np.zeros((0, 0)),
+                   np.zeros(0))
+        fixed, _ = np.linalg.qr(bare._owed(edges_per_rev))
+        return replace(bare, fixed=fixed, left=steps.place - fixed @ (fixed.T @ steps.place))
+
+    def residual(self, p: FloatArray) -> FloatArray:
+        """What delay, lag [s] and dead band p (3,) leave of the places [m]."""
+        z = make_dead_band(float(p[2]), np)(self._pulled(float(p[0]), abs(float(p[1]))))
+        moved = np.column_stack([self._twice(z), self._twice(z * self.speed)])
+        moved -= self.fixed @ (self.fixed.T @ moved)
+        best, *_ = np.linalg.lstsq(moved, self.left, rcond=None)
+        return np.asarray(self.left - moved @ best)
+
+    def _owed(self, edges_per_rev: int) -> FloatArray:
+        """Columns: start and speed of each step, each mark of the ring, C, D v and E v^2."""
+        s, since = self.steps, self._since
+        own = np.zeros((len(s.t), 2 * len(self.begin)))
+        own[np.arange(len(s.t)), 2 * s.cluster] = 1.0
+        own[np.arange(len(s.t)), 2 * s.cluster + 1] = since
+        ring = np.eye(edges_per_rev)[s.ring][:, 1:]
+        place, b = np.interp(self.t, s.t, s.place), self.begin[s.cluster]
+        path = _integral(place)
+        along = np.interp(s.t, self.t, path) - path[b] - place[b] * since
+        return np.column_stack([own, ring, 0.5 * since**2, along, self._twice(self.speed**2)])
+
+    @property
+    def _since(self) -> FloatArray:
+        return np.asarray(self.steps.t - self.t[self.begin][self.steps.cluster])
+
+    def _pulled(self, delay: float, lag: float) -> FloatArray:
+        """y of the grid."""
+        from scipy.signal import lfilter
+
         share = -np.expm1(-DT / lag) if lag > 1e-4 else 1.0
-        y = lfilter([share], [1.0, share - 1.0], x, zi=[(1.0 - share) * x[0]])[0]
-        return np.asarray(np.interp(t - delay, t, y))
+        y = lfilter([share], [1.0, share - 1.0], self.x, zi=[(1.0 - share) * self.x[0]])[0]
+        return np.asarray(np.interp(self.t - delay, self.t, y))
 
-    def twice(f: FloatArray) -> FloatArray:
+    def _twice(self, f: FloatArray) -> FloatArray:
         """Integral of the integral at the edges, from each repetition's start."""
-        once = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1])) * DT])
-        both = np.concatenate([[0.0], np.cumsum(0.5 * (once[1:] + once[:-1])) * DT])
-        since = steps.t - t[begin][steps.cluster]
-        b = begin[steps.cluster]
-        return np.asarray(np.interp(steps.t, t, both) - both[b] - once[b] * since)
+        once, b = _integral(f), self.begin[self.steps.cluster]
+        both = _integral(once)
+        return np.asarray(np.interp(self.steps.t, self.t, both) - both[b] - once[b] * self._since)
 
-    since = steps.t - t[begin][steps.cluster]
-    own = np.zeros((len(steps.t), 2 * len(begin)))
-    own[np.arange(len(steps.t)), 2 * steps.cluster] = 1.0
-    own[np.arange(len(steps.t)), 2 * steps.cluster + 1] = since
-    ring = np.eye(edges_per_rev)[steps.ring][:, 1:]
-    path = np.concatenate([[0.0], np.cumsum(0.5 * (place[1:] + place[:-1])) * DT])
-    b = begin[steps.cluster]
-    along = np.interp(steps.t, t, path) - path[b] - place[b] * since
-    fixed, _ = np.linalg.qr(np.column_stack([own, ring, 0.5 * since**2, along, twice(speed**2)]))
-    left = steps.place - fixed @ (fixed.T @ steps.place)
 
-    def residual(p: FloatArray) -> FloatArray:
-        z = make_dead_band(float(p[2]), np)(pulled(float(p[0]), abs(float(p[1]))))
-        moved = np.column_stack([twice(z), twice(z * speed)])
-        moved -= fixed @ (fixed.T @ moved)
-        best, *_ = np.linalg.lstsq(moved, left, rcond=None)
-        known = (p[2] - DEAD_BAND[0]) / DEAD_BAND[1]
-        return np.append(left - moved @ best, known * NOISE)
+def held(grid: Grid, traffic: Traffic, column: int, t: FloatArray) -> FloatArray:
+    """The pulse [us] that servo (1) or ESC (2) knew at t (n,) [s]."""
+    ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, column])
+    return np.asarray(widths[np.maximum(np.searchsorted(ends, t, side="right") - 1, 0)])
 
-    low, high = np.array([-0.05, 0.0, -0.3]), np.array([LONGEST_DELAY, LONGEST_LAG, -0.02])
-    start, by = np.array([0.01, 0.03, DEAD_BAND[0]]), np.full(3, 1e-3)
-    found = fit_clusters(residual, start, low, high, steps.cluster, by, 1, NOISE)
-    hidden = found.x[1] < HIDDEN_LAG
-    if hidden:
-        high[1], start[1], by[1] = 2e-5, 1e-5, 1e-5
-        found = fit_clusters(residual, start, low, high, steps.cluster, by, 1, NOISE)
-    delay = float(found.x[0]), float(np.hypot(found.std[0], MODEL))
-    lag = float(found.x[1]), float(np.hypot(found.std[1], MODEL))
-    return Pull(delay, (0.0, 0.5 * HIDDEN_LAG) if hidden else lag, found.left)
+
+def _integral(f: FloatArray) -> FloatArray:
+    """Of f on the grid, from its first point."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1])) * DT])
 
 
 def sure_steps(grid: Grid, traffic: Traffic, column: int, begin: FloatArray) -> IntArray:
@@ -155,9 +182,7 @@ def sure_steps(grid: Grid, traffic: Traffic, column: int, begin: FloatArray) -> 
 def _steps(grid: Grid, traffic: Traffic, starts: FloatArray, metres: float, edges_per_rev: int
            ) -> Steps:
     """Edges of whole repetitions, each seen once."""
-    edge_t, ticks = traffic.column("edge_t"), traffic.column("ticks")
-    fresh = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
-    edge_t, ticks = edge_t[fresh], ticks[fresh]
+    edge_t, ticks = traffic.edges
     begin = starts - BEFORE
     of = np.searchsorted(begin, edge_t, side="right") - 1
     kept = (of >= 0) & (of < len(starts) - 1) & np.isin(of, sure_steps(grid, traffic, 2, begin))
@@ -178,8 +203,7 @@ def _check_follows(steps: Steps, speed: FloatArray, t: FloatArray) -> None:
     spans = [np.ptp(speed[(t > a) & (t < b)]) for a, b in zip(
         steps.starts, steps.ends, strict=True)]
     if np.median(spans) < WEAK:
-        raise CalibrationFailed(
-            "the speed does not follow the throttle", found=f"{np.median(spans):.3f} m/s each step",
-            expected=f"more than {WEAK} m/s",
-            likely="the wheels are held, the battery is empty, or the ESC limits its power",
-            remedy="free the wheels, charge the battery, run it again")
+        raise not_following(
+            "speed", "throttle", float(np.median(spans)), WEAK, "m/s",
+            "the wheels are held, the battery is empty, or the ESC limits its power",
+            "free the wheels, charge the battery, run it again")

@@ -12,6 +12,7 @@ Backlash and tyres delay a turn as well. They come from the car's files where th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,8 +25,9 @@ from dart_hal.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 
-from .latency_fit import Fit, fit_clusters
-from .latency_log import Traffic
+from .latency_age import read_after, without_age
+from .latency_fit import Fit, Problem, fit_lag
+from .latency_log import Traffic, not_following
 from .latency_pulse import Grid
 from .latency_wheel import BEFORE, DT, LONGEST_DELAY, LONGEST_LAG, sure_steps
 
@@ -37,9 +39,11 @@ SLEW = (3800.0, 1500.0)
 """us of pulse per s: 0.16 s for 60 degrees, as servos of this class state."""
 NOISE = 0.003
 """rad/s: the gyro's 2.5e-4 rad/s/sqrt(Hz) at 100 Hz, and its step of 1/900."""
-GYRO_HZ, SAMPLED, SAMPLED_STD = 32.0, 0.005, 0.0015
-"""Hz of the BNO055's filter as the firmware sets it; s by which the sample that is read is old, for
-it makes one each 10 ms, and one sigma of the mean."""
+GYRO_HZ, FILTER_STD = 32.0, 0.0005
+"""Hz of the BNO055's filter as the firmware sets it; s, one sigma of its delay of 5 ms: 10 %."""
+TYRES_LATE = 0.0004
+"""s, one sigma of what one stiffness for both axles leaves of the 4 to 7 ms by which the yaw rate
+is behind the wheels at 0.5 m/s, where front, rear and inertia are each known to 10 %."""
 HIDDEN_LAG, LAG_STD = 0.04, 0.003
 """s: a shorter lag shows nothing, for the slew holds the servo back all the way; and one sigma of
 what map and tyres leave in a longer one."""
@@ -86,70 +90,97 @@ def linkage_of(files: CarFiles) -> Linkage:
 
 def fit_yaw(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, speed: float,
             metres: float, edges_per_rev: int) -> Turning:
-    """Each turn has a delay of its own, for nobody knows how old the gyro's sample is; the rest is
-    common to all.
+    """Each turn has a delay of its own, for the gyro's samples are of different age
+    (``latency_age``); the rest is common to all.
 
     starts (k,) [s] of the repetitions; speed [m/s] that was held. Errors: CalibrationFailed where
     the yaw rate does not follow the steering.
     """
-    from scipy.signal import lfilter
+    turns = _turns(grid, traffic, starts, linkage, speed, metres, edges_per_rev)
+    n = len(turns.at)
+    start, low, high, steps, known = (np.append(common, np.full(n, own)) for common, own in (
+        ([0.005, SLEW[0], linkage.backlash[0], 1.0], 0.02),
+        ([0.0, 500.0, 0.0, 0.3], -0.05), ([LONGEST_LAG, 3e4, 0.15, 3.0], LONGEST_DELAY),
+        ([1e-3, 50.0, 1e-3, 0.02], 1e-3), ([np.inf, SLEW[1], linkage.backlash[1], linkage.tyres],
+                                          np.inf)))
+    found, shows = fit_lag(Problem(turns.residual, start, low, high, steps, known, NOISE), LAG,
+                           HIDDEN_LAG)
+    return _turning(found, shows, turns, read_after(traffic))
 
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """yaw (m,) [rad/s] at yaw_t (m,) [s] and speed v (m,) [m/s]; grid t (n,) [s].
+
+    at (k,) [s]: ends of the pulses [us] that turn the servo from ``before`` ``to``; curve: pulses
+    [us] and their angles [rad]; tyres: filter of a stiffness.
+    """
+
+    yaw_t: FloatArray
+    yaw: FloatArray
+    v: FloatArray
+    t: FloatArray
+    at: FloatArray
+    before: FloatArray
+    to: FloatArray
+    curve: tuple[FloatArray, FloatArray]
+    tyres: Callable[[float], tuple[FloatArray, FloatArray]]
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """What lag, slew, play, stiffness and the delays of all turns leave of ``yaw``."""
+        from scipy.signal import lfilter
+
+        share = _share(self.t, self.at + x[4:], self.before, self.to, x[:4], self.curve)
+        b, a = self.tyres(max(float(x[GRIP]), 0.1))
+        seen = -np.expm1(-2.0 * np.pi * GYRO_HZ * DT)
+        turning = lfilter([seen], [1.0, seen - 1.0], lfilter(b, a, share))
+        followed = np.interp(self.yaw_t, self.t, turning)
+        columns = np.column_stack([self.v, self.v * followed, np.ones_like(self.v)])
+        best, *_ = np.linalg.lstsq(columns, self.yaw, rcond=None)
+        return np.asarray(self.yaw - columns @ best)
+
+
+def _turns(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, speed: float,
+           metres: float, edges_per_rev: int) -> Turns:
+    """Those whose PWM frame is known. Errors: as ``fit_yaw``."""
     yaw_t, yaw = traffic.column("yaw_t"), traffic.column("yaw_rate")
     begin = starts - BEFORE
     of = np.searchsorted(begin, yaw_t, side="right") - 1
     kept = np.isin(of, sure_steps(grid, traffic, 1, begin)) & np.isfinite(yaw)
     yaw_t, yaw, of = yaw_t[kept], yaw[kept], of[kept]
     if np.ptp(yaw) < WEAK:
-        raise CalibrationFailed(
-            "the yaw rate does not follow the steering", found=f"{np.ptp(yaw):.2f} rad/s",
-            expected=f"more than {WEAK} rad/s",
-            likely="the wheels are off the ground, the servo does not move, or the gyro is stuck",
-            remedy="put the car on the floor; check the servo's plug (channel 0)")
-    t = np.arange(starts[0] - 1.0, yaw_t[-1] + DT, DT)
+        raise not_following(
+            "yaw rate", "steering", float(np.ptp(yaw)), WEAK, "rad/s",
+            "the wheels are off the ground, the servo does not move, or the gyro is stuck",
+            "put the car on the floor; check the servo's plug (channel 0)")
     ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, 1])
     turned = np.flatnonzero(np.abs(np.diff(widths, prepend=widths[0])) > 1.0)
     turned = turned[(turned > 0) & (ends[turned] > yaw_t[0])]
     turned = turned[np.isin(np.searchsorted(begin, ends[turned], side="right") - 1, of)]
-    at, to, before = ends[turned], widths[turned], widths[turned - 1]
-    seen = -np.expm1(-2.0 * np.pi * GYRO_HZ * DT)
-    v = rolled(traffic, metres, edges_per_rev, yaw_t)
+    to, before = widths[turned], widths[turned - 1]
     knots = np.linspace(min(to.min(), before.min()), max(to.max(), before.max()), 200)
-    curve = knots, np.array([linkage.map.angle(float(k)) for k in knots])
-    tyres = lru_cache(maxsize=8)(lambda grip: _tyres(linkage.vehicle, grip, speed))
-
-    def residual(x: FloatArray) -> FloatArray:
-        p, own = x[:4], x[4:]
-        share = _share(t, at + own, before, to, p, curve)
-        b, a = tyres(max(float(p[GRIP]), 0.1))
-        turning = lfilter([seen], [1.0, seen - 1.0], lfilter(b, a, share))
-        followed = np.interp(yaw_t - SAMPLED, t, turning)
-        columns = np.column_stack([v, v * followed, np.ones_like(v)])
-        best, *_ = np.linalg.lstsq(columns, yaw, rcond=None)
-        known = [(p[RATE] - SLEW[0]) / SLEW[1], (p[PLAY] - linkage.backlash[0])
-                 / linkage.backlash[1], (p[GRIP] - 1.0) / linkage.tyres]
-        return np.concatenate([yaw - columns @ best, NOISE * np.array(known)])
-
-    n = len(at)
-    low, high, steps, first = (np.append(common, np.full(n, own)) for common, own in (
-        ([0.0, 500.0, 0.0, 0.3], -0.05), ([LONGEST_LAG, 3e4, 0.15, 3.0], LONGEST_DELAY),
-        ([1e-3, 50.0, 1e-3, 0.02], 1e-3), ([0.005, SLEW[0], linkage.backlash[0], 1.0], 0.02)))
-    fit = fit_clusters(residual, first, low, high, None, steps, priors=3, noise=NOISE)
-    if fit.x[LAG] < HIDDEN_LAG:
-        high[LAG], first[LAG], steps[LAG] = 2e-6, 1e-6, 1e-6
-        fit = fit_clusters(residual, first, low, high, None, steps, priors=3, noise=NOISE)
-    return _turning(fit, n)
+    return Turns(
+        yaw_t, yaw, rolled(traffic, metres, edges_per_rev, yaw_t),
+        np.arange(starts[0] - 1.0, yaw_t[-1] + DT, DT), ends[turned], before, to,
+        (knots, np.array([linkage.map.angle(float(k)) for k in knots])),
+        lru_cache(maxsize=8)(lambda grip: _tyres(linkage.vehicle, grip, speed)))
 
 
-def _turning(fit: Fit, n: int) -> Turning:
-    """What the turns have in common, and the mean of their delays."""
-    own = fit.x[4:]
+def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float]) -> Turning:
+    """What the turns have in common, and their delay without the age of the samples.
+
+    A slew that is too slow by 1 % makes half of the way longer by 0.5 ms, which the delay lacks.
+    """
+    own, n = found.x[4:], len(turns.at)
+    delay, spread = without_age(own, turns.at)
     mean = np.append(np.zeros(4), np.full(n, 1.0 / n))
-    spread = float(np.std(own, ddof=1) / np.sqrt(n))
-    std = float(np.sqrt(mean @ fit.covariance @ mean + spread**2 + SAMPLED_STD**2))
-    lag = (float(fit.x[LAG]), float(np.hypot(fit.std[LAG], LAG_STD)))
-    slew = float(fit.x[RATE])
-    return Turning((float(own.mean()), std), lag if lag[0] >= HIDDEN_LAG else None,
-                   (slew, float(np.hypot(fit.std[RATE], SLEW_STD * slew))), fit.left)
+    slew = float(found.x[RATE])
+    half_way = 0.5 * float(np.mean(np.abs(turns.to - turns.before))) / slew
+    std = np.sqrt(mean @ found.covariance @ mean + spread**2 + read[1] ** 2
+                  + (SLEW_STD * half_way) ** 2 + TYRES_LATE**2 + FILTER_STD**2)
+    lag = (float(found.x[LAG]), float(np.hypot(found.std[LAG], LAG_STD)))
+    return Turning((delay + read[0], float(std)), lag if shows else None,
+                   (slew, float(np.hypot(found.std[RATE], SLEW_STD * slew))), found.left)
 
 
 def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
@@ -157,19 +188,18 @@ def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -
 
     Errors: CalibrationFailed where the ring hardly turned.
     """
-    edge_t, ticks = traffic.column("edge_t"), traffic.column("ticks")
-    fresh = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
-    if len(fresh) < TURNS * edges_per_rev:
+    edge_t, ticks = traffic.edges
+    if len(ticks) < TURNS * edges_per_rev:
         raise CalibrationFailed(
             "the encoder does not count what the car drives",
-            found=f"{len(fresh)} edges in {np.ptp(traffic.column('t')):.0f} s",
+            found=f"{len(ticks)} edges in {np.ptp(traffic.column('t')):.0f} s",
             expected=f"more than {TURNS * edges_per_rev}", likely="unplugged half way",
             remedy="turn a wheel by hand and watch dart-hal doctor")
-    place, per_turn = ticks[fresh] * metres, edges_per_rev * metres
-    behind = np.interp(place - 0.5 * per_turn, place, edge_t[fresh])
-    ahead = np.interp(place + 0.5 * per_turn, place, edge_t[fresh])
+    place, per_turn = ticks * metres, edges_per_rev * metres
+    behind = np.interp(place - 0.5 * per_turn, place, edge_t)
+    ahead = np.interp(place + 0.5 * per_turn, place, edge_t)
     inside = slice(edges_per_rev, -edges_per_rev)
-    return np.asarray(np.interp(t, edge_t[fresh][inside], (per_turn / (ahead - behind))[inside]))
+    return np.asarray(np.interp(t, edge_t[inside], (per_turn / (ahead - behind))[inside]))
 
 
 def _share(t: FloatArray, at: FloatArray, before: FloatArray, to: FloatArray, p: FloatArray,

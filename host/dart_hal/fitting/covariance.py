@@ -32,13 +32,14 @@ def plain_covariance(s: Solution) -> FloatArray:
     return _infinite_where_undetermined(variance * scaled_inverse(s.jacobian.T @ s.jacobian), s)
 
 
-def block_covariance(s: Solution, block: IntArray, prior: float = 0.0) -> FloatArray:
+def block_covariance(s: Solution, block: IntArray, prior: float | FloatArray = 0.0
+                     ) -> FloatArray:
     """Covariance (k, k) by the sandwich over independent blocks (n,) of samples.
 
     H^-1 (sum over blocks of g g') H^-1 with g the block's gradient and the
     small-sample factor B / (B - 1). With fewer than two blocks: infinite.
-    prior: weight of a prior |x|^2 of unit variance in the sum of squares; what
-    the data do not tell then keeps variance 1.
+    prior: weight of a prior |x|^2 of unit variance in the sum of squares, one
+    or of each parameter (k,); what the data do not tell then keeps variance 1.
     """
     k = s.jacobian.shape[1]
     weighted = s.jacobian * s.weight[:, None]
@@ -51,7 +52,7 @@ def block_covariance(s: Solution, block: IntArray, prior: float = 0.0) -> FloatA
     gradient -= gradient.mean(axis=0)  # with a prior the data's own slope is not zero
     meat = gradient.T @ gradient * len(labels) / (len(labels) - 1) + prior**2 * np.eye(k)
     covariance = np.asarray(hessian @ meat @ hessian)
-    return covariance if prior else _infinite_where_undetermined(covariance, s)
+    return covariance if np.any(prior) else _infinite_where_undetermined(covariance, s)
 
 
 def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
