@@ -66,7 +66,7 @@ def test_a_room_is_closed_and_its_start_is_free(name, seed):
     room = room_of(name, seed)
     everything = np.vstack((room.lines, room.glass))
     x, y, _ = room.start
-    assert clearance(everything, x, y) > (0.34 if name == "track" else 0.55)
+    assert clearance(everything, x, y) > {"track": 0.34, "corridor": 0.69, "room": 1.0}[name]
     reach = rays.cast_numpy(everything, np.full((720, 2), (x, y)), directions(720))
     assert reach.max() < 16.0, "a ray leaves the room"
 

@@ -23,8 +23,8 @@ from dart_hal.types import FloatArray
 
 BOARD = 0.35
 """m from the middle of the track to its boards; its straights are 1.5 m apart."""
-CLEAR = 0.6
-"""m around a start that is free: the car turns within 0.5 m."""
+CLEAR = 1.1
+"""m around a start that is free: a circle of 0.46 m radius (0.36 rad), and half the car."""
 TRIES = 200
 
 
