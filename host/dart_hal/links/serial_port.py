@@ -68,7 +68,7 @@ class SerialLink(Link):
     """Frames that the port did not take in time."""
 
     def __init__(self, device: str, baud: int = RATES[0], *, dtr: bool = False) -> None:
-        self.device = device
+        self.device, self._dtr = device, dtr
         self._port = serial.Serial()
         self._port.port = device
         self._port.timeout = 0
@@ -125,6 +125,9 @@ class SerialLink(Link):
             raise LinkLost(f"{self.device} does not take bytes", found=str(error)) from error
 
     def close(self) -> None:
+        with contextlib.suppress(*GONE):
+            if self._dtr:
+                self._port.dtr = False  # else it stays, see ``_settle``, and the motor runs on
         with contextlib.suppress(OSError):
             self._port.close()
 
