@@ -23,6 +23,7 @@ import bench_evaluate
 import bench_firmware
 import bench_identify
 import bench_joint
+import bench_lidar
 import bench_light
 import bench_room
 import bench_solver
@@ -57,6 +58,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,
     "light": bench_light.figures,
+    "lidar": bench_lidar.figures,
     "emulation": bench_emulation.figures,
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,

@@ -63,6 +63,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_that_exists(line, key, near)
     ("[throttle]\nneutral_us = 150", "throttle.neutral_us"),
     ("[limits]\nmax_throttle = 1.5", "limits.max_throttle"),
     ("[limits]\nsteering_slew = inf", "limits.steering_slew"),
+    ("[lidar]\nscale = 1.5", "lidar.scale"),
     ("[encoder]\nrings = 3", "encoder"),
 ])
 def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:

@@ -7,8 +7,11 @@ from math import pi, radians
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from x4_bytes import packet, revolution
 
+from dart_hal.lidar.health import Watch
 from dart_hal.lidar.scan import BYTE, Stream
 from dart_hal.types import Mount, Scan
 
@@ -123,3 +126,32 @@ def test_what_is_told_far_apart_is_one_turn():
     stream = Stream()
     assert stream.feed(b"\xaa\x00" + packet(0.0, 0.0, [100.0], starts=True), 1.0) == []
     assert stream.feed(packet(1.0, 20.0, [100.0] * 30), 1.01) == []
+
+
+pieces = st.tuples(st.integers(0, 23039), st.integers(0, 23039), st.integers(1, 60), st.booleans(),
+                   st.floats(0.0, 2.0), st.binary(max_size=4))
+
+
+@given(st.lists(pieces, max_size=60))
+def test_no_packets_raise_and_scans_stay_in_order(found):
+    """Whole packets of any angles at any time, with bytes of no packet between them."""
+    stream, t, scans = Stream(), 0.0, []
+    for first, last, n, starts, later, noise in found:
+        t += later
+        raw = packet(first / 64.0, last / 64.0, [100.0] * n, starts=starts)
+        scans += stream.feed(noise + raw, t)
+    for scan in scans:
+        assert np.isfinite(scan.t).all()
+        assert (np.diff(scan.after) > 0.0).all()
+        assert np.isfinite(scan.rate)
+        assert scan.rate > 0.0
+        assert scan.arrival <= t
+        list(_told(scan))
+    for a, b in pairwise(scans):
+        assert b.arrival >= a.arrival
+
+
+def _told(scan):
+    watch = Watch()
+    watch.add(scan, 0.0)
+    return watch.health().sentences()

@@ -32,6 +32,7 @@ from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.errors import DartHalError, EndOfRecording, NoHello
+from dart_hal.lidar.health import LidarHealth
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import PoseSource, ScanSource
 from dart_hal.process.forks import ParentsLock, in_child
@@ -214,6 +215,12 @@ class Car(Arming, Shown):
     def lidar_trouble(self) -> DartHalError | None:
         """Why no scans come from a lidar that was named; None while they do, or none was."""
         return self._engine.scans.source.trouble if self._engine.scans else None
+
+    @property
+    def lidar_health(self) -> LidarHealth | None:
+        """What the last 2 s of scans say about the lidar; None before the first."""
+        with self._engine.lock:
+            return self._engine.scans.watch.health() if self._engine.scans else None
 
     # -- commands ------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from dart_hal.config import CarFiles
 from dart_hal.lidar import open_lidar
+from dart_hal.lidar.health import Watch
 from dart_hal.links.base import Backend
 from dart_hal.ports import ScanSource
 from dart_hal.types import Mount, Scan, State
@@ -27,7 +28,8 @@ class ScanFeed:
         self.record: Callable[[Scan], None] = lambda scan: None
         self.newest: Scan | None = None
         self.waiting: deque[Scan] = deque(maxlen=KEPT)
-        self._mount = mount
+        self.watch = Watch()
+        self._mount, self._yaw = mount, 0.0
         self._early: deque[Scan] = deque()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
@@ -36,11 +38,13 @@ class ScanFeed:
         What arrived later waits, so that a replay sees the same. now [s]: the car's clock.
         """
         self._early.extend(self.source.poll(now))
+        self._yaw = states[-1].pose.yaw if states else self._yaw
         while self._early and self._early[0].arrival <= t:
             scan = self._early.popleft()
             self.record(scan)
             self.newest = scan.mounted(self._mount)
             self.waiting.append(self.newest)
+            self.watch.add(self.newest, self._yaw)
         return [replace(state, scan=self.newest) for state in states]
 
     def taken(self) -> tuple[Scan, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dart_hal.actuation.arming import BY_NAME
@@ -50,8 +50,8 @@ TITLES = {
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
     "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "to be known",
 }
-_TITLES = {**TITLES, "poses": "poses from outside"}
-"""With the check of what most cars do not have."""
+_TITLES = {**TITLES, "poses": "poses from outside", "lidar": "lidar"}
+"""With the checks of what most cars do not have."""
 
 
 def _check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
@@ -95,6 +95,8 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float,
         checks += _car(car)
         if backend.poses is not None and states[-1].external is not None:
             checks.append(_poses(backend.poses, states))
+        if backend.lidar is not None:
+            checks.append(_lidar(car))
         checks += [_arming(car), _cautions(car)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
@@ -223,6 +225,22 @@ def _poses(source: PoseSource, states: list[State]) -> Check:
                   bad="warn", expected="TRACKING",
                   cause="the car is hidden, or another body is told",
                   remedy="docs/how_to/poses.md, section What State says")
+
+
+def _lidar(car: Car) -> Check:
+    """Whether scans come, and what they say of the lidar."""
+    trouble, health, count = car.lidar_trouble, car.lidar_health, len(car.scans())
+    if trouble is not None:
+        return replace(_failed("lidar", trouble), verdict="warn")
+    if health is None:
+        return _check("lidar", False, "no revolution was whole yet", bad="warn",
+                      expected="8 a second", cause="its motor needs 1 to 2 s",
+                      remedy="again with --seconds 6")
+    told = list(health.sentences())
+    return _check("lidar", not told, "; ".join((
+        f"{count} revolutions, {health.rate:.2f} a second of {health.beams:.0f} beams, "
+        f"{100.0 * health.returned:.0f} % come back", *told)), bad="warn",
+        expected="nothing to say of it", remedy="docs/how_to/lidar.md, section Whether it is well")
 
 
 def _car(car: Car) -> list[Check]:

@@ -12,7 +12,7 @@ from dart_hal.car.handshake import identify_port
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import print_json, say
 from dart_hal.errors import DartHalError
-from dart_hal.links.attached import PortSeen, serial_ports
+from dart_hal.links.attached import LIDAR, PortSeen, serial_ports
 from dart_hal.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses
 
 UNPLUG = ("which one is the car: unplug it and run dart-hal find again; the line that is gone is "
@@ -90,7 +90,10 @@ def _url(port: PortSeen, number: int | None) -> str:
 def _hints(ports: Sequence[PortSeen], probe: bool) -> list[str]:
     if not any(port.usb for port in ports):
         return [PLUG]
-    return [UNPLUG] if probe else [UNPLUG, PROBE]
+    lidars = [f"a lidar may be on {port.device}: export DART_HAL_LIDAR=serial://"
+              f"{port.link or port.device}, then dart-hal doctor"
+              for port in ports if port.usb == LIDAR]
+    return [*lidars, UNPLUG] if probe else [*lidars, UNPLUG, PROBE]
 
 
 def _show(port: PortSeen, answer: dict[str, Any] | None, url: str) -> None:

@@ -42,7 +42,7 @@ class SerialLidar:
         self._lost: DartHalError | None = None
         self._chunks: deque[Chunk] = deque(maxlen=KEPT)
         self._came = 0
-        self._good = self._asked = time.monotonic()
+        self._good = self._polled = self._asked = time.monotonic()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._read, name="lidar", daemon=True)
         self._send(START)
@@ -53,7 +53,7 @@ class SerialLidar:
         """The port is gone, it is silent, or what comes are no packets."""
         if self._lost is not None:
             return self._lost
-        if time.monotonic() - self._good < PATIENCE:
+        if self._polled - self._good < PATIENCE:
             return None
         if self._came < NOISE:
             return NoScan(f"{self.name}: the lidar is silent", found=f"{self._came} bytes")
@@ -67,7 +67,7 @@ class SerialLidar:
     def poll(self, now: float) -> list[Scan]:
         """As ``ScanSource``; the times of arrival are those of the reading thread."""
         scans: list[Scan] = []
-        received = time.monotonic()
+        self._polled = received = time.monotonic()
         while self._chunks:
             chunk = self._chunks.popleft()
             before = self.stream.decoder.packets

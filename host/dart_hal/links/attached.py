@@ -10,8 +10,10 @@ from serial.tools import list_ports
 
 from dart_hal.links.serial_port import holders
 
+LIDAR = "10C4:EA60"
+"""The bridge on the adapter of an X4."""
 BRIDGES = {"1A86:7523": "CH340, as on most Nano clones", "0403:6001": "FT232, as on an older Nano",
-           "2341:0043": "ATmega16U2 of an Uno", "10C4:EA60": "CP2102"}
+           "2341:0043": "ATmega16U2 of an Uno", LIDAR: "CP2102, as on the adapter of a YDLidar"}
 """USB bridges met on such boards, by the numbers of vendor and product."""
 
 

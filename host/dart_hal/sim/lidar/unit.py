@@ -54,12 +54,13 @@ class Unit:
         self._cast = best()
         self._sample = self._turns = 0
         self._free = self._arrived = 0.0
+        self._over = 0.0
         self._batch = self._next_turn()
         self._sent: deque[tuple[bytes, float]] = deque()
 
     def chunks(self, now: float) -> list[tuple[bytes, float]]:
         """(packet, arrival [s]) of those that have arrived at ``now``, the world's time [s]."""
-        while self._times(self._batch)[-1] <= now:
+        while self._over <= now:
             self._send(self._batch)
             self._batch = self._next_turn()
         out = []
@@ -80,11 +81,12 @@ class Unit:
     def _next_turn(self) -> IntArray:
         """Samples up to the first of the next revolution, which begins it and is in it."""
         self._turns += 1
-        many = int(1.5 / (self._params.rate * PERIOD))
-        samples = self._sample + np.arange(many)
-        over = self._turned(self._times(samples)) >= tau * self._turns
-        self._sample += int(np.argmax(over)) + 1
-        return samples[:int(np.argmax(over)) + 1]
+        samples = self._sample + np.arange(int(1.5 / (self._params.rate * PERIOD)))
+        t = self._times(samples)
+        last = int(np.argmax(self._turned(t) >= tau * self._turns))
+        self._sample += last + 1
+        self._over = float(t[last])
+        return samples[:last + 1]
 
     def _send(self, samples: IntArray) -> None:
         """A batch onto the line: packets of 40, the last sample by itself."""

@@ -1,0 +1,84 @@
+"""The simulated lidar: rays against lines, whole scans down to their bytes, and their decoding.
+
+    python benchmarks/bench_lidar.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from figures import Figure, best_cpu
+
+from dart_hal.lidar.scan import Stream
+from dart_hal.sim.lidar.maps import room_of
+from dart_hal.sim.lidar.params import LidarParams
+from dart_hal.sim.lidar.rays import Cast, cast_numpy, native
+from dart_hal.sim.lidar.unit import Unit
+from dart_hal.types import FloatArray
+
+BEAMS = 606
+ROUNDS = 20
+SEED = 1
+
+
+def standing(t: FloatArray) -> FloatArray:
+    """A car that does not move."""
+    return np.zeros((len(t), 3))
+
+
+def scans_per_s(cast: Cast, name: str, scans: int) -> float:
+    """Scans of 606 beams per CPU second from as many places in a room, the best of several."""
+    room = room_of(name, SEED)
+    x, y, _ = room.start
+    turn = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
+    direction = np.column_stack((np.cos(turn), np.sin(turn)))
+    places = np.array((x, y)) + np.random.default_rng(SEED).uniform(-0.5, 0.5, (scans, 2))
+    origins = [np.tile(place, (BEAMS, 1)) for place in places]
+
+    def work() -> None:
+        for origin in origins:
+            cast(room.lines, origin, direction)
+
+    return scans / best_cpu(work, ROUNDS)
+
+
+def figures(scale: float = 1.0) -> list[Figure]:
+    """Rows for the table of all figures."""
+    many, rows = max(int(100 * scale), 20), []
+    compiled = native()
+    for name in ("room", "corridor", "track"):
+        lines = len(room_of(name, SEED).lines)
+        rows.append(Figure(f"lidar: {name} of {lines} lines, numpy",
+                           scans_per_s(cast_numpy, name, many), "scans/s",
+                           1000.0 if name == "room" else None))
+        if compiled is not None:
+            rows.append(Figure(f"lidar: {name} of {lines} lines, kernel",
+                               scans_per_s(compiled, name, many), "scans/s",
+                               15e3 if name == "room" else None))
+    made, read = _per_second(10.0 * max(scale, 0.3))
+    return [*rows, Figure("lidar: packets made, per second of the car", made, "ms"),
+            Figure("lidar: packets into scans, per second of the car", read, "ms")]
+
+
+def _per_second(seconds: float) -> tuple[float, float]:
+    """CPU ms per second of the car: to make the bytes, and to make scans of them."""
+    came: list[tuple[bytes, float]] = []
+
+    def make() -> None:
+        came[:] = Unit(standing, room_of("room", SEED), LidarParams(), SEED).chunks(seconds)
+
+    def read() -> None:
+        stream = Stream()
+        for data, t in came:
+            stream.feed(data, t)
+
+    def cost(work: Callable[[], None]) -> float:
+        return 1e3 * best_cpu(work, 5) / seconds
+
+    return cost(make), cost(read)
+
+
+if __name__ == "__main__":
+    for figure in figures():
+        print(f"{figure.name:<50}{figure.measured:>20}   target {figure.target}")

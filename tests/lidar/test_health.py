@@ -1,0 +1,67 @@
+"""What the scans of a driven car say about its lidar."""
+
+from __future__ import annotations
+
+from math import pi, radians
+
+import pytest
+
+from dart_hal.car import Car
+
+URL = "sim://?nano=mock&physics=kinematic&seed="
+
+
+def health(seed, lidar="1", seconds=4.0, steering=0.35):
+    with Car.open(f"{URL}{seed}&lidar={lidar}") as car:
+        assert car.lidar_health is None
+        car.arm()
+        for _ in car.states(duration=seconds):
+            car.drive(steering=steering, throttle=0.3)
+        return car.lidar_health
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.few("1")
+@pytest.mark.cpu(4)
+def test_a_good_one_gives_nothing_to_look_at(seed):
+    found = health(seed)
+    assert list(found.sentences()) == []
+    assert found.blind == ()
+    assert found.lost == 0.0
+    assert 0.6 < found.returned < 0.98  # a metre of glass, as near as it may be
+    assert found.beams == pytest.approx(5000.0 / found.rate, rel=0.01)
+    assert found.sense == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.cpu(4)
+def test_one_that_hangs_upside_down_without_the_file_saying_so_is_seen_by_the_gyro():
+    found = health(1, "clockwise=0")
+    assert found.sense == pytest.approx(-1.0, abs=0.3)
+    assert "turn against the gyro" in " ".join(found.sentences())
+
+
+def test_a_car_that_goes_straight_says_nothing_of_the_sense():
+    assert health(1, seconds=1.0, steering=0.0).sense is None
+
+
+def test_a_blind_sector_is_told_where_it_is():
+    found = health(1, f"gap={radians(30.0)},yaw=0", seconds=2.0)
+    ((start, end),) = found.blind
+    # it is 30 deg wide, but the parallax puts its edges up to 8 deg further
+    assert start == pytest.approx(radians(30.0), abs=radians(13.0))
+    assert end == pytest.approx(radians(60.0), abs=radians(13.0))
+    assert "nothing comes back from" in " ".join(found.sentences())
+
+
+def test_packets_that_are_lost_and_a_unit_that_is_too_fast_are_told():
+    found = health(1, "lost=0.1,rate=8.6", seconds=3.0)
+    assert found.lost == pytest.approx(0.1, abs=0.05)
+    told = " ".join(found.sentences())
+    assert "lost on the line" in told
+    assert "8.60 times a second" in told
+
+
+def test_a_lidar_in_the_dark_is_blind_all_around():
+    found = health(1, "dropout=1", seconds=1.0)
+    assert found.blind == ((-pi, pi),)
+    assert found.returned == 0.0
