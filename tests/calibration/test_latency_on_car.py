@@ -7,7 +7,9 @@ import pytest
 from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.latency import calibrate_latency
+from dart_hal.calibration.latency_log import Traffic
 from dart_hal.calibration.latency_pulse import Grid, unseen_grid
+from dart_hal.calibration.latency_wheel import DT, held
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.control.tuning import answer_of
@@ -145,3 +147,13 @@ def test_what_nobody_sees_is_known_to_a_frame(files):
     grid = unseen_grid(files)
     assert grid.phase_std == pytest.approx(grid.period / np.sqrt(12.0))
     assert not grid.seen
+
+
+def test_a_pulse_that_ends_between_two_points_counts_for_its_share():
+    """Taken from the next point on it would be up to 1 ms late."""
+    grid, t = Grid(0.0, 0.0204, 0.0, 0.0, 0.0, seen=True), np.arange(0.0, 0.3, DT)
+    written = np.array([[0.0, 1500.0, 1500.0], [0.1003, 1500.0, 1600.0], [0.2, 1500.0, 1500.0]])
+    (_, up, down), _ = grid.pulses(written[:, 0], written[:, 2])
+    seen = held(grid, Traffic(written, np.zeros((0, 0)), 0.0), t)
+    assert np.sum(seen - 1500.0) * DT == pytest.approx(100.0 * (down - up))
+    assert set(seen[np.abs(t - up) > DT].round(6)) == {1500.0, 1600.0}

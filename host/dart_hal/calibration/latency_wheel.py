@@ -2,13 +2,14 @@
 
 The car is pulled in steps of the throttle x. Its motion is
 
-    v' = A T(y) + B T(y) v + C + D v + E v^2        y' = (x(t - delay) - y) / lag
+    v' = A T(y) + B T(y) v + C + D v + E v^2 + F v^4        y' = (x(t - delay) - y) / lag
 
-T is the motor's dead band, which ends at g; E is what the tyres take in a bend. Integrated twice
-it is linear in everything but delay, lag and g, so these are all that is searched (variable
-projection; G. Golub and V. Pereyra, 1973). Each step has a start and a speed of its own. The data
-are where the ring's edges were, and the ring's own unevenness is fitted with them, one number for
-each edge of a revolution.
+T is the motor's dead band, which ends at g; E and F are what the tyres take in a bend:
+slip angles go with v^2, and the yaw rate times v_y with v^4 by them. Integrated twice it is
+linear in everything but delay, lag and g, so these are all that is searched (variable projection;
+G. Golub and V. Pereyra, 1973). Each step has a start and a speed of its own. The data are where the
+ring's edges were, and the ring's own unevenness is fitted with them, one number for each edge of a
+revolution.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def fit_wheel(grid: Grid, traffic: Traffic, starts: FloatArray, throttle: tuple[
     """
     steps = _steps(grid, traffic, starts, metres, edges_per_rev)
     t = np.arange(steps.t[0] - 1.0, steps.t[-1] + DT, DT)
-    x = (held(grid, traffic, 2, t) - throttle[0]) / throttle[1]
+    x = (held(grid, traffic, t) - throttle[0]) / throttle[1]
     motion = Motion.of(steps, t, x, edges_per_rev)
     _check_follows(steps, motion.speed, t)
     found, shows = fit_lag(Problem(
@@ -119,7 +120,7 @@ class Motion:
         return np.asarray(self.left - moved @ best)
 
     def _owed(self, edges_per_rev: int) -> FloatArray:
-        """Columns: start and speed of each step, each mark of the ring, C, D v and E v^2."""
+        """Columns: start and speed of each step, each mark of the ring, C, D v, E v^2, F v^4."""
         s, since = self.steps, self._since
         own = np.zeros((len(s.t), 2 * len(self.begin)))
         own[np.arange(len(s.t)), 2 * s.cluster] = 1.0
@@ -128,7 +129,8 @@ class Motion:
         place, b = np.interp(self.t, s.t, s.place), self.begin[s.cluster]
         path = _integral(place)
         along = np.interp(s.t, self.t, path) - path[b] - place[b] * since
-        return np.column_stack([own, ring, 0.5 * since**2, along, self._twice(self.speed**2)])
+        bend = [self._twice(self.speed**power) for power in (2, 4)]
+        return np.column_stack([own, ring, 0.5 * since**2, along, *bend])
 
     @property
     def _since(self) -> FloatArray:
@@ -149,10 +151,16 @@ class Motion:
         return np.asarray(np.interp(self.steps.t, self.t, both) - both[b] - once[b] * self._since)
 
 
-def held(grid: Grid, traffic: Traffic, column: int, t: FloatArray) -> FloatArray:
-    """The pulse [us] that servo (1) or ESC (2) knew at t (n,) [s]."""
-    ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, column])
-    return np.asarray(widths[np.maximum(np.searchsorted(ends, t, side="right") - 1, 0)])
+def held(grid: Grid, traffic: Traffic, t: FloatArray) -> FloatArray:
+    """The pulse [us] that the ESC knew, on the mean of the ``DT`` around each t (n,) [s].
+
+    A pulse that ends between two points of the grid counts for its share.
+    """
+    ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, 2])
+    past = np.concatenate([[0.0], np.cumsum(widths[:-1] * np.diff(ends))])
+    borders = np.append(t - 0.5 * DT, t[-1] + 0.5 * DT)
+    last = np.maximum(np.searchsorted(ends, borders, side="right") - 1, 0)
+    return np.asarray(np.diff(past[last] + widths[last] * (borders - ends[last])) / DT)
 
 
 def _integral(f: FloatArray) -> FloatArray:
