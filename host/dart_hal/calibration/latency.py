@@ -1,8 +1,8 @@
 """``calibrate latency``: how late each part of the loop answers, in seconds of the car's clock.
 
 Standing, the Nano times pulses of the spare channel: command to pulse. In a circle the throttle
-steps up and down: pulse to the force of the wheels. Slowly, the steering goes to and fro on the
-left: pulse to the road wheels, and the servo's slew. All the while, how old a State is when it
+steps up and down: pulse to the force of the wheels. Slowly, the steering goes in stairs and back on
+the left: pulse to the road wheels, and the servo's slew. All the while, how old a State is when it
 arrives.
 """
 
@@ -23,14 +23,15 @@ from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming
 from .latency_log import Traffic, TrafficLog
 from .latency_pulse import TRIALS, WAIT, Grid, PulseCar, measured_grid
+from .latency_turn import linkage_of
 from .latency_wheel import Pull, fit_wheel
-from .latency_yaw import Turning, fit_yaw, linkage_of
+from .latency_yaw import HIDDEN_LAG, Turning, fit_yaw
 from .measured import Measured
 from .runner import Runner, check_turning, doubted
 from .steering import standing_bias
 
 REPEATS = 12
-"""Steps to and fro of each part: twice the fewest from which their spread can be told."""
+"""Steps up and down of the throttle: twice the fewest from which their spread can be told."""
 STANDING = 3.0
 """s at rest, in which the gyro shows its bias: 300 frames."""
 RADIUS, CRUISE = 1.1, 0.9
@@ -38,25 +39,33 @@ RADIUS, CRUISE = 1.1, 0.9
 UP, DOWN = 0.12, 0.04
 """Of throttle above and below what holds the speed: 1.8 m/s2 and half of rolling out."""
 UP_FOR, DOWN_FOR = 0.25, 0.55
-LEFT, RIGHT, SLOWLY = 0.9, -0.1, 0.5
-"""Of the steering command to and fro, which is a bend to the left inside that circle, and m/s."""
+SLOWLY, ROUNDS = 0.5, 3
+"""m/s in the turns of the steering, and how often all of ``STAIRS`` are turned."""
+STAIRS = (0.7, 0.5, 0.3, 0.1, -0.1, 0.9, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9, -0.1, 0.9)
+"""Steering commands one after the other, from the last on: bends to the left inside that circle.
+Eight steps that go on in the direction of the one before, four large ones back."""
+LARGE, LARGE_FOR, SMALL_FOR = 0.5, 0.5, 0.3
+"""A larger step is held longer [s]: servo, tyres and gyro come to rest."""
 FLOOR = (4.0, 4.0)
 """m: the circle, what slip and a map that nobody measured widen it by, and the car."""
-LEFT_FOR, RIGHT_FOR = 0.5, 0.4
 VARIED = (0.0, 0.02, 0.01, 0.03)
 """s by which the steps of a repetition last longer, so that they meet all phases of the frames."""
-IN_STEP = 2e-3
-"""s, one sigma of the delay of the steering: half of it where the age of the samples shows."""
+KNOWN, LONGEST_WAIT, AT_ONCE = 1.0e-3, 60.0, 1.0
+"""s, one sigma of the age of the gyro's samples that is waited for, and for how long at most: in a
+minute clocks that differ by 0.01 % come by one of the two ages at which it shows."""
+IN_STEP = 1.5e-3
+"""s, one sigma of the delay of the steering: twice that of an age that shows."""
 LOST = 0.3e-3
 """s, a floor of the arrival's sigma: what no ping can see."""
 
 
 def plan(files: CarFiles) -> str:
     """What is coming, in one sentence: purpose, time, space, tools."""
-    seconds = TRIALS * (WAIT + 0.2) + 2 * REPEATS * 0.95 + 12.0
+    seconds = TRIALS * (WAIT + 0.2) + REPEATS * (UP_FOR + DOWN_FOR) + ROUNDS * 5.5 + 12.0
     return (f"stands {TRIALS * (WAIT + 0.2):.0f} s, then circles to the left on {RADIUS:g} m with "
-            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with {REPEATS} steps of "
-            f"the steering, to measure how late the car answers: about {seconds:.0f} s, a floor of "
+            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
+            f"{ROUNDS * len(STAIRS)} steps of the steering, to measure how late the car answers: "
+            f"about {seconds:.0f} s, or a minute more at rest in between, a floor of "
             f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
             f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses")
 
@@ -80,14 +89,16 @@ def calibrate_latency(car: PulseCar, workshop: Workshop, *, progress: Progress =
             progress(0.2, "steps of the throttle")
             bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
             pulled, at = _pull(car, log, bias)
-            progress(0.6, "steps of the steering")
-            turned, turns = _turn(car, log)
+            progress(0.6, "the gyro's clock")
+            _await_gyro(car, log)
+            progress(0.7, "steps of the steering")
+            turned = _turn(car, log)
     finally:
         car.stop()
     progress(0.95, "fitting")
     throttle = files.neutral_us, files.config.throttle.span_us
     pull = fit_wheel(grid, pulled, at, throttle, metres, edges)
-    turning = fit_yaw(grid, turned, turns, linkage_of(files), SLOWLY, metres, edges)
+    turning = fit_yaw(grid, turned, linkage_of(files), SLOWLY, metres, edges)
     seconds = turned.column("t")[-1] - standing.column("t")[0]
     return Measured(files.config.name, source or files.config.name, "latency",
                     _quantities(grid, pull, turning, standing),
@@ -98,18 +109,19 @@ def calibrate_latency(car: PulseCar, workshop: Workshop, *, progress: Progress =
 def _quantities(grid: Grid, pull: Pull, turning: Turning, standing: Traffic
                 ) -> dict[str, Quantity | Quantities]:
     blind = 0.0 if grid.seen else grid.phase_std
-    how = f"{REPEATS} steps" if grid.seen else f"{REPEATS} steps, the PWM frames not seen"
+    unseen = "" if grid.seen else ", the PWM frames not seen"
+    how, turns = (f"{n} steps{unseen}" for n in (REPEATS, ROUNDS * len(STAIRS)))
     found = {
         "latency.command_to_pulse": (*grid.to_pulse, f"{TRIALS} pulses at D8" if grid.seen else
                                      "derived: half a PWM frame, the bus and a pulse"),
         "latency.pulse_to_wheel": (pull.delay[0], math.hypot(pull.delay[1], blind), how),
         "latency.pulse_to_wheel_lag": (*pull.lag, how),
-        "latency.pulse_to_yaw": (turning.delay[0], math.hypot(turning.delay[1], blind), how),
+        "latency.pulse_to_yaw": (turning.delay[0], math.hypot(turning.delay[1], blind), turns),
         "latency.sensor_to_host": (*_arrival(standing), "arrivals by the clock fit"),
-        "steering.slew_us_s": (*turning.slew, how),
+        "steering.slew_us_s": (*turning.slew, turns),
     }
     if turning.lag is not None:
-        found["latency.pulse_to_yaw_lag"] = (*turning.lag, how)
+        found["latency.pulse_to_yaw_lag"] = (*turning.lag, turns)
     return {name: Quantity(float(value), float(std), method)
             for name, (value, std, method) in found.items()}
 
@@ -123,10 +135,11 @@ def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
         notes.append("caution: the backlash of the steering is not known and counts as a delay: "
                      "dart-hal calibrate steering, then this again")
     if turning.delay[1] > IN_STEP:
-        notes.append("caution: the clocks of gyro and Nano ran in step, so how old the samples of "
-                     "the gyro are does not show: pulse_to_yaw is known to some ms; run it again")
+        notes.append("caution: how old the samples of the gyro are did not show (its clock and the "
+                     "Nano's ran in step: run it again; or the firmware is of before 0.2: flash "
+                     "it): pulse_to_yaw is known to some ms")
     if turning.lag is None:
-        notes.append("a lag of the servo below 0.04 s does not show behind its slew")
+        notes.append(f"a lag of the servo below {HIDDEN_LAG} s does not show behind its slew")
     return (*notes, "drive_speed is tuned by these from the next start on")
 
 
@@ -189,17 +202,23 @@ def _held(car: PulseCar, states: Iterator[State], steering_us: float, throttle_u
     raise AssertionError("states() ended by itself")
 
 
-def _turn(car: PulseCar, log: TrafficLog) -> tuple[Traffic, FloatArray]:
-    """Steps of the steering at a steady speed; when each began [s]."""
-    files, runner = car.files, Runner(car)
-    left, right = _pulse(files, LEFT), _pulse(files, RIGHT)
-    seen = runner.hold(2.5, left, SLOWLY)
+def _await_gyro(car: PulseCar, log: TrafficLog) -> None:
+    """At rest until it is known when the gyro's samples are taken, where its looks tell it."""
+    runner, waited = Runner(car), 0.0
+    while (log.age_std or 0.0) > KNOWN and waited < LONGEST_WAIT:
+        runner.hold(AT_ONCE, _circle(car.files), 0.0)
+        waited += AT_ONCE
+
+
+def _turn(car: PulseCar, log: TrafficLog) -> Traffic:
+    """Stairs of the steering at a steady speed, and back."""
+    runner, files = Runner(car), car.files
+    last = STAIRS[-1]
+    seen = runner.hold(2.5, _pulse(files, last), SLOWLY)
     check_turning(seen[-40:], 0.0, True)
     log.take()
-    t = runner.hold(1.0, right, SLOWLY)[-1].t
-    starts = []
-    for k in range(REPEATS + 1):
-        starts.append(t)
-        t = runner.hold(LEFT_FOR + VARIED[k % 4], left, SLOWLY)[-1].t
-        t = runner.hold(RIGHT_FOR + VARIED[(k + k // 4) % 4], right, SLOWLY)[-1].t
-    return log.take(), np.array(starts)
+    for k, command in enumerate((*STAIRS * ROUNDS, STAIRS[0])):
+        held = LARGE_FOR if abs(command - last) > LARGE else SMALL_FOR
+        runner.hold(held + VARIED[(k + k // 4) % 4], _pulse(files, command), SLOWLY)
+        last = command
+    return log.take()

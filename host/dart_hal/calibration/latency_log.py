@@ -1,7 +1,8 @@
 """When what happened: commands as they went to the pins, edges and yaw rate as the car made them.
 
 All on the car's own clock. The Nano's stamps come to it by the clock fit; a command stands in the
-heartbeat that follows the write of its pulses.
+heartbeat that follows the write of its pulses; when the IMU took a sample tell the looks at its
+gyro (``imu_clock``).
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from dart_hal.car.identity import Hello
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import FrameReader, Sample
+from dart_hal.estimation.imu_clock import AGE_STD, ImuClock
 from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import DOWN, UP
 from dart_hal.wire.decoder import Decoder
@@ -26,6 +29,23 @@ from .sensor_log import WatchedCar
 FEW = 50
 """Frames below which nothing can be said."""
 WRAP = 1 << 32
+WORK, WORK_STD = 0.8e-3, 0.3e-3
+"""s of a slot of the firmware beside the IMU, by its emulator, and one sigma."""
+YAW_BYTE = 16 / 22
+"""Of the time that the IMU takes, before the yaw rate's low byte, which is taken when its turn
+comes: the 17th of 22 bytes where a status is read after the sample. 3.28 ms of the emulator's."""
+READ = (1.8e-3, 0.85e-3)
+"""s from the begin of the read to the yaw rate, and one sigma, where the Nano does not say: 16
+bytes of 22.5 us, each stretched by 0 to 180 us."""
+QUICKEST = 16 * 22.5e-6
+"""s of those bytes without stretching."""
+
+
+class LoggedCar(WatchedCar, Protocol):
+    """A car that says what its firmware can do."""
+
+    @property
+    def hello(self) -> Hello: ...
 
 
 class Written(NamedTuple):
@@ -38,7 +58,8 @@ class Written(NamedTuple):
 
 class Seen(NamedTuple):
     """One STATE: t of its latch and arrival [s], device time, edges with the time of the last
-    [s], yaw rate [rad/s] (nan = none) with its time [s], speed [m/s], one sigma of t [s]."""
+    [s], yaw rate [rad/s] (nan = none), begin [s] of a read that finds it at its mean age, one
+    sigma of that age [s], speed [m/s], one sigma of t [s]."""
 
     t: float
     arrival: float
@@ -47,13 +68,14 @@ class Seen(NamedTuple):
     edge_t: float
     yaw_rate: float
     yaw_t: float
+    age_std: float
     speed: float
     t_std: float
 
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """What passed in one stretch: writes (n, 3), frames (m, 9), columns as named above.
+    """What passed in one stretch: writes (n, 3), frames (m, 10), columns as named above.
 
     slot [s]: the longest turn of the firmware's loop, its read of the IMU included, as the newest
     DIAG said; nan = none came.
@@ -68,6 +90,13 @@ class Traffic:
         return np.asarray(self.seen[:, Seen._fields.index(name)])
 
     @property
+    def read_after(self) -> tuple[float, float]:
+        """(s from the begin of a read of the IMU to the yaw rate, one sigma)."""
+        if math.isnan(self.slot):
+            return READ
+        return max(YAW_BYTE * (self.slot - WORK), QUICKEST), WORK_STD
+
+    @property
     def edges(self) -> tuple[FloatArray, FloatArray]:
         """(time [s], count) (k,) of the edges that were the last when a frame was made."""
         t, ticks = self.column("edge_t"), self.column("ticks")
@@ -78,9 +107,10 @@ class Traffic:
 class TrafficLog:
     """Follows the traffic of one car from now on."""
 
-    def __init__(self, car: WatchedCar) -> None:
+    def __init__(self, car: LoggedCar) -> None:
         self._up, self._down = Decoder(UP, Gates()), Decoder(DOWN)
-        self._reader = FrameReader()
+        self._reader, self._imu_clock = FrameReader(), ImuClock()
+        self._reader.identified(car.hello.caps)
         self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
         self._written: list[Written] = []
         self._seen: list[Seen] = []
@@ -96,6 +126,12 @@ class TrafficLog:
             raise CalibrationFailed("no telemetry", found=f"{len(seen)} frames",
                                     expected="100 per second", remedy="dart-hal doctor")
         return Traffic(np.array(written), np.array(seen), self._slot)
+
+    @property
+    def age_std(self) -> float | None:
+        """One sigma [s] of the age of the newest sample of the gyro; None: nothing tells it."""
+        std = self._imu_clock.std
+        return std if std < AGE_STD else None
 
     def host_time(self, ck: int) -> float:
         """Car time [s] of a raw stamp of the Nano, by the newest frame."""
@@ -130,10 +166,13 @@ class TrafficLog:
             return
         sample, arrival = self._waiting.popleft()
         rate = math.nan if state.yaw_rate is None else state.yaw_rate
-        age = sample.imu_age if math.isfinite(sample.imu_age) else math.nan
+        if sample.restarted:
+            self._imu_clock.restart()
+        read = self._imu_clock.mean_read(sample.imu_t, sample.look)
         self._seen.append(Seen(
             state.t, arrival, sample.t_dev, sample.ticks, state.t - (sample.t_dev - sample.edge_t),
-            rate, state.t - age, state.speed, state.health.t_std))
+            rate, state.t - (sample.t_dev - read) if math.isfinite(read) else math.nan,
+            self._imu_clock.std, state.speed, state.health.t_std))
 
 
 def not_following(answer: str, command: str, found: float, least: float, unit: str, likely: str,

@@ -20,9 +20,8 @@ from dart_hal.errors import CalibrationFailed
 from dart_hal.types import BoolArray, FloatArray
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-from .latency_log import TrafficLog
+from .latency_log import LoggedCar, TrafficLog
 from .runner import AskingCar, Runner
-from .sensor_log import WatchedCar
 
 TRIALS, PERIODS = 12, 12
 """Captures, and PWM periods of each: a quarter of a second."""
@@ -42,7 +41,7 @@ STAMP = 0.5e-3
 """s, a floor: stamps and the clock fit."""
 
 
-class PulseCar(AskingCar, WatchedCar, Protocol):
+class PulseCar(AskingCar, LoggedCar, Protocol):
     """What the procedure needs of a Car."""
 
     def clock_pulse(self, on: bool, longer_us: float = ...) -> float: ...

@@ -1,59 +1,56 @@
 """From a pulse of the servo to the road wheels, by the yaw rate: delay, lag and slew of the servo.
 
-The car is steered to and fro between two pulses at a steady speed. The servo waits for the delay,
-then turns at its slew at most and with its lag; the wheels follow the linkage behind its backlash;
-and the yaw rate follows the wheels as the tyres do (linear bicycle). What it reaches at either
-pulse is fitted, so neither map nor gyro scale need be exact:
+The car is steered in stairs of small steps, and back in one. A small step keeps the servo at its
+slew for some 20 ms alone, and where it goes on in the direction of the step before, the wheels lie
+at that flank of the backlash already: so the delay hangs on neither. The large steps show the
+slew. After each turn
 
-    omega = v (a + b f(t)) + c          f: share of the way between the two, 0..1
+    omega = v (a + b f(t - delay)) + c        f: 0..1, see ``latency_turn``
 
-Backlash and tyres delay a turn as well. They come from the car's files where they were measured.
+has a, b and delay of its own, so neither map nor gyro scale need be exact; what f is made of is
+common to all. When the IMU took each sample tell its looks (``estimation.imu_clock``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from dart_hal.actuation.steering_map import SteeringMap, steering_map
-from dart_hal.config import CarFiles
 from dart_hal.errors import CalibrationFailed
-from dart_hal.types import FloatArray
-from dart_hal.vehicle.load import vehicle_of
-from dart_hal.vehicle.parameters import PaperTyres, Vehicle
+from dart_hal.estimation.imu_clock import PERIOD
+from dart_hal.types import BoolArray, FloatArray, IntArray
 
-from .latency_age import read_after, without_age
 from .latency_fit import Fit, Problem, fit_lag
 from .latency_log import Traffic, not_following
 from .latency_pulse import Grid
-from .latency_wheel import BEFORE, DT, LONGEST_DELAY, LONGEST_LAG, sure_steps
+from .latency_turn import LAG, RATE, Answers, Kind, Linkage, answers_of, times
+from .latency_wheel import FEWEST, JUMP_US, LONGEST_DELAY, LONGEST_LAG, sure_steps
 
-BACKLASH = (0.02, 0.012)
-"""rad, and one sigma, of a linkage that nobody has measured: 0.3 to 2 degrees."""
-TYRES = 0.15
-"""Relative, one sigma of the tyres' stiffness by a model of another car; 0.1 by its own."""
 SLEW = (3800.0, 1500.0)
 """us of pulse per s: 0.16 s for 60 degrees, as servos of this class state."""
 NOISE = 0.003
 """rad/s: the gyro's 2.5e-4 rad/s/sqrt(Hz) at 100 Hz, and its step of 1/900."""
-GYRO_HZ, FILTER_STD = 32.0, 0.0005
-"""Hz of the BNO055's filter as the firmware sets it; s, one sigma of its delay of 5 ms: 10 %."""
+FILTER_STD = 0.0005
+"""s, one sigma of the delay of 5 ms of the gyro's filter: 10 %."""
 TYRES_LATE = 0.0004
 """s, one sigma of what one stiffness for both axles leaves of the 4 to 7 ms by which the yaw rate
 is behind the wheels at 0.5 m/s, where front, rear and inertia are each known to 10 %."""
-HIDDEN_LAG, LAG_STD = 0.04, 0.003
-"""s: a shorter lag shows nothing, for the slew holds the servo back all the way; and one sigma of
-what map and tyres leave in a longer one."""
-SLEW_STD = 0.015
-"""Relative, one sigma that the shape of the map leaves in the slew."""
+HIDDEN_LAG, LAG_STD = 0.010, 0.003
+"""s: a shorter lag shows nothing, for the slew holds the servo back all of a small step, 20 ms; and
+one sigma of what map and tyres leave in a longer one."""
 WEAK = 0.3
 """rad/s by which the yaw rate must change."""
 TURNS = 20
 """Of the ring, at least; at 0.5 m/s it turns 12 times a second."""
-LAG, RATE, PLAY, GRIP = range(4)
+RESTED = 0.05
+"""s before the end of a pulse in which the turn before has come to rest."""
+SMALL = 0.3
+"""Of the largest turn; a smaller one is a step of the stairs."""
+SAMPLES = 20
+"""Of a turn, at least: 30 come while a small step is held."""
+SOON = 1e-3
+"""s before a write, where its turn begins: no other is so near."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,35 +66,14 @@ class Turning:
     left: float
 
 
-@dataclass(frozen=True, slots=True)
-class Linkage:
-    """What is known of the steering: map, backlash and tyres, each with one sigma."""
+def fit_yaw(grid: Grid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
+            edges_per_rev: int) -> Turning:
+    """speed [m/s] that was held.
 
-    map: SteeringMap
-    backlash: tuple[float, float]
-    vehicle: Vehicle
-    tyres: float
-
-
-def linkage_of(files: CarFiles) -> Linkage:
-    """By the car's own files, else by those of cars of its kind."""
-    measured = files.calibration.steering if files.calibration else None
-    play = measured.backlash if measured else None
-    return Linkage(steering_map(files.config, measured.map if measured else None),
-                   BACKLASH if play is None else (play.value, max(play.std, 1e-3)),
-                   vehicle_of(files.model), TYRES)
-
-
-def fit_yaw(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, speed: float,
-            metres: float, edges_per_rev: int) -> Turning:
-    """Each turn has a delay of its own, for the gyro's samples are of different age
-    (``latency_age``); the rest is common to all.
-
-    starts (k,) [s] of the repetitions; speed [m/s] that was held. Errors: CalibrationFailed where
-    the yaw rate does not follow the steering.
+    Errors: CalibrationFailed where the yaw rate does not follow the steering.
     """
-    turns = _turns(grid, traffic, starts, linkage, speed, metres, edges_per_rev)
-    n = len(turns.at)
+    turns = _turns(grid, traffic, linkage, speed, metres, edges_per_rev)
+    n = len(turns.kind)
     start, low, high, steps, known = (np.append(common, np.full(n, own)) for common, own in (
         ([0.005, SLEW[0], linkage.backlash[0], 1.0], 0.02),
         ([0.0, 500.0, 0.0, 0.3], -0.05), ([LONGEST_LAG, 3e4, 0.15, 3.0], LONGEST_DELAY),
@@ -105,82 +81,115 @@ def fit_yaw(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, 
                                           np.inf)))
     found, shows = fit_lag(Problem(turns.residual, start, low, high, steps, known, NOISE), LAG,
                            HIDDEN_LAG)
-    return _turning(found, shows, turns, read_after(traffic))
+    return _turning(found, shows, turns, traffic.read_after, linkage.shape)
 
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """yaw (m,) [rad/s] at yaw_t (m,) [s] and speed v (m,) [m/s]; grid t (n,) [s].
+    """t (k, m) [s] of samples after the end of the pulse of each turn, yaw (k, m) [rad/s], both 0
+    where there are no more, ``there`` (k, m) is False; kind (k,) of kinds, answers: of each.
 
-    at (k,) [s]: ends of the pulses [us] that turn the servo from ``before`` ``to``; curve: pulses
-    [us] and their angles [rad]; tyres: filter of a stiffness.
+    told (k,): its frame is sure, and it is a step of the stairs; age_std [s]: of the samples.
     """
 
-    yaw_t: FloatArray
-    yaw: FloatArray
-    v: FloatArray
     t: FloatArray
-    at: FloatArray
-    before: FloatArray
-    to: FloatArray
-    curve: tuple[FloatArray, FloatArray]
-    tyres: Callable[[float], tuple[FloatArray, FloatArray]]
+    yaw: FloatArray
+    there: BoolArray
+    kind: IntArray
+    kinds: tuple[Kind, ...]
+    answers: Answers
+    told: BoolArray
+    age_std: float
 
     def residual(self, x: FloatArray) -> FloatArray:
         """What lag, slew, play, stiffness and the delays of all turns leave of ``yaw``."""
-        from scipy.signal import lfilter
+        lag, rate, play, grip = x[:4].tolist()
+        answers, after = self.answers((lag, rate, play, grip)), times()
+        shown = np.array([np.interp(t - own, after, answers[k], left=0.0) for t, own, k in zip(
+            self.t, x[4:], self.kind, strict=True)])
+        shown, yaw = self._centred(shown), self._centred(self.yaw)
+        turned = np.sum(shown * yaw, axis=1) / (np.sum(shown * shown, axis=1) + 1e-9)
+        return np.asarray((yaw - turned[:, None] * shown)[self.there])
 
-        share = _share(self.t, self.at + x[4:], self.before, self.to, x[:4], self.curve)
-        b, a = self.tyres(max(float(x[GRIP]), 0.1))
-        seen = -np.expm1(-2.0 * np.pi * GYRO_HZ * DT)
-        turning = lfilter([seen], [1.0, seen - 1.0], lfilter(b, a, share))
-        followed = np.interp(self.yaw_t, self.t, turning)
-        columns = np.column_stack([self.v, self.v * followed, np.ones_like(self.v)])
-        best, *_ = np.linalg.lstsq(columns, self.yaw, rcond=None)
-        return np.asarray(self.yaw - columns @ best)
+    def _centred(self, rows: FloatArray) -> FloatArray:
+        """Without the mean of each turn."""
+        rows = np.where(self.there, rows, 0.0)
+        mean = rows.sum(axis=1) / self.there.sum(axis=1)
+        return np.where(self.there, rows - mean[:, None], 0.0)
 
 
-def _turns(grid: Grid, traffic: Traffic, starts: FloatArray, linkage: Linkage, speed: float,
-           metres: float, edges_per_rev: int) -> Turns:
-    """Those whose PWM frame is known. Errors: as ``fit_yaw``."""
-    yaw_t, yaw = traffic.column("yaw_t"), traffic.column("yaw_rate")
-    begin = starts - BEFORE
-    of = np.searchsorted(begin, yaw_t, side="right") - 1
-    kept = np.isin(of, sure_steps(grid, traffic, 1, begin)) & np.isfinite(yaw)
-    yaw_t, yaw, of = yaw_t[kept], yaw[kept], of[kept]
-    if np.ptp(yaw) < WEAK:
+def _turns(grid: Grid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
+           edges_per_rev: int) -> Turns:
+    """Steps of the stairs that go on in one direction, and large ones back.
+
+    Errors: as ``fit_yaw``.
+    """
+    columns = np.array([traffic.column(name) for name in ("yaw_t", "yaw_rate", "age_std")])
+    yaw_t, yaw, age_std = columns[:, np.isfinite(columns).all(axis=0)]
+    if not len(yaw) or np.ptp(yaw) < WEAK:
         raise not_following(
-            "yaw rate", "steering", float(np.ptp(yaw)), WEAK, "rad/s",
+            "yaw rate", "steering", float(np.ptp(yaw)) if len(yaw) else 0.0, WEAK, "rad/s",
             "the wheels are off the ground, the servo does not move, or the gyro is stuck",
             "put the car on the floor; check the servo's plug (channel 0)")
-    ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, 1])
-    turned = np.flatnonzero(np.abs(np.diff(widths, prepend=widths[0])) > 1.0)
-    turned = turned[(turned > 0) & (ends[turned] > yaw_t[0])]
-    turned = turned[np.isin(np.searchsorted(begin, ends[turned], side="right") - 1, of)]
-    to, before = widths[turned], widths[turned - 1]
-    knots = np.linspace(min(to.min(), before.min()), max(to.max(), before.max()), 200)
+    ends, every, sure = _turned(grid, traffic)
+    way = np.array([kind.to - kind.before for kind in every])
+    small = np.abs(way) < SMALL * np.max(np.abs(way))
+    wanted = np.flatnonzero(small != [kind.reverses for kind in every])[:-1]
+    inside = {int(k): np.flatnonzero((yaw_t > ends[k] - RESTED) & (yaw_t < ends[k + 1]))
+              for k in wanted}
+    kept = [k for k, row in inside.items() if len(row) >= SAMPLES]
+    rows, told = [inside[k] for k in kept], (small & sure)[kept]
+    if np.sum(told) < FEWEST:
+        raise CalibrationFailed(
+            "the yaw rate is seldom there", found=f"{np.sum(told)} steps with all their samples",
+            expected=f"at least {FEWEST} of {np.sum(small[wanted])}",
+            likely="a loose wire to the IMU", remedy="dart-hal doctor")
+    kinds = tuple(dict.fromkeys(every[k] for k in kept))
+    longest = max(len(row) for row in rows)
+    there = np.array([np.arange(longest) < len(row) for row in rows])
+    index = np.array([np.pad(row, (0, longest - len(row))) for row in rows])
+    steady = yaw * speed / rolled(traffic, metres, edges_per_rev, yaw_t)
+    after = yaw_t[index] - ends[kept][:, None]
     return Turns(
-        yaw_t, yaw, rolled(traffic, metres, edges_per_rev, yaw_t),
-        np.arange(starts[0] - 1.0, yaw_t[-1] + DT, DT), ends[turned], before, to,
-        (knots, np.array([linkage.map.angle(float(k)) for k in knots])),
-        lru_cache(maxsize=8)(lambda grip: _tyres(linkage.vehicle, grip, speed)))
+        np.where(there, after, 0.0), np.where(there, steady[index], 0.0), there,
+        np.array([kinds.index(every[k]) for k in kept]), kinds,
+        answers_of(kinds, linkage, speed), told,
+        float(np.mean(age_std[index[there]])))
 
 
-def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float]) -> Turning:
-    """What the turns have in common, and their delay without the age of the samples.
+def _turned(grid: Grid, traffic: Traffic) -> tuple[FloatArray, list[Kind], BoolArray]:
+    """Ends [s] of the pulses (k,) that turn the servo, which turns, and whether their PWM frame is
+    known; the first turn only tells a direction, and is left out."""
+    written_t, written = traffic.written[:, 0], traffic.written[:, 1]
+    ends, widths = grid.pulses(written_t, written)
+    at, begin = (np.flatnonzero(np.abs(np.diff(w, prepend=w[0])) > JUMP_US)
+                 for w in (widths, written))
+    way = np.diff(widths)[at - 1]
+    kinds = [Kind(round(float(widths[k - 1]), 1), round(float(widths[k]), 1), bool(back))
+             for k, back in zip(at[1:], way[1:] * way[:-1] < 0.0, strict=True)]
+    sure = np.isin(np.arange(len(begin)), sure_steps(grid, traffic, 1, written_t[begin] - SOON))
+    return ends[at[1:]], kinds, sure[1:]
 
-    A slew that is too slow by 1 % makes half of the way longer by 0.5 ms, which the delay lacks.
+
+def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float],
+             shape: float) -> Turning:
+    """What the turns have in common; the delay by the stairs, less those of another PWM frame.
+
+    A slew that is too slow by 1 % makes half of a step longer by 0.1 ms, which the delay lacks.
     """
-    own, n = found.x[4:], len(turns.at)
-    delay, spread = without_age(own, turns.at)
-    mean = np.append(np.zeros(4), np.full(n, 1.0 / n))
+    own = found.x[4:]
+    told = turns.told & (np.abs(own - np.median(own[turns.told])) < PERIOD)
+    n = int(np.sum(told))
+    mean = np.append(np.zeros(4), told / n)
     slew = float(found.x[RATE])
-    half_way = 0.5 * float(np.mean(np.abs(turns.to - turns.before))) / slew
-    std = np.sqrt(mean @ found.covariance @ mean + spread**2 + read[1] ** 2
-                  + (SLEW_STD * half_way) ** 2 + TYRES_LATE**2 + FILTER_STD**2)
+    half_way = 0.5 * float(np.mean([abs(turns.kinds[k].to - turns.kinds[k].before)
+                                    for k in turns.kind[told]])) / slew
+    std = np.sqrt(mean @ found.covariance @ mean + np.var(own[told]) / n + read[1] ** 2
+                  + (shape * half_way) ** 2 + TYRES_LATE**2 + FILTER_STD**2 + turns.age_std**2)
     lag = (float(found.x[LAG]), float(np.hypot(found.std[LAG], LAG_STD)))
-    return Turning((delay + read[0], float(std)), lag if shows else None,
-                   (slew, float(np.hypot(found.std[RATE], SLEW_STD * slew))), found.left)
+    return Turning((float(mean[4:] @ own) + read[0] - 0.5 * PERIOD, float(std)),
+                   lag if shows else None,
+                   (slew, float(np.hypot(found.std[RATE], shape * slew))), found.left)
 
 
 def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
@@ -200,53 +209,3 @@ def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -
     ahead = np.interp(place + 0.5 * per_turn, place, edge_t)
     inside = slice(edges_per_rev, -edges_per_rev)
     return np.asarray(np.interp(t, edge_t[inside], (per_turn / (ahead - behind))[inside]))
-
-
-def _share(t: FloatArray, at: FloatArray, before: FloatArray, to: FloatArray, p: FloatArray,
-           curve: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Where the wheels are at t (n,), as a share 0..1 of the way between the two pulses.
-
-    curve: pulses [us] and their angles [rad] by the map.
-    The wheels lie at one flank of the slot after a turn, and wait for the other after the next.
-    """
-    step = np.maximum(np.searchsorted(at, t, side="right") - 1, 0)
-    since = np.maximum(t - at[step], 0.0)
-    way = np.abs(to - before)[step]
-    lag = max(float(p[LAG]), 1e-6)
-    gone = np.minimum(p[RATE] * since, -way * np.expm1(-since / lag))
-    pulse = before[step] + np.sign(to - before)[step] * gone
-    angle = np.interp(pulse, *curve)
-    start, end = (np.interp(x, *curve)[step] for x in (before, to))
-    up, half = np.sign(end - start), 0.5 * abs(p[PLAY])
-    wheels = up * np.maximum(up * angle - half, up * start + half)
-    low, high = float(np.min(wheels)), float(np.max(wheels))
-    return np.asarray((np.tan(wheels) - np.tan(low)) / (np.tan(high) - np.tan(low)))
-
-
-def _tyres(p: Vehicle, grip: float, speed: float) -> tuple[FloatArray, FloatArray]:
-    """Yaw rate by road-wheel angle as a filter of gain 1 at rest, step ``DT``.
-
-    Linear bicycle (``vehicle.bicycle``) with the tyres ``grip`` times as stiff.
-    """
-    from scipy.signal import cont2discrete, ss2tf
-
-    body, front, rear = p.body, *(grip * c for c in stiffness(p))
-    m, i, a, b = body.mass, body.yaw_inertia, body.l_f, body.l_r
-    cross = b * rear - a * front
-    matrix = np.array([[-(front + rear) / (m * speed), cross / (m * speed) - speed],
-                       [cross / (i * speed), -(a * a * front + b * b * rear) / (i * speed)]])
-    push = np.array([[front / m], [a * front / i]])
-    gain = float((-np.linalg.solve(matrix, push))[1, 0])
-    ad, bd, cd, dd, _ = cont2discrete((matrix, push, np.array([[0.0, 1.0 / gain]]),
-                                       np.zeros((1, 1))), DT)
-    top, bottom = ss2tf(ad, bd, cd, dd)
-    return np.asarray(top[0]), np.asarray(bottom)
-
-
-def stiffness(p: Vehicle) -> tuple[float, float]:
-    """Cornering stiffness of front and rear axle [N/rad] at small angles."""
-    tyres = p.tyres
-    if isinstance(tyres, PaperTyres):
-        return (tyres.front_D * tyres.front_C * tyres.front_B, tyres.rear_cornering_stiffness)
-    return (p.body.front_load * tyres.front_D * tyres.front_C * tyres.front_B,
-            p.body.rear_load * tyres.rear_D * tyres.rear_C * tyres.rear_B)

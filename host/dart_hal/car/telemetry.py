@@ -17,14 +17,13 @@ from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.types import Applied, Doubt, Health, Limit, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import Frame
-from dart_hal.wire.messages import CAPS, STATE, STATE_FLAGS
+from dart_hal.wire.messages import STATE, STATE_FLAGS
 
 BITS_PER_BYTE = 10
 """8N1: start, eight data bits, stop."""
 SLIDES = 0.5
 """Share of the speed that goes sideways where CAR_SLIDES is said: a slip angle of 30 degrees of the
 rear axle, beyond which a car spins."""
-GYRO_LOOK = 1 << CAPS.index("GYRO_LOOK")
 UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
@@ -77,7 +76,7 @@ class Telemetry:
 
     def identified(self, caps: int) -> None:
         """What the firmware can do: HELLO.caps."""
-        self._frames.looks = bool(caps & GYRO_LOOK)
+        self._frames.identified(caps)
 
     def restart(self) -> None:
         """The Nano booted again: re-base at the next frame."""

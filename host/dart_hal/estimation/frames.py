@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import cos, inf, sin
 from typing import NamedTuple
 
-from dart_hal.wire.messages import STATE_FLAGS, TICKS_PER_SECOND
+from dart_hal.wire.messages import CAPS, STATE_FLAGS, TICKS_PER_SECOND
 
 WRAP = 1 << 32
 HALF = 1 << 31
@@ -22,6 +22,7 @@ RESTART_PAUSE = 100
 """Frames between two restarts: a bootloader alone takes longer than 1 s."""
 
 IMU_VALID = 1 << STATE_FLAGS.index("IMU_VALID")
+GYRO_LOOK = 1 << CAPS.index("GYRO_LOOK")
 NO_AGE = 65535
 NO_BEAT = 255
 SATURATED = 65535
@@ -98,7 +99,7 @@ class FrameReader:
     """Turns decoded STATE payloads into samples; one per stream.
 
     ``looks``: HELLO.caps has GYRO_LOOK, the two bits of CALIB_STAT that tell of the
-    magnetometer, which does not run, tell of the gyro.
+    magnetometer, which does not run, tell of the gyro; ``identified`` sets it.
     """
 
     def __init__(self, mounting: Mounting | None = None) -> None:
@@ -115,6 +116,10 @@ class FrameReader:
         self._edge_ck = self._edge_b_ck = 0
         self._restart = False
         self._frames = 0
+
+    def identified(self, caps: int) -> None:
+        """What the firmware can do: HELLO.caps."""
+        self.looks = bool(caps & GYRO_LOOK)
 
     def restart(self) -> None:
         """The Nano restarted (HELLO with another boot_count): re-base at the next frame.
