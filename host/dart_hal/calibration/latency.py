@@ -131,13 +131,13 @@ def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
     if not grid.seen:
         notes.append("caution: no pulse was seen at D8, so when a pulse begins is known to half a "
                      "PWM frame alone: fit the wire from the spare channel and run it again")
-    if files.calibration is None or files.calibration.steering.backlash is None:
-        notes.append("caution: the backlash of the steering is not known and counts as a delay: "
+    if files.calibration is None or files.calibration.steering.map is None:
+        notes.append("caution: the map of the steering is not known, and the slew to some percent: "
                      "dart-hal calibrate steering, then this again")
     if turning.delay[1] > IN_STEP:
         notes.append("caution: how old the samples of the gyro are did not show (its clock and the "
-                     "Nano's ran in step: run it again; or the firmware is of before 0.2: flash "
-                     "it): pulse_to_yaw is known to some ms")
+                     "Nano's ran in step: run it again; or its firmware does not look at them: "
+                     "dart-hal flash): pulse_to_yaw is known to some ms")
     if turning.lag is None:
         notes.append(f"a lag of the servo below {HIDDEN_LAG} s does not show behind its slew")
     return (*notes, "drive_speed is tuned by these from the next start on")
