@@ -152,6 +152,11 @@ class Follower:
         return self.profile.capped(self.cap).time
 
     @property
+    def fastest(self) -> float:
+        """m/s that may be asked for anywhere."""
+        return min(self.cap, float(self.profile.speed.max()))
+
+    @property
     def remaining(self) -> float:
         """m to the end."""
         length = self.path.length
