@@ -1,12 +1,13 @@
 """How well hidden cars keep to the middle of a lane by their lidar alone, by their true rear axle.
 
     python -m tests.control.lane_figures --seeds 20 [--first 101] [--speed 1 2] [--map lane lane-s]
-        [--car later] [--no-trim] [--calibrated] [--plot PNG]
+        [--car later] [--no-trim] [--calibrated]
+    python -m tests.control.lane_figures --first 210 --plot docs/pictures/lane.png
 
 Each car knows its steering wrongly by a trim of 1.5 deg and a gain of 5 %, its speed by 3 %, each
 to a side that the seed draws, and nothing of how its lidar sits (yaw within 0.03 rad, scale within
 1.5 %). --calibrated: as calibrations leave it instead. --no-trim: nothing is learnt on the way.
-Errors are taken after the first 2 m, until the lane ends. Some 4 s a car.
+Errors are taken after the first 2 m, until the lane ends. Some 4 s a car. --plot: one in the S.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.sim.lidar.lanes import BEHIND, LANES
+from dart_hal.sim.lidar.lanes import BEHIND, LANES, boards
 from dart_hal.sim.truth import room_of_car, world_of
 from dart_hal.vehicle.file import model_of
 
@@ -130,6 +131,36 @@ def driven(seed: int, speed: float, name: str, kind: str = "paper", learns: bool
     return Drive(follower, middle, t, np.array(ways), x, y, np.array(error), v, w, trim, mount)
 
 
+def plot(seed: int, speed: float, file: Path) -> None:
+    """The S with its boards, true lines and errors with what is learnt and without."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (floor, way) = plt.subplots(1, 2, figsize=(11, 4.2), width_ratios=(1.2, 1.0),
+                                        layout="constrained")
+    middle = LANES["lane-s"]()
+    for k, board in enumerate(boards(middle)):
+        floor.plot(*board.T, color="#22313f", lw=1.6, label="boards" if k == 0 else None)
+    floor.plot(middle.x, middle.y, "k--", lw=0.8, label="middle")
+    for learns, colour, name in ((False, "#d55e00", "nothing learnt"), (True, "#0072b2", "lane")):
+        drive = driven(seed, speed, "lane-s", learns=learns)
+        floor.plot(drive.x, drive.y, color=colour, lw=1.1)
+        way.plot(drive.s - drive.s[0], 100.0 * drive.error, color=colour, lw=1.2,
+                 label=f"{name}: {drive.figures['rms']:.1f} cm rms after 2 m")
+    floor.set_aspect("equal")
+    floor.set(xlabel="x [m]", ylabel="y [m]")
+    floor.set_title(f"lane-s, {speed:g} m/s, hidden car {seed}, by its lidar alone", loc="left",
+                    fontsize=9)
+    way.axvline(SETTLED, color="0.6", lw=0.8)
+    way.set(xlabel="way along the lane [m]", ylabel="true rear axle left of the middle [cm]")
+    for axes in (floor, way):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8, loc="upper right")
+    figure.savefig(file, dpi=100)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
@@ -139,7 +170,11 @@ def main() -> None:
     parser.add_argument("--car", choices=("paper", "later"), default="paper")
     parser.add_argument("--no-trim", action="store_true")
     parser.add_argument("--calibrated", action="store_true")
+    parser.add_argument("--plot", type=Path)
     given = parser.parse_args()
+    if given.plot:
+        plot(given.first, given.speed[0], given.plot)
+        return
     for name in given.map:
         for speed in given.speed:
             drives = [driven(seed, speed, name, given.car, not given.no_trim, given.calibrated)
