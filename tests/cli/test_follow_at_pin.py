@@ -41,7 +41,7 @@ class Until:
         self._source.close()
 
 
-def driven(seconds=None, downhill=False, until=60.0):
+def driven(seconds=None, downhill=False, until=60.0, blocked=False):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive whose poses end.
 
     Raises NeverEnds where it goes on at ``until`` s of the world.
@@ -49,6 +49,8 @@ def driven(seconds=None, downhill=False, until=60.0):
     backend = open_backend("sim://?seed=3&nano=mock&mocap=1")
     world, pulses = world_of(backend), []
     world.at(until, never_ends)
+    if blocked:
+        world.at(3.0, lambda w: setattr(w, "blocked", True))
     if downhill:
         world.at(0.0, roll)
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
@@ -102,6 +104,25 @@ def test_control_without_that_time_it_never_ends(monkeypatch):
     monkeypatch.setattr(stopping, "WITHIN", 1e9)
     with pytest.raises(NeverEnds):
         driven(2.5, downhill=True, until=9.0)
+
+
+def test_a_car_that_is_held_is_given_up_at_neutral():
+    """Its motor pulls against what holds the wheel for the time in which a car has to move."""
+    follower, neutral, pulses = driven(60.0, blocked=True, until=12.0)
+    assert follower.phase is Phase.ENDED
+    assert not follower.good
+    assert "does not move" in follower.why
+    t, us = pulses.T
+    assert us[(t > 3.5) & (t < 5.5)].max() > neutral + 20.0
+    assert us[t > 3.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
+
+
+@pytest.mark.more
+def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
+    monkeypatch.setattr(stopping, "STUCK", 1e9)
+    monkeypatch.setattr(rules, "PATIENCE", 1e9)
+    with pytest.raises(NeverEnds):
+        driven(60.0, blocked=True, until=12.0)
 
 
 @pytest.mark.more

@@ -13,6 +13,7 @@ from dart_hal.cli.lane import drive, follower_of
 from dart_hal.control import lane_follow
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
+from dart_hal.control.stopping import STUCK
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE
@@ -53,13 +54,16 @@ class Changed:
         self._source.close()
 
 
-def driven(fault, until=inf):
+def driven(fault, until=inf, blocked=False):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us)."""
     backend = open_backend("sim://?seed=3&nano=mock&lidar=1&map=lane")
     world, pulses = world_of(backend), []
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
-    backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
+    if blocked:
+        world.at(3.0, lambda w: setattr(w, "blocked", True))
+    else:
+        backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
     with Car.over(backend) as car:
         follower = follower_of(car, 1.0, inf, until)
         drive(car, follower, ())
@@ -84,6 +88,16 @@ def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     assert us[late].max() <= us[(t > first) & ~late].max()
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
+
+
+@pytest.mark.more
+def test_a_car_that_is_held_is_given_up_at_neutral():
+    follower, neutral, pulses = driven("", until=20.0, blocked=True)
+    assert not follower.good
+    assert "does not move" in follower.why
+    t, us = pulses.T
+    assert us[(t > 3.5) & (t < 5.5)].max() > neutral + 20.0
+    assert us[t > 3.0 + 0.5 + STUCK].max() < neutral + 5.0
 
 
 @pytest.mark.more

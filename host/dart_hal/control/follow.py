@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.control.lap import CRAWL, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
-from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, Stopping
+from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK, Standing, Stopping
 from dart_hal.control.trackers import TRACKERS, Tracker
 from dart_hal.errors import UsageError
 from dart_hal.types import START, FloatArray, MotionEstimate, Pose, Tracking
@@ -117,6 +117,7 @@ class Follower:
         self._moves = False
         self._seen = self._lap_t = self._before = 0.0
         self._speed = self._joining = 0.0
+        self._standing = Standing()
         self._stopping: Stopping | None = None
 
     def answer(self, motion: MotionEstimate) -> Command:
@@ -200,6 +201,8 @@ class Follower:
                       f"{self.tracker.s % self.path.length:.2f} m")
         elif self.phase is Phase.JOINING and self._joining > JOIN:
             self._end(f"the car did not come into the lane within {JOIN:g} m")
+        elif self._standing.stuck(t, motion.speed):
+            self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
         elif self.remaining <= 0.0:

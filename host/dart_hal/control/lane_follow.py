@@ -22,7 +22,7 @@ from dart_hal.control.lap import CRAWL, GRIP
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
-from dart_hal.control.stopping import ROLLS, SLOWS, Stopping
+from dart_hal.control.stopping import ROLLS, SLOWS, STUCK, Standing, Stopping
 from dart_hal.types import FloatArray, Scan
 
 NEAR, PER_SPEED = 0.1, 0.2
@@ -62,6 +62,7 @@ class LaneFollower:
         self._sight: Sight | None = None
         self._begun = self._whole = self._scanned = -inf
         self._before = self._speed = 0.0
+        self._standing = Standing()
         self._stopping: Stopping | None = None
 
     def answer(self, t: float, speed: float, scans: Sequence[Scan] = ()) -> Command:
@@ -127,6 +128,8 @@ class LaneFollower:
             return
         if t - self._whole > PATIENCE:
             self._end(f"{self._fault()} for {t - self._whole:.1f} s")
+        elif self._standing.stuck(t, self.model.now.speed):
+            self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif t - self._begun > self.duration:
             self._end(f"the time of {self.duration:g} s is over", good=True)
         elif self.model.way > self.distance:

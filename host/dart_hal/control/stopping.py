@@ -1,6 +1,9 @@
-"""Slowing down to rest, by a ramp and a time in which the car has to stand."""
+"""Slowing down to rest, by a ramp and a time in which the car has to stand; and one that stands
+though it is asked to drive."""
 
 from __future__ import annotations
+
+from math import inf
 
 from dart_hal.control.lap import CRAWL
 from dart_hal.types import MotionEstimate
@@ -12,6 +15,23 @@ RESTS, RESTS_FOR = 0.03, 0.2
 WITHIN = 3.0
 """s at neutral in which it has to stand: a car whose brake does nothing rolls out from 2 m/s in
 2.5 s. One that does not is downhill, or pushed, and no program makes it stop."""
+
+STUCK, ANSWER = 3.0, 0.1
+"""s in which a car that is asked to drive has to move, of at most so many for one answer: arming
+takes 2 s, in which nothing is asked. A motor that is held pulls its largest current."""
+
+
+class Standing:
+    """How long a car that is asked to drive has stood [s]; once per answer."""
+
+    def __init__(self) -> None:
+        self._t, self._stood = inf, 0.0
+
+    def stuck(self, t: float, speed: float) -> bool:
+        """Whether that is too long, at t [s] and a speed [m/s]."""
+        dt, self._t = min(max(t - self._t, 0.0), ANSWER), t
+        self._stood = self._stood + dt if abs(speed) < RESTS else 0.0
+        return self._stood > STUCK
 
 
 class Stopping:
