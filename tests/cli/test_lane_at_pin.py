@@ -96,7 +96,7 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
     assert not follower.good
     assert "does not move" in follower.why
     t, us = pulses.T
-    assert us[(t > 3.5) & (t < 5.5)].max() > neutral + 20.0
+    assert us[(t > 2.5) & (t < 3.5)].max() > neutral + 20.0
     assert us[t > 3.0 + 0.5 + STUCK].max() < neutral + 5.0
 
 
