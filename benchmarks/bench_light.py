@@ -25,6 +25,7 @@ ROUNDS, CARS = 4, 10_000
 BARE = LightConfig(sensors=None)
 FULL = LightConfig(sensors=FIRMWARE, actuators=DART_ACTUATORS,
                    disturbance=Disturbance(0.12, 0.12, 0.15))
+BEAMS = 36
 PUBLIC = "f1tenth_gym_jax without scan: 250-390 k of 10 ms"
 """Beside it: the fastest public environment of small cars, on another machine."""
 
@@ -45,7 +46,8 @@ def figures(scale: float = 1.0) -> list[Figure]:
         return [*rows, Figure("DartCar-v0", math.nan, "", note=str(why).splitlines()[0])]
     return [*rows, _single(scale, FULL, "one car"),
             _single(scale, LightConfig(), "one car, perfect sensors, no force"),
-            _vector(scale, 0.05, False), _vector(scale, 0.05, True), _vector(scale, 0.01, False)]
+            _vector(scale, 0.05, False), _vector(scale, 0.05, True), _vector(scale, 0.01, False),
+            _vector(scale, 0.05, False, BEAMS)]
 
 
 def cars(scale: float) -> int:
@@ -101,11 +103,11 @@ def _single(scale: float, light: LightConfig, name: str) -> Figure:
                   note="resets included")
 
 
-def _vector(scale: float, period: float, drawn: bool) -> Figure:
+def _vector(scale: float, period: float, drawn: bool, beams: int = 0) -> Figure:
     from dart_hal.sim.gym import DartCarVectorEnv
 
     n, steps = cars(scale), max(2, round(20 * scale))
-    env = DartCarVectorEnv(n, period=period)
+    env = DartCarVectorEnv(n, period=period, beams=beams, opponents=2 if beams else 0)
     env.reset(seed=0, options={"randomise": drawn})
     action = np.tile(np.array([0.27, 0.0], dtype=np.float32), (n, 1))
     for _ in range(round(1.5 / period)):   # until resets are spread over the steps
@@ -117,9 +119,12 @@ def _vector(scale: float, period: float, drawn: bool) -> Figure:
 
     rate = n * steps / best_cpu(drive, ROUNDS)
     name = f"DartCar-v0: {n:,} cars, {1e3 * period:.0f} ms{', drawn anew at resets' * drawn}"
-    target = 100e3 if period == 0.05 and not drawn else None
+    if beams:
+        name += f", {beams} beams, 2 opponents"
+    target = 100e3 if period == 0.05 and not drawn and not beams else None
     return Figure(name, rate, "env-steps/s", target,
-                  note=f"{rate * env.config.frame / 1e6:.1f} M car-steps/s; {PUBLIC}")
+                  note=f"{rate * env.config.frame / 1e6:.1f} M car-steps/s"
+                  + f"; {PUBLIC}" * (not beams))
 
 
 def main() -> None:

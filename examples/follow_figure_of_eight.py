@@ -5,18 +5,19 @@
 
 from dart_hal import Car
 from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.pursuit import PurePursuit
+from dart_hal.control.plant import plant_of
+from dart_hal.control.trackers import Pursuit
 
 RADIUS = 0.9  # m; the car turns no tighter than 0.55
 SPEED = 0.6  # m/s
 
 with Car.open() as car:
     path = figure_of_eight(RADIUS)
-    pursuit = PurePursuit(path, car.files.config.geometry.wheelbase)
+    pursuit = Pursuit(path, plant_of(car.files))
     car.arm()
     worst = 0.0
     for s in car.states(duration=path.length / SPEED):
-        steering = pursuit.steer(s.pose, s.speed, s.yaw_rate or 0.0)
+        steering = pursuit.steer(s.estimate.at(car.now))
         car.drive_speed(steering=steering, speed=SPEED)
         worst = max(worst, abs(pursuit.offset))
     print(f"{pursuit.s:.1f} m along the path, never more than {100 * worst:.1f} cm off it")

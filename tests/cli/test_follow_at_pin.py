@@ -8,6 +8,7 @@ import pytest
 from dart_hal import Car
 from dart_hal.cli.follow import follow, follower_of
 from dart_hal.control import follow as rules
+from dart_hal.control import stopping
 from dart_hal.control.follow import PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.links.base import open_backend
@@ -17,6 +18,14 @@ from dart_hal.sim.world import THROTTLE
 LONG = Path([(15.0, 0.0)], closed=False)
 LOST_AT, SLOWS = 7.0, 1.0
 """s of the world at which the last pose comes; s in which a car of 1 m/s has slowed down."""
+
+
+ROLLS = 0.5
+"""m/s that the car keeps, downhill and at neutral."""
+
+
+class NeverEnds(Exception):
+    """The verb still drives at a time at which it must not."""
 
 
 class Until:
@@ -32,10 +41,18 @@ class Until:
         self._source.close()
 
 
-def driven(seconds=None):
-    """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive whose poses end."""
+def driven(seconds=None, downhill=False, until=60.0, blocked=False):
+    """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive whose poses end.
+
+    Raises NeverEnds where it goes on at ``until`` s of the world.
+    """
     backend = open_backend("sim://?seed=3&nano=mock&mocap=1")
     world, pulses = world_of(backend), []
+    world.at(until, never_ends)
+    if blocked:
+        world.at(3.0, lambda w: setattr(w, "blocked", True))
+    if downhill:
+        world.at(0.0, roll)
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     with Car.over(backend, poses=Until(backend.poses, LOST_AT)) as car:
@@ -61,6 +78,51 @@ def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
     assert us[late].max() <= us[(t > first) & ~late].max()
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
+
+
+def roll(world):
+    if world.distance > 0.2:
+        world.motion.v_x = max(world.motion.v_x, ROLLS)
+    world.at(world.t + 0.005, roll)
+
+
+def never_ends(world):
+    raise NeverEnds(f"{world.motion.v_x:.1f} m/s")
+
+
+def test_a_car_that_rolls_away_is_given_up_at_neutral():
+    """Its drive ends by the time that a stop may take, and says that the car did not stop."""
+    follower, neutral, pulses = driven(2.5, downhill=True, until=9.0)
+    assert follower.phase is Phase.ENDED
+    assert not follower.good
+    assert "it still rolls at" in follower.why
+    assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
+
+
+@pytest.mark.more
+def test_control_without_that_time_it_never_ends(monkeypatch):
+    monkeypatch.setattr(stopping, "WITHIN", 1e9)
+    with pytest.raises(NeverEnds):
+        driven(2.5, downhill=True, until=9.0)
+
+
+def test_a_car_that_is_held_is_given_up_at_neutral():
+    """Its motor pulls against what holds the wheel for the time in which a car has to move."""
+    follower, neutral, pulses = driven(60.0, blocked=True, until=12.0)
+    assert follower.phase is Phase.ENDED
+    assert not follower.good
+    assert "does not move" in follower.why
+    t, us = pulses.T
+    assert us[(t > 3.5) & (t < 5.5)].max() > neutral + 20.0
+    assert us[t > 3.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
+
+
+@pytest.mark.more
+def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
+    monkeypatch.setattr(stopping, "STUCK", 1e9)
+    monkeypatch.setattr(rules, "PATIENCE", 1e9)
+    with pytest.raises(NeverEnds):
+        driven(60.0, blocked=True, until=12.0)
 
 
 @pytest.mark.more

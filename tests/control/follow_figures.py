@@ -1,7 +1,7 @@
 """How closely paths are followed on hidden cars, by their true rear axle.
 
     python -m tests.control.follow_figures --seeds 10 --speed 1 2 [--car later] [--tracker lqr]
-        [--track racetrack_vicon_2] [--laps 3] [--blind] [--plot PNG]
+        [--track racetrack_vicon_2] [--raceline 0.3] [--laps 3] [--blind] [--plot PNG]
     python -m tests.control.follow_figures --first 21 --speed 2 --plot docs/pictures/following.png
 
 car "paper": the hidden cars of ``sim://?seed=N``, whose front tyres end at 0.3 of their load: in
@@ -9,6 +9,7 @@ turns of 0.75 m they hold 1.4 m/s. car "later": the later published set, drawn a
 draw the paper's, with its steering lag of 0.13 s: it holds 2.0 m/s there. What the car's files
 know is the truth with the errors of calibrations and of an identification. speed 0: the profile's.
 --blind: without delay compensation. --plot: the first car and speed, by both trackers and blind.
+--raceline: bends cut by up to so many m, by each car's own model.
 --lines: no drive, but what laps the profile has on the middle and on racelines. Some 10 s a car and
 lap.
 """
@@ -33,7 +34,7 @@ from dart_hal.config import (
     save_calibration,
     save_model,
 )
-from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.follow import MOST, Follower, Phase, Rules
 from dart_hal.control.lap import speed_profile
 from dart_hal.control.plant import Late, Plant, plant_of
 from dart_hal.control.raceline import raceline
@@ -147,7 +148,8 @@ class Drive:
 
 
 def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
-           track: str = "racetrack_vicon_2", laps: float = 3.0, blind: bool = False) -> Drive:
+           track: str = "racetrack_vicon_2", laps: float = 3.0, blind: bool = False,
+           half_width: float | None = None) -> Drive:
     """One drive of a hidden car from rest at the path's start."""
     with tempfile.TemporaryDirectory() as folder:
         url = f"sim://?seed={seed}&nano=mock&mocap=1"
@@ -161,7 +163,10 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
         with Car.over(backend, cars=folder) as car:
             world = world_of(backend)
             plant = plant_of(car.files)
-            follower = Follower(track_named(track), uncompensated(plant) if blind else plant,
+            path = track_named(track)
+            if half_width is not None:
+                path = raceline(path, half_width, plant, speed or MOST)
+            follower = Follower(path, uncompensated(plant) if blind else plant,
                                 speed or inf, tracker,
                                 Rules(laps=laps, here=True, lane=1.0 if blind else 0.3,
                                       duration=120.0))
@@ -239,6 +244,7 @@ def main() -> None:
     parser.add_argument("--tracker", choices=("lqr", "pursuit"), nargs="*", default=["lqr"])
     parser.add_argument("--track", default="racetrack_vicon_2")
     parser.add_argument("--laps", type=float, default=3.0)
+    parser.add_argument("--raceline", type=float)
     parser.add_argument("--blind", action="store_true")
     parser.add_argument("--plot", type=Path)
     parser.add_argument("--lines", action="store_true")
@@ -254,7 +260,7 @@ def main() -> None:
             rows, ends = [], []
             for seed in range(given.first, given.first + given.seeds):
                 drive = driven(seed, speed, given.car, tracker, given.track, given.laps,
-                               given.blind)
+                               given.blind, given.raceline)
                 rows.append(drive.figures)
                 ends.append(drive.follower.why)
             print(f"{given.car}, {given.track}, {tracker}, {speed:g} m/s, {len(rows)} cars; "

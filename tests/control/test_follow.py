@@ -12,7 +12,6 @@ from tests.control.light_follow import light_drive, motion_at, plant_by
 from dart_hal.control.follow import (
     JOIN,
     PATIENCE,
-    RESTS,
     WAIT,
     Follower,
     Phase,
@@ -20,6 +19,7 @@ from dart_hal.control.follow import (
     start_of,
 )
 from dart_hal.control.paths import Path
+from dart_hal.control.stopping import RESTS
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
 from dart_hal.types import START, Pose, Tracking

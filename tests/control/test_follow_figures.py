@@ -23,6 +23,16 @@ def test_the_true_axle_stays_on_the_path(seed, tracker, speed, rms, largest):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_a_raceline_is_driven_as_fast_as_its_profile(seed):
+    drive = driven(seed, 2.0, "later", laps=2.0, half_width=0.3)
+    assert drive.follower.why == "the path is driven"
+    assert drive.follower.path.length < 22.0
+    found = drive.figures
+    assert found["rms"] < 0.03
+    assert abs(found["lap"]) < 0.03
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_without_delay_compensation_it_does_not(seed):
     """The control."""
     blind = driven(seed, 2.0, "later", "pursuit", laps=1.0, blind=True)

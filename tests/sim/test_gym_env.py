@@ -18,7 +18,7 @@ from dart_hal.vehicle import PAPER, UPSTREAM_2024
 
 KINDS = {"path": {}, "speed": {"task": "speed"}, "paper": {"vehicle": "paper"},
          "randomised": {"randomise": {"body.mass": 0.1}}, "eight": {"track": "eight"},
-         "picture": {"render_mode": "rgb_array"}}
+         "picture": {"render_mode": "rgb_array"}, "seeing": {"beams": 6, "opponents": 2}}
 
 
 def make(**options):

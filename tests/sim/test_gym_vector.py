@@ -17,6 +17,7 @@ KINDS = {
     "path": {}, "speed": {"task": "speed", "episode": 2.0}, "paper": {"vehicle": "paper"},
     "short": {"episode": 1.0, "half_width": 0.15}, "recorded": {"light": OLD, "half_width": 0.15},
     "randomised": {"randomise": {"body.mass": 0.1, "tyres.front_D": 0.2}, "half_width": 0.12},
+    "seeing": {"beams": 6, "opponents": 8, "episode": 2.0},
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.sim.lidar import rays
+from dart_hal.sim.lidar import lanes, rays
 from dart_hal.sim.lidar.grid import read_grid
 from dart_hal.sim.lidar.maps import ROOMS, box, clearance, room_of
 from dart_hal.sim.truth import reveal_url, room_of_car
@@ -66,9 +66,10 @@ def test_a_room_is_closed_and_its_start_is_free(name, seed):
     room = room_of(name, seed)
     everything = np.vstack((room.lines, room.glass))
     x, y, _ = room.start
-    assert clearance(everything, x, y) > {"track": 0.34, "corridor": 0.69, "room": 1.0}[name]
+    free = {"track": 0.34, "corridor": 0.69, "room": 1.0}
+    assert clearance(everything, x, y) > free.get(name, lanes.HALF - lanes.ASIDE - 0.01)
     reach = rays.cast_numpy(everything, np.full((720, 2), (x, y)), directions(720))
-    assert reach.max() < 16.0, "a ray leaves the room"
+    assert reach.max() < 18.0, "a ray leaves the room"
 
 
 def test_another_seed_is_another_room_and_the_same_is_the_same():

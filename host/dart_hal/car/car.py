@@ -212,6 +212,11 @@ class Car(Arming, Shown):
             return self._engine.scans.taken() if self._engine.scans else ()
 
     @property
+    def has_lidar(self) -> bool:
+        """Whether one was named, or comes with the URL."""
+        return self._engine.scans is not None
+
+    @property
     def lidar_trouble(self) -> DartHalError | None:
         """Why no scans come from a lidar that was named; None while they do, or none was."""
         return self._engine.scans.source.trouble if self._engine.scans else None

@@ -22,7 +22,8 @@ from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import with_progress
 from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.pursuit import PurePursuit
+from dart_hal.control.plant import plant_of
+from dart_hal.control.trackers import Pursuit
 from dart_hal.diagnose.report import sentence, verdict
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
@@ -112,11 +113,11 @@ def eight(url: str, out: Path) -> Drive:
     backend = open_backend(url)
     with Car.over(backend, cars=out / "cars", record=out / "eight.mcap") as car:
         drive = Drive(figure_of_eight(RADIUS))
-        pursuit = PurePursuit(drive.track, car.files.config.geometry.wheelbase)
+        pursuit = Pursuit(drive.track, plant_of(car.files))
         car.arm()
         duration = LAPS * drive.track.length / SPEED
         for state in with_progress(car.states(duration=duration), duration, "figure of eight"):
-            steering = pursuit.steer(state.pose, state.speed, state.yaw_rate or 0.0)
+            steering = pursuit.steer(state.estimate.at(car.now))
             car.drive_speed(steering=steering, speed=SPEED)
             drive.states.append(state)
             drive.offsets.append(pursuit.offset)

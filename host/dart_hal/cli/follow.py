@@ -28,6 +28,7 @@ from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
 from dart_hal.control.follow import LANE, Follower, Phase, Rules
 from dart_hal.control.keyboard import Terminal
+from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
@@ -169,14 +170,13 @@ def typed() -> Iterator[Terminal | None]:
         terminal.close()
 
 
-def listen(keys: Terminal | None, follower: Follower) -> None:
+def listen(keys: Terminal | None, follower: Follower | LaneFollower) -> None:
     """What was typed."""
     for key in keys.keys().decode("ascii", "ignore") if keys else "":
         if key == "q":
             follower.stop("ended by the keyboard")
         elif key in "+-":
-            now = min(follower.cap, float(follower.profile.speed.max()))
-            follower.cap = max(now + (STEP if key == "+" else -STEP), SLOWEST)
+            follower.cap = max(follower.fastest + (STEP if key == "+" else -STEP), SLOWEST)
 
 
 def figures(follower: Follower) -> dict[str, Any]:

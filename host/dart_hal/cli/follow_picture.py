@@ -1,4 +1,4 @@
-"""The picture of ``dart-hal follow``: path and driven line, offset and speed over the way."""
+"""The pictures of ``dart-hal follow`` and ``lane``: driven line, offset and speed over the way."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from dart_hal.control.follow import Follower
+from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.report.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
+from dart_hal.types import FloatArray
 
 
 def draw(follower: Follower, name: str, file: Path) -> Path:
@@ -17,7 +19,29 @@ def draw(follower: Follower, name: str, file: Path) -> Path:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.25))
     _draw_floor(figure.add_subplot(grid[:, 0]), follower, name)
     above = figure.add_subplot(grid[0, 1])
-    _draw_way(above, figure.add_subplot(grid[1, 1], sharex=above), follower)
+    _draw_way(above, figure.add_subplot(grid[1, 1], sharex=above), follower.driven.table,
+              follower.begun_at)
+    return save_figure(figure, file)
+
+
+def draw_lane(follower: LaneFollower, file: Path) -> Path:
+    """As ``draw``; boards and middle as each scan placed them beside the car."""
+    figure = new_figure((11.0, 4.6), file)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1.0))
+    axes, driven = figure.add_subplot(grid[:, 0]), follower.driven.table
+    if follower.seen:
+        x, y, yaw, half = np.array(follower.seen).T
+        for side, name in ((1.0, "boards"), (-1.0, None)):
+            axes.plot(x - side * half * np.sin(yaw), y + side * half * np.cos(yaw), color=INK,
+                      lw=1.4, label=name)
+        axes.plot(x, y, color=ORANGE, lw=1.4, label="middle of the lane")
+    if len(driven):
+        axes.plot(driven[:, 1], driven[:, 2], color=BLUE, lw=1.0, label="driven")
+    axes.set_aspect("equal", adjustable="datalim")
+    finish(axes, "x [m]", "y [m]", follower.why)
+    above = figure.add_subplot(grid[0, 1])
+    _draw_way(above, figure.add_subplot(grid[1, 1], sharex=above), driven, 0.0)
+    above.set_ylabel("left of the middle [cm]")
     return save_figure(figure, file)
 
 
@@ -38,10 +62,9 @@ def _closed(axes: Any, x: Any, y: Any, closed: bool, **style: Any) -> None:
     axes.plot(np.append(x, x[:1]) if closed else x, np.append(y, y[:1]) if closed else y, **style)
 
 
-def _draw_way(above: Any, below: Any, follower: Follower) -> None:
-    driven = follower.driven.table
+def _draw_way(above: Any, below: Any, driven: FloatArray, begun_at: float) -> None:
     if len(driven):
-        way = driven[:, 6] - follower.begun_at
+        way = driven[:, 6] - begun_at
         above.plot(way, 100.0 * driven[:, 3], color=BLUE, lw=1.0)
         below.plot(way, driven[:, 5], color=ORANGE, lw=1.4, label="asked for")
         below.plot(way, driven[:, 4], color=BLUE, lw=1.0, label="driven")

@@ -4,7 +4,8 @@ why it ended.
     WAITING ----> JOINING ----> FOLLOWING ----> STOPPING ----> ENDED
      no pose      off the lane  in the lane     slows down     at rest
 
-Anything that ends the drive goes through STOPPING: the car slows down along the path.
+Anything that ends the drive goes through STOPPING: the car slows down along the path. One that does
+not come to rest in time is given up at neutral.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from dart_hal.control.lap import CRAWL, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
+from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK, Standing, Stopping
 from dart_hal.control.trackers import TRACKERS, Tracker
 from dart_hal.errors import UsageError
 from dart_hal.types import START, FloatArray, MotionEstimate, Pose, Tracking
@@ -37,10 +39,6 @@ WAIT = 5.0
 """s for the first pose."""
 MOST = 5.0
 """m/s; [limits] max_speed of a car that has none of its own."""
-SLOWS, ROLLS = 2.0, 0.8
-"""m/s2 of a stop, and of a car that rolls out from a crawl (1.0 on the paper's car)."""
-RESTS, RESTS_FOR = 0.03, 0.2
-"""m/s and s: the car stands."""
 
 
 class Phase(str, Enum):
@@ -117,8 +115,10 @@ class Follower:
         self.driven = Driven()
         self._t0: float | None = None
         self._moves = False
-        self._seen = self._rested = self._lap_t = self._before = 0.0
+        self._seen = self._lap_t = self._before = 0.0
         self._speed = self._joining = 0.0
+        self._standing = Standing()
+        self._stopping: Stopping | None = None
 
     def answer(self, motion: MotionEstimate) -> Command:
         """What to command at ``motion.t``. Raises UsageError for a start that is too far away."""
@@ -151,6 +151,11 @@ class Follower:
         """s that a flying lap (an open path, from rest to rest) takes by the profile and the cap
         of now."""
         return self.profile.capped(self.cap).time
+
+    @property
+    def fastest(self) -> float:
+        """m/s that may be asked for anywhere."""
+        return min(self.cap, float(self.profile.speed.max()))
 
     @property
     def remaining(self) -> float:
@@ -196,6 +201,8 @@ class Follower:
                       f"{self.tracker.s % self.path.length:.2f} m")
         elif self.phase is Phase.JOINING and self._joining > JOIN:
             self._end(f"the car did not come into the lane within {JOIN:g} m")
+        elif self._standing.stuck(t, motion.speed):
+            self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
         elif self.remaining <= 0.0:
@@ -214,14 +221,8 @@ class Follower:
 
     def _wanted(self, motion: MotionEstimate) -> float:
         """Speed to ask for [m/s]."""
-        dt = motion.t - self._before
         if self.phase is Phase.STOPPING:
-            self._speed = max(min(self._speed, max(motion.speed, 0.0)) - SLOWS * dt, 0.0)
-            self._speed = self._speed if self._speed > CRAWL else 0.0
-            self._rested = self._rested + dt if abs(motion.speed) < RESTS else 0.0
-            if self._rested > RESTS_FOR:
-                self.phase = Phase.ENDED
-            return self._speed
+            return self._stops(motion)
         self._speed = max(min(self.profile.at(self.tracker.s), self.cap), CRAWL)
         if not self.path.closed:
             left = max(self.remaining, 0.0)
@@ -230,6 +231,16 @@ class Follower:
                 return 0.0
             self._speed = min(self._speed, max(sqrt(2.0 * SLOWS * left), CRAWL))
         return self._speed
+
+    def _stops(self, motion: MotionEstimate) -> float:
+        """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
+        self._stopping = self._stopping or Stopping(self._speed, self._before)
+        speed = self._stopping.speed(motion)
+        if self._stopping.over:
+            self.phase = Phase.ENDED
+        if self._stopping.rolls:
+            self.why, self.good = f"{self.why}, but {self._stopping.rolls}", False
+        return speed
 
 
 def start_of(path: Path, pose: Pose) -> float:

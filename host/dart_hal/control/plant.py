@@ -134,11 +134,11 @@ class Prediction:
 
     ``sent`` with every command, ``at`` for a later time. What the car turned more than the model
     says of its wheels is taken for an error of the angle that stays (map, backlash): ``bias``
-    [rad].
+    [rad]; learns False: somebody else sets it.
     """
 
-    def __init__(self, plant: Plant) -> None:
-        self.plant = plant
+    def __init__(self, plant: Plant, *, learns: bool = True) -> None:
+        self.plant, self._learns = plant, learns
         self.reset()
 
     def reset(self) -> None:
@@ -176,7 +176,7 @@ class Prediction:
         return Where(at, x, y, yaw, now.speed, angle_of(servo) + self.bias)
 
     def _learn(self, now: MotionEstimate, step: float) -> None:
-        if now.speed < BIAS_ABOVE:
+        if now.speed < BIAS_ABOVE or not self._learns:
             return
         curvature = self.plant.steady.bend(self.plant.angle_of(self._servo) + self.bias,
                                             now.speed)

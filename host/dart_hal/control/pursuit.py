@@ -1,4 +1,7 @@
-"""Pure pursuit: steer along the arc that meets the path a look-ahead away.
+"""Pure pursuit by geometry alone: steer along the arc that meets the path a look-ahead away.
+
+``trackers.Pursuit`` is the one to drive with: it knows the car's bends and delays.
+``PurePursuit``, of version 0.1, knows its wheelbase, and takes look-ahead and delay as numbers.
 
 R. C. Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm",
 CMU-RI-TR-92-01 (1992); written for the rear axle, where ``State.pose`` is.

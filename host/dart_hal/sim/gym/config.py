@@ -15,6 +15,7 @@ from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.flat import names, value, with_values
 
 TASKS = ("path", "speed")
+MOST_BEAMS, MOST_OPPONENTS = 720, 8
 REALISTIC = LightConfig(sensors=FIRMWARE, actuators=DART_ACTUATORS,
                         disturbance=Disturbance(0.12, 0.12, 0.15))
 """Sensors as the firmware gives them, servo and PWM, a force of 0.12 N over 0.15 s."""
@@ -40,7 +41,9 @@ class GymConfig:
     ``control.tracks.TRACKS``; ``period`` [s] of one environment step; ``episode``
     [s] until truncation; ``speed`` [m/s]: the reference on a path, the largest one
     of the speed task; ``half_width`` [m] of the track; ``randomise``: half widths
-    by name, see ``SPREAD``; empty = the nominal car at every reset.
+    by name, see ``SPREAD``; empty = the nominal car at every reset. On a path:
+    ``beams`` of a lidar that are observed, ``range_noise`` [m] of each, and
+    ``opponents``, other cars on the track.
     """
 
     vehicle: Vehicle | str | Path = DEFAULT
@@ -52,6 +55,9 @@ class GymConfig:
     speed: float = 1.5
     half_width: float = 0.3
     randomise: Mapping[str, float] = field(default_factory=dict)
+    beams: int = 0
+    range_noise: float = 0.015
+    opponents: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.period < math.inf:
@@ -62,6 +68,15 @@ class GymConfig:
         good = self.task in TASKS and self.light.sensors is not None and (
             self.light.dtype == "float64" and min(self.speed, self.half_width) > 0.0
             and self.episode >= self.period)
+        if not (0 <= self.beams <= MOST_BEAMS and 0 <= self.opponents <= MOST_OPPONENTS
+                and self.range_noise >= 0.0) or (
+                    self.task != "path" and self.beams + self.opponents):
+            raise UsageError("a lidar or opponents that cannot be",
+                             found=f"task {self.task!r}, beams {self.beams}, range_noise "
+                                   f"{self.range_noise}, opponents {self.opponents}",
+                             expected=f"task 'path', 0 to {MOST_BEAMS} beams, 0 to "
+                                      f"{MOST_OPPONENTS} opponents",
+                             remedy="docs/how_to/learning.md has every keyword")
         if not good:
             raise UsageError("this environment makes no sense",
                              found=f"task {self.task!r}, speed {self.speed}, half width "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dart_hal.errors import BadCommand
 from dart_hal.sim.gym.config import GymConfig
+from dart_hal.sim.gym.lidar import Sight
 from dart_hal.sim.gym.render import Picture
 from dart_hal.sim.gym.resets import (
     Draws,
@@ -47,7 +48,8 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.car = LightCar(self._nominal, c.light)
         """The car; ``car.state`` is the truth."""
         self._task = make_task(c, SCALAR_OPS, self._nominal.body.l_r)
-        self._draws = Draws(c.randomise, self._nominal)
+        self._draws = Draws(c.randomise, self._nominal, self._task.draws)
+        self._sight = Sight(c, self._task, scalar=True)
         self._frame, self._limit = c.frame, c.limit
         self.names = tuple(name for name, _ in self._task.limits)
         """Name of each observed number."""
@@ -65,7 +67,9 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._draws.set(options)
         anew = seed is not None or self._k < 0
         if anew:
-            self.car.seed([noise_seed(self.np_random)])
+            noise = [noise_seed(self.np_random)]
+            self.car.seed(noise)
+            self._sight.seed([noise])
         else:
             self.car.skip(self._frame)
         u, factors = self._draws.draw(self.np_random)
@@ -107,10 +111,12 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             return None
         if self._picture is None:
             self._picture = Picture(self.config)
-        return self._picture.draw([self.car.state[:3]], self._nominal.body)
+        return self._picture.draw([self.car.state[:3]], self._nominal.body,
+                                  self._task.others(self._memory.kept))
 
     def _observation(self, reading: Reading) -> Observation:
         seen = self._task.observe(reading, self._command, self._memory)
+        seen += self._sight.observe(self.car.state, self._memory.kept).ravel().tolist()
         pairs = zip(seen, self._most, strict=True)
         return np.array([min(most, max(-most, v)) for v, most in pairs], dtype=np.float32)
 

@@ -15,6 +15,7 @@ from dart_hal.vehicle import Body
 
 SIZE, MARGIN = 480, 0.4
 """Pixels of the longer side; m around the track."""
+OTHER = (0, 114, 178)
 GRASS, ROAD, LINE, CAR, NOSE = ((236, 240, 232), (208, 208, 208), (150, 150, 150),
                                 (213, 94, 0), (40, 40, 40))
 OVERHANG, WIDTH = 0.06, 0.19
@@ -40,9 +41,13 @@ class Picture:
         self._spot(x, y, half, ROAD)
         self._spot(x, y, 0.0, LINE)
 
-    def draw(self, poses: Sequence[Sequence[float]], body: Body) -> NDArray[np.uint8]:
-        """The picture with cars at (x, y, yaw) of their centres of mass."""
+    def draw(self, poses: Sequence[Sequence[float]], body: Body,
+             others: Sequence[Sequence[float]] = ()) -> NDArray[np.uint8]:
+        """The picture with cars at (x, y, yaw) of their centres of mass; others: of their rear
+        axles."""
         image: NDArray[np.uint8] = self.background.copy()
+        for x, y, yaw in others:
+            self._box(image, x, y, yaw, (-OVERHANG, body.wheelbase + OVERHANG), OTHER)
         for x, y, yaw in poses:
             front, rear = body.l_f + OVERHANG, body.l_r + OVERHANG
             self._box(image, x, y, yaw, (-rear, front), CAR)

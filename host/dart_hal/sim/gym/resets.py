@@ -12,7 +12,7 @@ from gymnasium.utils import seeding
 
 from dart_hal.errors import UsageError
 from dart_hal.sim.gym.config import GymConfig, spread_of
-from dart_hal.sim.gym.tasks import DRAWS, Task
+from dart_hal.sim.gym.tasks import Task
 from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
@@ -51,8 +51,8 @@ def new_generator(seed: int | None) -> np.random.Generator:
 class Draws:
     """Options of the resets, kept until others are given; ``draw`` uses them."""
 
-    def __init__(self, randomise: bool | Mapping[str, float], p: Vehicle) -> None:
-        self._p = p
+    def __init__(self, randomise: bool | Mapping[str, float], p: Vehicle, draws: int) -> None:
+        self._p, self._draws = p, draws
         self.spread = spread_of(randomise, p)
 
     def set(self, options: Mapping[str, Any] | None) -> None:
@@ -65,8 +65,8 @@ class Draws:
             self.spread = spread_of(options["randomise"], self._p)
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """(``DRAWS`` uniform numbers for the task, factors of the drawn parameters)."""
-        u = rng.random(DRAWS)
+        """(uniform numbers for the task, factors of the drawn parameters)."""
+        u = rng.random(self._draws)
         half = np.array(list(self.spread.values()))
         return u, 1.0 + half * rng.uniform(-1.0, 1.0, len(half))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dart_hal.errors import BadCommand, UsageError
 from dart_hal.sim.gym.config import GymConfig
+from dart_hal.sim.gym.lidar import Sight
 from dart_hal.sim.gym.render import Picture
 from dart_hal.sim.gym.resets import Draws, action_box, box_of, config_of, new_generator, noise_seed
 from dart_hal.sim.gym.tasks import Memory, make_task
@@ -44,7 +45,8 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         self.cars = LightBatch(self._nominal, num_envs, c.light)
         """The cars; ``cars.state`` is the truth."""
         self._task = make_task(c, ARRAY_OPS, self._nominal.body.l_r)
-        self._draws = Draws(c.randomise, self._nominal)
+        self._draws = Draws(c.randomise, self._nominal, self._task.draws)
+        self._sight = Sight(c, self._task, scalar=False)
         self._factors: dict[str, Array] = {}
         self.names = tuple(name for name, _ in self._task.limits)
         self.single_action_space, self.single_observation_space = action_box(), box_of(self._task)
@@ -113,7 +115,8 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         if self._picture is None:
             self._picture = Picture(self.config)
         poses = np.array(self.cars.state[:3]).T.tolist()
-        return (self._picture.draw(poses, self._nominal.body),)
+        others = [v for other in self._task.others(self._memory.kept) for v in np.array(other).T]
+        return (self._picture.draw(poses, self._nominal.body, others),)
 
     def _seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         """One seed per environment when generators are to begin anew, else nothing."""
@@ -130,7 +133,9 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     def _reseed(self, seeds: list[int | None]) -> None:
         self._rngs = [new_generator(seed) for seed in seeds]
-        self.cars.seed([[noise_seed(rng)] for rng in self._rngs])
+        noise = [[noise_seed(rng)] for rng in self._rngs]
+        self.cars.seed(noise)
+        self._sight.seed(noise)
 
     def _restart(self, lanes: Array) -> None:
         drawn = [self._draws.draw(self._rngs[i]) for i in lanes]
@@ -155,13 +160,15 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
             return new
         s = np.array(self._memory.s)
         s[lanes] = new.s
-        levels = tuple(np.array(old) for old in self._memory.levels)
-        for old, level in zip(levels, new.levels, strict=True):
-            old[lanes] = level
-        return Memory(s, levels)
+        kept = tuple(np.array(old) for old in self._memory.kept)
+        for old, value_ in zip(kept, new.kept, strict=True):
+            old[lanes] = value_
+        return Memory(s, kept)
 
     def _observation(self, reading: Reading) -> Array:
         seen = np.array(self._task.observe(reading, tuple(self._command), self._memory))
+        if self.config.beams:
+            seen = np.vstack((seen, self._sight.observe(self.cars.state, self._memory.kept)))
         out: Array = np.clip(seen, -self._most, self._most).T.astype(np.float32)
         return np.ascontiguousarray(out)
 

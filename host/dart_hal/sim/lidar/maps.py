@@ -2,8 +2,9 @@
 
 ``room``: 6 x 5 m with inner walls and boxes, drawn from the seed; ``corridor``: a ring of
 14 x 10 m, 2 m wide, with cabinets along its walls; ``track``: boards left and right of the
-racetrack; or the YAML file of a map as ROS's map_server keeps it. Only
-``dart_hal.sim.truth`` tells the room of a car: who localises or maps has to look.
+racetrack; ``lane``, ``lane-curve``, ``lane-s``: lanes in a hall; or the YAML file of a map as
+ROS's map_server keeps it. Only ``dart_hal.sim.truth`` tells the room of a car: who localises or
+maps has to look.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as File
 
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
 from dart_hal.sim.lidar.grid import lines_of_grid, read_grid
+from dart_hal.sim.lidar.lanes import AROUND, LANES, begins, boards
 from dart_hal.types import FloatArray
 
 BOARD = 0.35
@@ -103,8 +106,19 @@ def _track(rng: np.random.Generator) -> Room:
                 (float(path.x[0]), float(path.y[0]), float(path.heading[0])))
 
 
+def _lane(name: str, rng: np.random.Generator) -> Room:
+    path = LANES[name]()
+    both = boards(path)
+    low, high = (edge(np.vstack(both), axis=0) for edge in (np.min, np.max))
+    (x, y), (length, width) = 0.5 * (low + high), high - low + 2.0 * AROUND
+    hall = box(float(x), float(y), 0.0, float(length), float(width))
+    return Room(name, np.vstack((hall, *(polyline(b) for b in both))), np.empty((0, 4)),
+                begins(path, rng))
+
+
 ROOMS: dict[str, Callable[[np.random.Generator], Room]] = {
-    "room": _room, "corridor": _corridor, "track": _track}
+    "room": _room, "corridor": _corridor, "track": _track,
+    **{name: partial(_lane, name) for name in LANES}}
 
 
 def room_of(name: str, seed: int) -> Room:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dart_hal.vehicle.namespace import Value
 
-START, FORCE, GYRO, ACCEL, MOCAP, ENCODER = range(6)
+START, FORCE, GYRO, ACCEL, MOCAP, ENCODER, LIDAR = range(7)
 """Numbers of the streams; a new one gets the next number and changes no other."""
 
 ROWS = 256
@@ -45,7 +45,8 @@ class ArrayStream:
     def __init__(self, seeds: Sequence[Seed], stream: int, columns: int,
                  dtype: str = "float64") -> None:
         self._rngs = [generator(seed, stream) for seed in seeds]
-        self._block = np.empty((len(seeds), max(8, min(ROWS, 400_000 // len(seeds))), columns))
+        self._block = np.empty((len(seeds), max(8, min(
+            ROWS, 1_600_000 // (len(seeds) * max(columns, 4)))), columns))
         self._rows: NDArray[Any] = np.empty((*self._block.shape[1:], len(seeds)), dtype=dtype)
         self._next = len(self._rows)
 

@@ -1,0 +1,177 @@
+"""Driving in the middle of a lane by the lidar alone: which steering and speed to command.
+
+    WAITING ---> FOLLOWING ---> STOPPING ---> ENDED
+     no lane      in it          slows down    at rest
+
+Each scan shows the lane anew (``lane``); between two the model knows where the car is in it
+(``lane_model``). Steering is pure pursuit (``pursuit.arc``) to a point a look-ahead away from where
+the car will be when the answer acts. It is never faster than it can stop within what it sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, sqrt
+
+import numpy as np
+
+from dart_hal.control.follow import Command, Driven, Phase
+from dart_hal.control.lane import Sight, look
+from dart_hal.control.lane_model import Reckoning
+from dart_hal.control.lap import CRAWL, GRIP
+from dart_hal.control.paths import Path
+from dart_hal.control.plant import Plant
+from dart_hal.control.pursuit import arc
+from dart_hal.control.stopping import ROLLS, SLOWS, STUCK, Standing, Stopping
+from dart_hal.types import FloatArray, Scan
+
+NEAR, PER_SPEED = 0.1, 0.2
+"""m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to
+2 deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old."""
+FRONT = 0.3
+"""m of the car before the rear axle, and some."""
+PATIENCE = 0.5
+"""s without a lane, four scans; at 2 m/s the car then stops within the 2.5 m that it saw."""
+WAIT = 5.0
+"""s for the first lane; the motor of an X4 takes 1 to 2 s to its pace."""
+BENDS = 0.6
+"""m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m."""
+
+
+class LaneFollower:
+    """One drive. ``answer`` once per State, with the scans since, until ``phase`` is ENDED; ``why``
+    then tells the end, ``good`` whether it was one that was asked for.
+
+    ``cap`` [m/s] may be set at any time; distance [m] and duration [s] from where it begins end it.
+    ``path``: the lane ahead as it was seen last, in the frame of ``model``; ``half`` [m] its half
+    width; ``driven`` holds rows as those of ``Follower``, its x, y in that frame.
+    """
+
+    def __init__(self, plant: Plant, cap: float, distance: float = inf,
+                 duration: float = inf) -> None:
+        self.plant, self.cap = plant, cap
+        self.distance, self.duration = distance, duration
+        self.model = Reckoning(plant)
+        self._most = plant.steady.fastest  # its tables are made here, not while the car drives
+        self.path: Path | None = None
+        self.half = self.s = self.offset = 0.0
+        self.phase, self.why, self.good = Phase.WAITING, "", False
+        self.driven = Driven()
+        self.seen: list[tuple[float, float, float, float]] = []
+        """x, y [m], heading [rad] of the lane beside the car and its half width [m], each scan."""
+        self._sight: Sight | None = None
+        self._begun = self._whole = self._scanned = -inf
+        self._before = self._speed = 0.0
+        self._standing = Standing()
+        self._stopping: Stopping | None = None
+
+    def answer(self, t: float, speed: float, scans: Sequence[Scan] = ()) -> Command:
+        """What to command at t [s], with the speed [m/s] of the wheels and what came of scans."""
+        if self._begun == -inf:
+            self._begun = self._whole = self._scanned = self._before = t
+        now = self.model.go(t, speed)
+        for scan in scans:
+            self._see(scan)
+        if self.phase is Phase.WAITING:
+            if self.path is None:
+                if t - self._begun > WAIT:
+                    self._end(f"{self._fault()} within {WAIT:g} s", Phase.ENDED)
+                return Command(0.0, 0.0)
+            self.phase, self._begun = Phase.FOLLOWING, t
+        if self.phase is Phase.ENDED or self.path is None:
+            return Command(0.0, 0.0)
+        self.s = self.path.closest(now.pose.x, now.pose.y, self.s)
+        self.offset = self.path.offset(now.pose.x, now.pose.y, self.s)
+        self._judge(t)
+        wanted = self._wanted(speed)
+        self.driven.rows.append((t, now.pose.x, now.pose.y, self.offset, speed, wanted,
+                                 self.model.way))
+        self._before = t
+        return Command(self._steer(self.path), wanted)
+
+    @property
+    def fastest(self) -> float:
+        """m/s that may be asked for anywhere."""
+        return self.cap
+
+    def stop(self, why: str, *, good: bool = True) -> None:
+        """Slow down and end, at somebody's wish."""
+        self._end(why, good=good)
+
+    def _see(self, scan: Scan) -> None:
+        """The lane that a scan shows."""
+        self._scanned = self.model.now.t
+        self._sight = sight = look(self.model.points(scan), self.model.now.pose)
+        if not sight.whole or len(sight.middle) < 3:
+            return
+        path = Path.through(sight.middle, closed=False)
+        if self.path is not None:
+            self.model.compare(self.path, path)
+        self.path, self.half, self.s, self._whole = path, sight.half, 0.0, self.model.now.t
+        self.seen.append((*sight.middle[0].tolist(), float(path.heading[0]), sight.half))
+
+    def _steer(self, path: Path) -> float:
+        """Angle [rad] of the road wheels to command."""
+        late, (low, high) = self.plant.late, self.plant.lock
+        where = self.model.at(self.model.now.t + late.transport + late.settles + late.lag)
+        reach = NEAR + PER_SPEED * abs(where.speed)
+        target = path.at(path.closest(where.x, where.y, self.s) + reach)
+        bend = arc(where.x, where.y, where.course(self.plant), target.x, target.y)
+        angle = self.plant.steady.turn(bend, where.speed).angle - self.model.trim
+        angle = min(max(angle, low), high)
+        self.model.sent(angle)
+        return angle
+
+    def _judge(self, t: float) -> None:
+        """Ends what has to end."""
+        if self.phase is Phase.STOPPING:
+            return
+        if t - self._whole > PATIENCE:
+            self._end(f"{self._fault()} for {t - self._whole:.1f} s")
+        elif self._standing.stuck(t, self.model.now.speed):
+            self._end(f"the car does not move, though asked to for {STUCK:g} s")
+        elif t - self._begun > self.duration:
+            self._end(f"the time of {self.duration:g} s is over", good=True)
+        elif self.model.way > self.distance:
+            self._end(f"{self.distance:g} m are driven", good=True)
+
+    def _fault(self) -> str:
+        """Why there is no lane."""
+        sight = self._sight
+        if sight is None or self.model.now.t - self._scanned > 0.5 * PATIENCE:
+            return "the lidar is silent"
+        if sight.left or sight.right:
+            return f"only the {'left' if sight.left else 'right'} board is seen"
+        return "no boards are seen"
+
+    def _end(self, why: str, phase: Phase = Phase.STOPPING, *, good: bool = False) -> None:
+        if not self.why:
+            self.why, self.good, self.phase = why, good, phase
+
+    def _wanted(self, speed: float) -> float:
+        """Speed to ask for [m/s]."""
+        if self.phase is Phase.STOPPING:
+            return self._stops()
+        assert self.path is not None
+        left = max(self.path.length - self.s - FRONT, 0.0)
+        if left <= speed**2 / (2.0 * ROLLS) and speed < 2.0 * CRAWL:
+            self._end("the lane ends", good=True)
+            return 0.0
+        self._speed = max(min(self.cap, self._holds(self.path), sqrt(2.0 * SLOWS * left)), CRAWL)
+        return self._speed
+
+    def _holds(self, path: Path) -> float:
+        """Speed [m/s] that the bends ahead hold."""
+        n = max(round(BENDS / path.spacing), 1)
+        bends: FloatArray = (path.heading[n:] - path.heading[:-n]) / BENDS
+        return GRIP * float(np.min(self._most(bends, self.plant.lock), initial=inf))
+
+    def _stops(self) -> float:
+        """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
+        self._stopping = self._stopping or Stopping(self._speed, self._before)
+        speed = self._stopping.speed(self.model.now)
+        if self._stopping.over:
+            self.phase = Phase.ENDED
+        if self._stopping.rolls:
+            self.why, self.good = f"{self.why}, but {self._stopping.rolls}", False
+        return speed

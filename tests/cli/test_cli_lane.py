@@ -1,0 +1,41 @@
+"""``dart-hal lane``: what it prints, draws and refuses."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.recording.run import RunReader
+
+URL = "sim://?seed=3&nano=mock&lidar=1&map=lane-s"
+
+
+@pytest.mark.more
+def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
+    run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
+    done = verb("lane", "--distance", 3, "--url", URL, "--record", run, "--plot", picture, "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    assert told["ended"] == "3 m are driven"
+    assert told["half_width_m"] == pytest.approx(0.4, abs=0.02)
+    assert told["offset_max_m"] < 0.15
+    assert done.json["files"].keys() == {"recording", "plot"}
+    assert picture.stat().st_size > 10_000
+    assert "a lane 8" in done.err or "a lane 7" in done.err
+    assert {"lane/offset", "lane/half_width", "lane/speed", "lane/trim"} <= {
+        row.name for row in RunReader(run).logged()}
+
+
+def test_where_there_is_no_lane_it_does_not_drive(verb):
+    """A room whose walls are far away."""
+    done = verb("lane", "--url", "sim://?seed=1&nano=mock&lidar=most=0.2&map=lane")
+    assert done.code == 1
+    assert "no boards are seen within 5 s" in done.out
+
+
+@pytest.mark.parametrize(("url", "says"), [
+    ("sim://?nano=mock", "has no lidar"),
+    ("replay://nothing.mcap", "nothing.mcap")])
+def test_what_cannot_be(verb, url, says):
+    done = verb("lane", "--url", url)
+    assert done.code == 2
+    assert says in done.err

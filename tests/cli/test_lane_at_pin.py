@@ -1,0 +1,118 @@
+"""What the ESC gets while ``dart-hal lane`` drives, and its lidar no longer shows a lane."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from dart_hal import Car
+from dart_hal.cli.lane import drive, follower_of
+from dart_hal.control import lane_follow
+from dart_hal.control.follow import Phase
+from dart_hal.control.lane_follow import PATIENCE
+from dart_hal.control.stopping import STUCK
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+from dart_hal.sim.world import THROTTLE
+
+LOST_AT, SLOWS = 4.0, 0.8
+"""s of the world from which on the lane is not shown; s in which a car of 1 m/s has slowed down,
+with the scan that was on its way."""
+
+
+def blind(side):
+    """A scan without its boards: of the left (1), the right (-1) or both (0)."""
+    def change(scan):
+        left = np.sin(scan.angle.astype(float)) < 0.0  # an upright X4 counts clockwise
+        gone = left if side > 0 else ~left if side < 0 else np.ones(len(scan), dtype=bool)
+        return replace(scan, distance=np.where(gone, np.nan, scan.distance))
+    return change
+
+
+FAULTS = {"silent": (lambda scan: None, "the lidar is silent"),
+          "none": (blind(0), "no boards are seen"),
+          "right": (blind(1), "only the right board is seen"),
+          "left": (blind(-1), "only the left board is seen")}
+
+
+class Changed:
+    """Scans of another source, from a time [s] on as ``change`` leaves them."""
+
+    trouble = None
+
+    def __init__(self, source, change):
+        self.name, self._source, self._change = source.name, source, change
+
+    def poll(self, now):
+        scans = [s if s.arrival < LOST_AT else self._change(s) for s in self._source.poll(now)]
+        return [s for s in scans if s is not None]
+
+    def close(self):
+        self._source.close()
+
+
+def driven(fault, until=inf, blocked=False):
+    """(follower, ESC's neutral [us], pulses (n, 2): t [s], us)."""
+    backend = open_backend("sim://?seed=3&nano=mock&lidar=1&map=lane")
+    world, pulses = world_of(backend), []
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
+    if blocked:
+        world.at(3.0, lambda w: setattr(w, "blocked", True))
+    else:
+        backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
+    with Car.over(backend) as car:
+        follower = follower_of(car, 1.0, inf, until)
+        drive(car, follower, ())
+        car.stop()
+        neutral = car.files.config.throttle.neutral_us
+        for _ in car.states(duration=1.0):
+            pass
+    return follower, neutral, np.array(pulses)
+
+
+@pytest.mark.few("silent")
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
+    follower, neutral, pulses = driven(fault)
+    t, us = pulses.T
+    assert follower.phase is Phase.ENDED
+    assert not follower.good
+    assert FAULTS[fault][1] in follower.why
+    first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
+    assert 0.5 < first < LOST_AT - 0.5
+    late = t > LOST_AT + PATIENCE + 0.15
+    assert us[late].max() <= us[(t > first) & ~late].max()
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
+
+
+@pytest.mark.more
+def test_a_car_that_is_held_is_given_up_at_neutral():
+    follower, neutral, pulses = driven("", until=20.0, blocked=True)
+    assert not follower.good
+    assert "does not move" in follower.why
+    t, us = pulses.T
+    assert us[(t > 2.5) & (t < 3.5)].max() > neutral + 20.0
+    assert us[t > 3.0 + 0.5 + STUCK].max() < neutral + 5.0
+
+
+@pytest.mark.more
+def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
+    """And without the second bound, the end of what was seen."""
+    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    monkeypatch.setattr(lane_follow, "FRONT", -1e9)
+    _, neutral, pulses = driven("silent", until=8.0)
+    t, us = pulses.T
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+
+
+@pytest.mark.more
+def test_without_patience_it_still_stops_within_what_it_saw(monkeypatch):
+    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    follower, neutral, pulses = driven("silent")
+    assert follower.why == "the lane ends"
+    assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)

@@ -1,0 +1,114 @@
+"""The middle of a lane out of points, and what is learnt of wheels and lidar between two scans."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+import pytest
+from tests.control.light_follow import plant_by
+
+from dart_hal.control.lane import REACH, look
+from dart_hal.control.lane_model import Reckoning
+from dart_hal.control.paths import Path
+from dart_hal.sim.lidar.lanes import HALF, LANES, boards
+from dart_hal.types import Pose
+from dart_hal.vehicle.sets import UPSTREAM_2024
+
+RNG = np.random.default_rng(5)
+
+
+def points_of(path, pose, noise=0.015, keep=(0, 1)):
+    """Points that a lidar 0.13 m before a pose sees of the boards: one each 0.57 deg."""
+    both = boards(path)
+    c, s = cos(pose.yaw), sin(pose.yaw)
+    axis = np.array((pose.x + 0.13 * c, pose.y + 0.13 * s))
+    fine = []
+    for side in keep:
+        n = len(both[side])
+        fine.append(np.column_stack([np.interp(np.linspace(0, n - 1, 60 * n), np.arange(n), column)
+                                     for column in both[side].T]) - axis)
+    if not fine:
+        return np.array([(np.nan, np.nan)])
+    all_ = np.vstack(fine)
+    reach, turn = np.hypot(*all_.T), np.round(np.arctan2(*all_.T[::-1]) / 0.01).astype(int)
+    order = np.argsort(reach)
+    first = order[np.unique(turn[order], return_index=True)[1]]
+    far = (reach[first] + noise * RNG.normal(size=len(first)))[:, None]
+    way = 0.01 * turn[first]
+    hit = axis + far * np.column_stack((np.cos(way), np.sin(way)))
+    return np.vstack([hit, [(np.nan, np.nan)]])
+
+
+def beside(path, s, left=0.0, turned=0.0):
+    spot = path.at(s)
+    return Pose(spot.x - left * sin(spot.heading), spot.y + left * cos(spot.heading),
+                spot.heading + turned)
+
+
+def seen_at(path, pose, keep=(0, 1)):
+    return look(points_of(path, pose, keep=keep), pose)
+
+
+def off(path, points, s):
+    found = []
+    for x, y in points:
+        s = path.closest(x, y, s)
+        found.append(path.offset(x, y, s))
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("left", "turned"), [(0.0, 0.0), (0.1, -0.3), (-0.2, 0.5)])
+@pytest.mark.parametrize("name", list(LANES))
+def test_the_middle_is_found_from_anywhere_in_the_lane(name, left, turned):
+    path = LANES[name]()
+    for s in (0.5, 3.0, 4.5, 7.0, 8.5):
+        seen = seen_at(path, beside(path, s, left, turned))
+        assert seen.half == pytest.approx(HALF, abs=0.01)
+        assert len(seen.middle) * 0.1 > 1.5
+        assert np.abs(off(path, seen.middle[:11], s)).max() < 0.012
+
+
+@pytest.mark.parametrize(("keep", "left", "right"), [
+    ((0,), True, False), ((1,), False, True), ((), False, False)])
+def test_half_a_lane_is_none(keep, left, right):
+    path = LANES["lane"]()
+    seen = seen_at(path, beside(path, 3.0), keep)
+    assert (seen.left, seen.right, seen.whole) == (left, right, False)
+
+
+def test_it_ends_where_the_boards_end():
+    path = LANES["lane"]()
+    for left in (1.5, 0.8):
+        seen = seen_at(path, beside(path, path.length - left))
+        assert path.length - 0.15 < seen.middle[-1, 0] < path.length + 0.08
+    assert seen_at(path, beside(path, 3.0)).middle[-1, 0] < 3.0 + REACH + 0.1
+
+
+def straight(left, heading):
+    """A lane seen from a car: its middle begins ``left`` m beside it."""
+    at = np.linspace(0.0, 2.0, 21)
+    return Path.through(np.column_stack((at, left + at * np.tan(heading))), closed=False)
+
+
+@pytest.mark.parametrize(("trim", "mount"), [(0.02, 0.0), (0.0, 0.02), (-0.015, 0.01)])
+def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(trim, mount):
+    """A car that turns by its trim, whose lidar looks to the left by its mount, in a straight lane;
+    what it learns is what is there, once it has driven 6 m."""
+    p = UPSTREAM_2024
+    model, before, true = Reckoning(plant_by(p)), None, np.zeros(3)
+    for k in range(600):
+        pose = model.go(0.01 * k, 1.0).pose
+        model.sent(-0.5 * (true[1] + 2.0 * true[2]) - model.trim)
+        angle = trim - 0.5 * (true[1] + 2.0 * true[2]) - model.trim
+        true[2] += 0.01 * model._plant.steady.bend(angle, 1.0)
+        true[:2] += 0.01 * cos(true[2]), 0.01 * sin(true[2])
+        if k % 13 == 12:
+            left, heading = -true[1] / cos(true[2]), -true[2] - mount + model.mount
+            lane = straight(left, heading).moved(
+                pose.x - left * sin(pose.yaw), pose.y + left * cos(pose.yaw), pose.yaw + heading)
+            if before is not None:
+                model.compare(before, lane)
+            before = lane
+    assert model.trim == pytest.approx(trim, abs=0.005)
+    assert model.mount == pytest.approx(mount, abs=0.005)
