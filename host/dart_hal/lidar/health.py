@@ -96,7 +96,12 @@ class Watch:
         return LidarHealth(
             float(np.mean([s.rate for s in self._scans])), came / len(self._scans),
             missing / (came + missing), float(back.mean()), tuple(_blind(where[back])),
-            self._both / self._car if self._sum > ENOUGH else None)
+            self.sense)
+
+    @property
+    def sense(self) -> float | None:
+        """As ``LidarHealth.sense``."""
+        return self._both / self._car if self._sum > ENOUGH else None
 
 
 def turned(before: FloatArray, after: FloatArray) -> float:
