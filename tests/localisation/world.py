@@ -115,12 +115,20 @@ def drive(seed: int, hid: Hidden) -> Drive:
     way = wander(room, hid.speed, hid.seconds, rng)
     n = len(way)
     t = 1.0 + DT * np.arange(n)
-    lateral = hid.speed**2 * way[:, 3]
+    speed = np.minimum(hid.speed, 2.0 * (t - t[0]))
+    way = _resampled(way, np.concatenate(((0.0,), np.cumsum(speed[1:] * DT))) / (hid.speed * DT))
+    lateral = speed**2 * way[:, 3]
     truth = np.column_stack((way[:, :2], way[:, 2] + hid.slip * lateral))
     told = _told(t, truth, np.cos(hid.slip * lateral), hid, rng)
     lines = np.vstack((room.lines, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
                  list(_scans(lines, room.glass, t, truth, hid, rng, n)))
+
+
+def _resampled(way: FloatArray, at: FloatArray) -> FloatArray:
+    """Rows of a way at fractional indices: the car starts from rest, with 2 m/s2."""
+    index = np.arange(len(way))
+    return np.column_stack([np.interp(at, index, column) for column in way.T])
 
 
 def _told(t: FloatArray, truth: FloatArray, ahead: FloatArray, hid: Hidden,

@@ -36,6 +36,9 @@ ALONG, ASIDE, TURN = 0.004, 0.004, 0.002
 """m, m, rad per sqrt(m): random errors of the way, of the slip, of the heading."""
 SURPRISE = 25.0
 """Squared deviation of four numbers, 1 in 20 000: a wheel spun, or the car was pushed."""
+BENT = 0.5
+"""Of what the way from the middle of a scan to its end may be wrong by, as an error of the match:
+beams before and after the middle are off to opposite sides, and walls are not seen alike."""
 PUSHED = np.diag(np.array((0.15, 0.15, 0.06))**2)
 """m, m, rad by which it may have gone then between two scans: a wheel 60 % too quick at 2 m/s."""
 
@@ -75,27 +78,29 @@ class Belief:
         sees[(0, 1, 2, 3), (0, 1, 2, SCALE)] = 1.0
         sees[:3, ERRORS] = -turn @ way.by
         sees[:3, TAU] = -turn @ way.rate
-        belief, found = self._matched(chart, points, rays, sees)
-        if found is None:
-            belief, found = replace(self, cov=_pushed(self.cov))._matched(
-                chart, points, rays, sees, any_pose=True)
-        assert found is not None
-        return belief, found
-
-    def _matched(self, chart: Map, points: FloatArray, rays: FloatArray, sees: FloatArray,
-                 any_pose: bool = False) -> tuple[Belief, Match | None]:
-        """None where the scan is a surprise, unless ``any_pose`` is as good."""
-        before = sees @ self.cov @ sees.T
-        known = np.linalg.inv(before)
-        start = sees[:, (0, 1, 2, SCALE)] @ self.mean[[0, 1, 2, SCALE]]
+        known = np.linalg.inv(sees @ self.cov @ sees.T)
+        start = self.mean[[0, 1, 2, SCALE]]
         found = match(chart, points, rays, start, known)
         off = found.pose - start
-        if not any_pose and off @ known @ off > SURPRISE:
-            return self, None
+        if off @ known @ off < SURPRISE:
+            return self._corrected(sees, known, found, off), found
+        pushed = replace(self, cov=_pushed(self.cov))
+        known = np.linalg.inv(sees @ pushed.cov @ sees.T)
+        found = match(chart, points, rays, start, known)
+        return pushed._corrected(sees, known, found, found.pose - start), found
+
+    def _corrected(self, sees: FloatArray, known: FloatArray, found: Match, off: FloatArray
+                   ) -> Belief:
+        """By a match that is ``off`` what was ``known``; its beams were placed by a bent way."""
+        bent = np.zeros((4, 4))
+        shape = sees[:3, ERRORS]
+        bent[:3, :3] = BENT**2 * shape @ self.cov[ERRORS, ERRORS] @ shape.T
+        weaker = np.linalg.inv(np.eye(4) + found.info @ bent)
+        pull = weaker @ (known + found.info) @ off
+        after = np.linalg.inv(known + weaker @ found.info)
         gain = self.cov @ sees.T @ known
-        after = np.linalg.inv(known + found.info)
-        cov = self.cov - gain @ (before - after) @ gain.T
-        return Belief(self.t, self.mean + gain @ off, 0.5 * (cov + cov.T)), found
+        cov = self.cov - gain @ (np.linalg.inv(known) - after) @ gain.T
+        return Belief(self.t, self.mean + gain @ after @ pull, 0.5 * (cov + cov.T))
 
 
 def begun(t: float, pose: FloatArray, std: FloatArray = STD) -> Belief:
