@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.localisation.world import Drive, drive, hidden, run
@@ -32,7 +34,8 @@ def test_a_car_of_hidden_errors_is_followed_at_two_metres_per_second(quick):
 
 def test_without_deskewing_it_is_three_times_worse(quick):
     """The negative control, with the better of the single stamps."""
-    assert rms(run(quick, deskew=False).off) > 3.0 * rms(run(quick).off)
+    begun = replace(quick, scans=quick.scans[:40])
+    assert rms(run(begun, deskew=False).off) > 3.0 * rms(run(begun).off)
 
 
 def test_the_hidden_errors_are_learnt():

@@ -21,9 +21,14 @@ EVERY = 3
 RIGHT, STALE_RIGHT = 0.60, 0.46
 """Agreement below which a pose is wrong; and where the map is known to be out of date."""
 STALE = 0.75
-"""Mean agreement below which the map is out of date: moved boxes, other furniture."""
+"""Mean agreement below which the map is out of date: moved boxes, other furniture. Least of a
+search: rooms of the map had 0.80 at least (60 scans), with 22 % new walls 0.75 in 98 of 100; rooms
+of the same outline with other furniture less in 88 of 100."""
 MEMORY = 0.05
 """Weight of one scan in that mean: 20 scans, 2.5 s."""
+FRESH = 80
+"""Scans, 10 s, in which a track that was searched may not find the map out of date: another room
+would look so."""
 PATIENCE = 3
 """Scans in a row, 0.4 s, until a pose is given up."""
 
@@ -59,17 +64,24 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
 
 
 class Judge:
-    """One per track. ``mean``: agreement of the last seconds."""
+    """One per track. agreed: of its first scan; searched: nobody said where it begins.
 
-    def __init__(self, agreed: float) -> None:
+    ``mean``: agreement of the last seconds; ``doubted``: the last scan disagrees.
+    """
+
+    def __init__(self, agreed: float, *, searched: bool = False) -> None:
         self.mean = agreed
-        self._bad = 0
+        self._bad, self._fresh = 0, FRESH if searched else 0
+
+    @property
+    def doubted(self) -> bool:
+        return self._bad > 0
 
     def add(self, agreed: float) -> Status:
         """The agreement of one more scan."""
-        stale = self.mean < STALE
+        stale, self._fresh = self.mean < STALE, self._fresh - 1
         self._bad = self._bad + 1 if agreed < (STALE_RIGHT if stale else RIGHT) else 0
-        if self._bad >= PATIENCE:
+        if self._bad >= PATIENCE or (stale and self._fresh > 0):
             return Status.LOST
         if not self._bad:
             self.mean += MEMORY * (agreed - self.mean)

@@ -13,7 +13,7 @@ import numpy as np
 from dart_hal.lidar.health import Watch
 from dart_hal.localisation.belief import ERRORS, POSE, SLIP, TAU, Belief, again, begun
 from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import RIGHT, Judge, Status, agreement
+from dart_hal.localisation.health import STALE, Judge, Status, agreement
 from dart_hal.localisation.path import Steps, Stretch
 from dart_hal.localisation.search import Found, search
 from dart_hal.types import FloatArray, Pose, Scan
@@ -31,8 +31,8 @@ MIRRORED = -0.3
 @dataclass(frozen=True, slots=True)
 class Located:
     """What one scan told. t [s]: of the pose on the clock of the States; arrival [s]: of the scan;
-    pose: None while there is none to go by; agreement: share of beams that the map explains;
-    mirrored: the scans turn against the gyro."""
+    pose: None while there is none to go by, also of a single scan that disagrees; agreement: share
+    of beams that the map explains; mirrored: the scans turn against the gyro."""
 
     t: float
     arrival: float
@@ -127,10 +127,11 @@ class Localiser:
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
             self._agreed = found.agreement
-            if found.agreement < RIGHT or not found.sure:
+            if found.agreement < STALE or not found.sure:
                 self._nowhere = _why(found)
                 return False
-            pose, self._judge = found.pose[:3], Judge(found.agreement)
+            pose = found.pose[:3]
+            self._judge = Judge(found.agreement, searched=True)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -142,13 +143,13 @@ class Localiser:
         belief, found = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)
         agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
-        if status is Status.LOST or self._mirrored or (self._proven < PROVEN and agreed < RIGHT):
+        if status is Status.LOST or self._mirrored or (self._proven < PROVEN and agreed < STALE):
             self.belief, self._agreed = None, agreed
             return Located(t, arrival, Status.LOST, None, agreed, self._mirrored)
         self.belief = belief
         self._proven += 1
-        if self._proven <= PROVEN:
-            return Located(t, arrival, Status.LOST, None, agreed)
+        if self._proven <= PROVEN or self._judge.doubted:
+            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None, agreed)
         self._learnt = belief
         cov = belief.cov[POSE, POSE].copy()
         cov.setflags(write=False)
@@ -157,4 +158,4 @@ class Localiser:
 
 
 def _why(found: Found) -> Status:
-    return Status.LOST if found.agreement < RIGHT else Status.AMBIGUOUS
+    return Status.LOST if found.agreement < STALE else Status.AMBIGUOUS
