@@ -1,4 +1,4 @@
-"""The emulated lidar's bytes to poses of a car, as a controller and ``dart-hal localize`` see them."""
+"""From the bytes of an emulated lidar to poses of a car, as a controller sees them."""
 
 from __future__ import annotations
 

@@ -21,9 +21,9 @@ C = 0.08
 good, and c larger lets boxes that are not in the map pull."""
 FAR = 0.5
 """m from any wall: such a beam is of something that the map does not know."""
-SIGMA = 0.022
+SIGMA = 0.019
 """m, one sigma of a distance to a wall. Noise is 1.5 cm; neighbours share the errors of map and
-de-skewing, so that their number tells less than it seems: 600 beams count as 280."""
+de-skewing, so that their number tells less than it seems: 600 beams count as 370."""
 STEPS = 15
 SMALL = 1e-4
 """m and rad of a step after which there is no other: the next one is a tenth of it."""

@@ -95,15 +95,18 @@ class LidarPoses:
                                            FRAME))
 
 
-def open_source(text: str) -> LidarPoses:
-    """``lidar:FILE.yaml?start=X,Y,YAW``. Raises UsageError."""
+def open_source(text: str, chart: Map | None = None) -> LidarPoses:
+    """``lidar:FILE.yaml?start=X,Y,YAW``, or ``lidar?start=...`` where the map is given.
+
+    Raises UsageError.
+    """
     parts = urlsplit(text)
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
-    path = parts.netloc + parts.path
-    if not path or set(options) - {"start"}:
+    path = parts.netloc + parts.path if parts.scheme else ""
+    if bool(path) is (chart is not None) or set(options) - {"start"}:
         raise UsageError(f"{text!r} is no map to be localised in", found=text, expected=EXPECTED)
     start = start_of(options["start"]) if "start" in options else None
-    return LidarPoses(map_of_grid(read_grid(Path(path))), start, text)
+    return LidarPoses(chart or map_of_grid(read_grid(Path(path))), start, text)
 
 
 def start_of(text: str) -> tuple[float, float, float]:
