@@ -39,13 +39,15 @@ from dart_hal.types import FloatArray, Pose
               help="m/s at which the car drives meanwhile; 0: it is not armed")
 @click.option("--steering", type=Number(-0.5, 0.5), default=0.0, show_default=True,
               help="rad, left positive")
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="write the run to this MCAP file")
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the path over the map")
 @waive_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, chart: Path | None,
             start: str | None, duration: float, speed: float, steering: float,
-            plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+            record: Path | None, plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
     """Localise the car, or a recording of it with its scans, in a map.
 
     Prints the last pose with its standard errors, and how well the map explains the last scan; of
@@ -54,7 +56,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
     backend = open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
     source = LidarPoses(_map(backend, chart), start_of(start) if start else None)
     told: list[Located] = []
-    with Car.over(backend, car=car_name, cars=cars, poses=source) as car:
+    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record) as car:
         notices(car.notices)
         if speed and car.drives:
             car.arm(waive=waive)

@@ -38,8 +38,10 @@ class Map:
     def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance (n,) [m] at places (n,) [m] and how it grows with x and y; flat far outside."""
         rows, columns = self.distance.shape
-        u = np.clip((x - self.origin[0]) / self.cell, 0.0, columns - 1.001)
-        v = np.clip((y - self.origin[1]) / self.cell, 0.0, rows - 1.001)
+        u, v = (x - self.origin[0]) / self.cell, (y - self.origin[1]) / self.cell
+        for w, n in ((u, columns), (v, rows)):
+            np.maximum(w, 0.0, out=w)
+            np.minimum(w, n - 1.001, out=w)
         i, j = u.astype(np.intp), v.astype(np.intp)
         u -= i
         v -= j
