@@ -1,7 +1,7 @@
 """Figures of the localiser on hidden drives in random rooms; docs/how_to/localising.md shows them.
 
-    python -m tests.localisation.figures --first 5000 --seeds 20             all, 15 CPU minutes
-    python -m tests.localisation.figures --first 5000 --seeds 20 track search
+    python -m tests.localisation.figures --first 6000 --seeds 20             all, half an hour
+    python -m tests.localisation.figures --first 6000 --seeds 20 track flags
 
 Each row: n poses, rms and greatest distance [cm], worst rms of a seed, yaw rms and greatest [deg],
 mean normalised error squared (1 when honest). Rooms without a way at 2 m/s are passed over.
@@ -62,9 +62,15 @@ def row(name: str, results: list[Result]) -> None:
 def track(first: int, seeds: int) -> None:
     for name, fixed in ROWS.items():
         row(name, [run(d, late=h.late) for _, h, d in drives(first, seeds, **fixed)])
+
+
+def control(first: int, seeds: int) -> None:
+    """Without de-skewing, by the better of the single stamps: 20 s, while the car is not lost."""
     for speed in (1.0, 2.0):
-        row(f"{speed:g} m/s, no de-skewing, stamp in the middle",
-            [run(d, deskew=False) for _, _, d in drives(first, seeds, speed=speed)])
+        for deskew in (True, False):
+            results = [run(d, deskew=deskew, until_lost=True)
+                       for _, _, d in drives(first, seeds, speed=speed, seconds=20.0)]
+            row(f"{speed:g} m/s, {'' if deskew else 'no '}de-skewing", results)
 
 
 def cpu(first: int, seeds: int) -> None:
@@ -211,7 +217,8 @@ def kidnapped(d: Drive) -> Drive:
     return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved)
 
 
-ALL = {"track": track, "cpu": cpu, "flags": flags, "starts": starts, "whole": whole}
+ALL = {"track": track, "control": control, "cpu": cpu, "flags": flags, "starts": starts,
+       "whole": whole}
 
 
 def main() -> None:

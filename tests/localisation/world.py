@@ -205,7 +205,7 @@ class Result:
 
 
 def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 0.010,
-        localiser: Localiser | None = None) -> Result:
+        localiser: Localiser | None = None, until_lost: bool = False) -> Result:
     """Let a localiser follow a drive; poses are compared at the time that they are told for."""
     start = tuple(found.true(float(found.scans[0].t[-1]) - late).tolist())
     local = localiser or Localiser(found.chart, start if known else None, deskew=deskew)
@@ -216,6 +216,8 @@ def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 
             k += 1
         told.append(seen := local.add(scan))
         if seen is None or seen.pose is None:
+            if until_lost and local.belief is None:
+                break
             continue
         true = found.true(seen.t)
         off = np.array((seen.pose.x, seen.pose.y, seen.pose.yaw)) - true
