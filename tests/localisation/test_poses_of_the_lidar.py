@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from dart_hal.localisation.search import search
 from dart_hal.localisation.source import LidarPoses, open_source
 from dart_hal.sim.lidar.maps import box, room_of
 from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.types import Tracking
+from dart_hal.types import Pose, Tracking
 
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 
@@ -111,3 +113,34 @@ def quiet_drive():
     for t, pose in zip(d.t, d.told, strict=True):
         local.moved(float(t), *pose.tolist())
     return local, d.scans[5:]
+
+
+def test_beside_the_loop_of_a_real_car_the_same_poses_come():
+    d = drive(2003, hidden(2003, seconds=3.0))
+    start = tuple(d.true(float(d.scans[0].t[-1]) - 0.01).tolist())
+    inline, threaded = LidarPoses(d.chart, start), LidarPoses(d.chart, start)
+    threaded.in_thread()
+    for source in (inline, threaded):
+        k = 0
+        for scan in d.scans:
+            n = int(np.searchsorted(d.t, scan.arrival))
+            source.moved([Moment(float(t), Pose(*pose)) for t, pose in
+                          zip(d.t[k:n], d.told[k:n].tolist(), strict=True)])
+            source.add(scan)
+            k = n
+    want, got, end = inline.poll(9.0), [], time.monotonic() + 10.0
+    while len(got) < len(want) and time.monotonic() < end:
+        got += threaded.poll(9.0)
+        time.sleep(0.01)
+    threaded.close()
+    assert len(want) == len(d.scans)
+    assert [(p.stamp, p.x, p.y) for p in got] == [(p.stamp, p.x, p.y) for p in want]
+    assert {p.arrival for p in got} == {9.0}
+    assert threaded.dropped == 0
+
+
+class Moment(NamedTuple):
+    """What the localiser reads of a State."""
+
+    t: float
+    pose: Pose

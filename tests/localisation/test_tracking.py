@@ -32,6 +32,7 @@ def test_a_car_of_hidden_errors_is_followed_at_two_metres_per_second(quick):
     assert 0.2 < found.nees.mean() < 5.0
 
 
+@pytest.mark.cpu(3)
 def test_without_deskewing_it_is_three_times_worse(quick):
     """The negative control, with the better of the single stamps."""
     begun = replace(quick, scans=quick.scans[:40])
