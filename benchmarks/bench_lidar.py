@@ -11,9 +11,9 @@ import numpy as np
 from figures import Figure, best_cpu
 
 from dart_hal.lidar.scan import Stream
+from dart_hal.localisation.rays import Cast, cast_numpy, native
 from dart_hal.sim.lidar.maps import room_of
 from dart_hal.sim.lidar.params import LidarParams
-from dart_hal.sim.lidar.rays import Cast, cast_numpy, native
 from dart_hal.sim.lidar.unit import Unit
 from dart_hal.types import FloatArray
 

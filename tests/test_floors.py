@@ -59,6 +59,7 @@ def let_import(house: Path, room: str, other: str) -> None:
     ("links", "recording"), ("recording", "links"), ("control", "estimation"),
     ("vehicle", "wire"), ("report", "car"), ("sim", "calibration"), ("identify", "evaluate"),
     ("evaluate", "identify"), ("predict", "evaluate"), ("lidar", "car"), ("poses", "lidar"),
+    ("lidar", "localisation"), ("localisation", "sim"),
 ])
 @pytest.mark.few("types-cli", "recording-links")
 def test_an_import_up_or_sideways_would_be_seen(house, room, other):

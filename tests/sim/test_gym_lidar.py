@@ -10,10 +10,10 @@ import pytest
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.errors import UsageError
+from dart_hal.localisation import rays
 from dart_hal.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
 from dart_hal.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes
 from dart_hal.sim.gym.tasks import OFF_TRACK, Memory
-from dart_hal.sim.lidar import rays
 
 RING = Path([(2.0 * pi, 1.0)], closed=True)
 """A circle of 1 m about (0, 1), begun at the origin along x."""

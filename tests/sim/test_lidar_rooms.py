@@ -9,8 +9,9 @@ import pytest
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.sim.lidar import lanes, rays
-from dart_hal.sim.lidar.grid import read_grid
+from dart_hal.localisation import rays
+from dart_hal.localisation.grid import read_grid
+from dart_hal.sim.lidar import lanes
 from dart_hal.sim.lidar.maps import ROOMS, box, clearance, room_of
 from dart_hal.sim.truth import reveal_url, room_of_car
 

@@ -23,7 +23,7 @@ from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
-from dart_hal.car.poses import PoseFeed, room_of
+from dart_hal.car.poses import PoseFeed, localiser_of, room_of
 from dart_hal.car.receive import Receiver
 from dart_hal.car.scans import ScanFeed, mount_of
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
@@ -71,10 +71,11 @@ class Engine:
         self.recorder: Any = None
         self.poses: PoseFeed | None = None
         if backend.poses is not None:
-            self.telemetry.room = room = room_of(files, self.telemetry.odometry)
+            self.telemetry.room = room = room_of(files, self.telemetry.odometry, backend.poses)
             self.poses = PoseFeed(backend.poses, room)
         self.scans = (None if backend.lidar is None
                       else ScanFeed(backend.lidar, mount_of(files)))
+        self.localiser = localiser_of(backend, self.scans)
         self.listeners: list[Callable[[State], None]] = []
 
     @property
@@ -134,10 +135,12 @@ class Engine:
         with self.lock:
             states = [self._seen(state, t) for state in self.receiver.feed(
                 self.hooks.rx(data, t), t, self.applied)]
-            if self.poses is not None:
-                states = self.poses.take(states, t, self.now)
+            if self.localiser is not None:
+                self.localiser.moved(states)
             if self.scans is not None:
                 states = self.scans.take(states, t, self.now)
+            if self.poses is not None:
+                states = self.poses.take(states, t, self.now)
             if self.driver.overdue:
                 self._write(self.now)
         for state in states:        # without the lock: one that blocks holds up nobody's stop

@@ -7,11 +7,15 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
+from dart_hal.car.replay import ReplayPoses
+from dart_hal.car.scans import ScanFeed
 from dart_hal.config import CarFiles
+from dart_hal.errors import UsageError
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN, RoomEstimator
 from dart_hal.links.base import Backend
+from dart_hal.localisation.source import LidarPoses, open_source
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_poses
 from dart_hal.poses.clock_steps import ClockSteps
@@ -46,8 +50,14 @@ class PoseFeed:
         return states
 
 
-def room_of(files: CarFiles, odometry: Odometry) -> RoomEstimator:
+AXLE = Marker(std=(0.001, 0.001, 0.002, 0.002))
+"""Of poses that the car's own lidar makes: of the rear axle, by the car's own clock."""
+
+
+def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> RoomEstimator:
     """For a car of these files: its marker as ``calibrate mocap`` has measured it, else unknown."""
+    if isinstance(source, LidarPoses) or (isinstance(source, ReplayPoses) and source.on_board):
+        return RoomEstimator(odometry, AXLE, own_clock=True)
     table = files.calibration.mocap if files.calibration else None
     if table is None:
         return RoomEstimator(odometry)
@@ -59,6 +69,20 @@ def room_of(files: CarFiles, odometry: Odometry) -> RoomEstimator:
     return RoomEstimator(odometry, Marker(lx, ly, theta, latency, (a, b, c, d)))
 
 
+def localiser_of(backend: Backend, scans: ScanFeed | None) -> LidarPoses | None:
+    """The source, if it is the car's own lidar, joined to its scans. Raises UsageError without."""
+    source = backend.poses
+    if not isinstance(source, LidarPoses):
+        return None
+    if scans is None:
+        raise UsageError(f"poses by {source.name}: the car has no lidar", found=backend.url.text,
+                         expected="sim://?lidar=1, or --lidar serial:///dev/dart-lidar")
+    scans.place = source.add
+    if not backend.virtual:
+        source.in_thread()
+    return source
+
+
 def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
     """Let ``poses``, else $DART_HAL_POSES, be the source of a backend that has none of its own.
 
@@ -67,6 +91,10 @@ def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
     if poses is None and backend.poses is None and backend.bus is not None:
         poses = os.environ.get("DART_HAL_POSES") or None
     if poses is not None:
-        backend.poses = open_poses(poses) if isinstance(poses, str) else poses
+        backend.poses = _opened(poses) if isinstance(poses, str) else poses
     if backend.poses is not None:
         backend.closers += (backend.poses.close,)
+
+
+def _opened(text: str) -> PoseSource:
+    return open_source(text) if text.startswith("lidar:") else open_poses(text)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from dart_hal.errors import DartHalError, EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
+from dart_hal.localisation.source import FRAME
 from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
 from dart_hal.types import NEUTRAL, Applied, ExternalPose, Scan
@@ -108,11 +109,12 @@ class ReplayLink(Link):
 
 
 class ReplayPoses:
-    """The recorded poses from outside, each at its arrival."""
+    """The recorded poses from outside, each at its arrival; ``on_board``: by the car's lidar."""
 
     def __init__(self, recording: RunReader, poses: Iterable[ExternalPose]) -> None:
         self.name = f"the poses in {recording.path}"
         self._poses = deque(poses)
+        self.on_board = bool(self._poses) and self._poses[0].frame == FRAME
 
     def poll(self, now: float) -> list[ExternalPose]:
         due = []

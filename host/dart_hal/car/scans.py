@@ -21,11 +21,13 @@ AXIS_X = 0.13
 
 
 class ScanFeed:
-    """One per open car with a lidar. ``record`` is called with each scan as the unit told it."""
+    """One per open car with a lidar. ``record`` is called with each scan as the unit told it,
+    ``place`` with each as it is mounted."""
 
     def __init__(self, source: ScanSource, mount: Mount) -> None:
         self.source = source
         self.record: Callable[[Scan], None] = lambda scan: None
+        self.place: Callable[[Scan], None] = lambda scan: None
         self.newest: Scan | None = None
         self.waiting: deque[Scan] = deque(maxlen=KEPT)
         self.watch = Watch()
@@ -44,6 +46,7 @@ class ScanFeed:
             self.record(scan)
             self.newest = scan.mounted(self._mount)
             self.waiting.append(self.newest)
+            self.place(self.newest)
             self.watch.add(self.newest, self._yaw)
         return [replace(state, scan=self.newest) for state in states]
 

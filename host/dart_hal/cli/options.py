@@ -45,7 +45,8 @@ def poses_option(command: F) -> F:
     """``--poses``: who sees the car from outside; a run that is recorded keeps the poses."""
     return click.option("--poses", default=None, metavar="URL",
                         help="who sees the car from outside: natnet://HOST?body=car, "
-                        "vrpn://car@HOST, udp://:5005, file://poses.csv (default: $DART_HAL_POSES)"
+                        "vrpn://car@HOST, udp://:5005, file://poses.csv, lidar:map.yaml, or lidar "
+                        "in sim:// (default: $DART_HAL_POSES)"
                         )(command)
 
 

@@ -2,23 +2,45 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.output import notices, progress_bar
+from dart_hal.errors import DartHalError
+from dart_hal.links.base import open_backend
+from dart_hal.localisation.source import open_source
 from dart_hal.types import State
 
 
 @contextmanager
 def opened(url: str | None, car_name: str, cars: Path | None,
            record: Path | None = None, poses: str | None = None) -> Iterator[Car]:
-    """An open car whose notices have been shown; closed at neutral afterwards."""
-    with Car.open(url, car=car_name, cars=cars, record=record, poses=poses) as car:
+    """An open car whose notices have been shown; closed at neutral afterwards.
+
+    poses "lidar", "lidar?start=X,Y,YAW": of a simulated car, by its lidar in the map of its room.
+    """
+    with (_by_lidar(url, car_name, cars, record, poses)
+          if poses is not None and poses.partition("?")[0] == "lidar" else
+          Car.open(url, car=car_name, cars=cars, record=record, poses=poses)) as car:
         notices(car.notices)
         yield car
+
+
+def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
+              poses: str) -> Car:
+    from dart_hal.cli.localize_truth import map_of_room
+    backend = open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+    try:
+        source = open_source(poses, map_of_room(backend))
+    except DartHalError:
+        backend.close()
+        raise
+    return Car.over(backend, car=car_name, cars=cars, record=record, poses=source)
 
 
 def with_progress(states: Iterator[State], duration: float, title: str) -> Iterator[State]:

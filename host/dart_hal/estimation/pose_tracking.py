@@ -64,9 +64,13 @@ class Taken(Enum):
 
 
 class PoseTracker:
-    """One per open car. ``moved`` for each State, ``add`` for each pose, ``at`` to ask."""
+    """One per open car. ``moved`` for each State, ``add`` for each pose, ``at`` to ask.
 
-    def __init__(self) -> None:
+    own_clock: stamps are on the car's clock, those of its own lidar.
+    """
+
+    def __init__(self, *, own_clock: bool = False) -> None:
+        self._own_clock = own_clock
         self._clock = ClockFit(byte_time=0.0, latch_delay=0.0)
         self._first_stamp: float | None = None
         self._stamp = -inf
@@ -99,7 +103,8 @@ class PoseTracker:
         self._stamp = pose.stamp
         since = pose.stamp - self._first_stamp
         self._clock.add_frame(since, pose.arrival, 0.0)
-        t = min(self._clock.to_host(since)[0], pose.arrival)
+        told = pose.stamp if self._own_clock else self._clock.to_host(since)[0]
+        t = min(told, pose.arrival)
         self._step += 0.1 * (min(t - self._newest_t, 1.0) - self._step)
         self._newest_t = t
         fix = _Fix(t, pose, self._odometry_at(t))

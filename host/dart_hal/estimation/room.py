@@ -41,11 +41,13 @@ class _Fix(NamedTuple):
 class RoomEstimator:
     """One per open car with a source: ``moved`` for each State, ``add`` for each pose.
 
-    odometry: the car's, for what it knows of its sensors when it is opened.
+    odometry: the car's, for what it knows of its sensors when it is opened; own_clock: stamps
+    are on the car's clock.
     """
 
-    def __init__(self, odometry: Odometry, marker: Marker = UNKNOWN) -> None:
-        self._tracker = PoseTracker()
+    def __init__(self, odometry: Odometry, marker: Marker = UNKNOWN, *,
+                 own_clock: bool = False) -> None:
+        self._tracker = PoseTracker(own_clock=own_clock)
         self._late, marker = marker.latency, marker._replace(latency=0.0)
         self._filter = PoseFilter(
             replace(odometry.noise, slip_gain=SLIDES_STD), slip_gain=SLIDES,

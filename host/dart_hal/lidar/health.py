@@ -69,21 +69,20 @@ class Watch:
 
     def __init__(self) -> None:
         self._scans: deque[Scan] = deque(maxlen=SCANS)
-        self._last: tuple[FloatArray, float] | None = None
+        self._last: tuple[Scan, float] | None = None
         self._both = self._car = self._sum = 0.0
 
     def add(self, scan: Scan, yaw: float) -> None:
         """One more scan."""
         self._scans.append(scan)
-        seen = _profile(scan)
-        if np.isfinite(seen).sum() < SEEN:
-            self._last = None
+        last, self._last = self._last, (scan, yaw)
+        if last is None or abs(turn := yaw - last[1]) <= TURNS:
             return
-        if self._last is not None and abs(turn := yaw - self._last[1]) > TURNS:
-            self._both += turn * turned(self._last[0], seen)
+        before, after = _profile(last[0]), _profile(scan)
+        if min(np.isfinite(before).sum(), np.isfinite(after).sum()) >= SEEN:
+            self._both += turn * turned(before, after)
             self._car += turn * turn
             self._sum += abs(turn)
-        self._last = seen, yaw
 
     def health(self) -> LidarHealth | None:
         """None before the first scan."""
@@ -96,7 +95,12 @@ class Watch:
         return LidarHealth(
             float(np.mean([s.rate for s in self._scans])), came / len(self._scans),
             missing / (came + missing), float(back.mean()), tuple(_blind(where[back])),
-            self._both / self._car if self._sum > ENOUGH else None)
+            self.sense)
+
+    @property
+    def sense(self) -> float | None:
+        """As ``LidarHealth.sense``."""
+        return self._both / self._car if self._sum > ENOUGH else None
 
 
 def turned(before: FloatArray, after: FloatArray) -> float:

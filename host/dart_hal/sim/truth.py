@@ -1,9 +1,9 @@
 """The way to the truth about a simulated car. Who may take it is a rule.
 
-Only ``dart-hal sim --reveal``, ``dart-hal demo`` and tests import this module
-or ``dart_hal.sim.hidden``. Estimation, calibration, control and diagnosis
-have to measure: a program that could peek would prove nothing. A test reads
-the import graph and refuses every other importer.
+Only ``dart-hal sim --reveal``, ``dart-hal demo``, ``dart-hal localize``, which gives a car the
+map of its room and draws the true path, and tests import this module or ``dart_hal.sim.hidden``.
+Estimation, calibration, control and diagnosis have to measure: a program that could peek would
+prove nothing. A test reads the import graph and refuses every other importer.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ import numpy as np
 
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
-from dart_hal.sim.lidar.grid import lines_of_grid, read_grid
+from dart_hal.localisation.grid import lines_of_grid, read_grid
 from dart_hal.sim.lidar.lanes import AROUND, LANES, begins, boards
 from dart_hal.types import FloatArray
 

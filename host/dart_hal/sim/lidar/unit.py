@@ -23,9 +23,9 @@ import numpy as np
 from dart_hal.errors import DartHalError
 from dart_hal.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
 from dart_hal.lidar.scan import BYTE, Stream
+from dart_hal.localisation.rays import best
 from dart_hal.sim.lidar.maps import Room
 from dart_hal.sim.lidar.params import LidarParams
-from dart_hal.sim.lidar.rays import best
 from dart_hal.types import FloatArray, IntArray, Scan
 
 PER_PACKET = 40

@@ -1,0 +1,133 @@
+"""``dart-hal localize``: where the car is in a map, by its lidar, wheels and gyro."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from math import degrees, tau
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
+from dart_hal.cli.localize_picture import draw
+from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
+from dart_hal.cli.output import notices, print_json, results
+from dart_hal.cli.session import with_progress
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Backend, open_backend
+from dart_hal.localisation.field import Map, map_of_grid
+from dart_hal.localisation.grid import read_grid
+from dart_hal.localisation.localiser import Located
+from dart_hal.localisation.source import LidarPoses, start_of
+from dart_hal.report.figures import FORMATS
+from dart_hal.types import FloatArray, Pose
+
+
+@click.command("localize")
+@car_options
+@click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="YAML file of a map as ROS's map_server keeps it (default: of sim://, its room)")
+@click.option("--start", default=None, metavar="X,Y,YAW",
+              help="where the car is, m and rad (default: it is searched)")
+@click.option("--duration", type=Number(min=0.1), default=20.0, show_default=True,
+              help="seconds of the car's time")
+@click.option("--speed", type=Number(0.0, 10.0), default=0.0, show_default=True,
+              help="m/s at which the car drives meanwhile; 0: it is not armed")
+@click.option("--steering", type=Number(-0.5, 0.5), default=0.0, show_default=True,
+              help="rad, left positive")
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="write the run to this MCAP file")
+@click.option("--plot", type=NamedFile(*FORMATS), default=None,
+              help="write a picture of the path over the map")
+@waive_option
+@json_option
+def command(url: str | None, car_name: str, cars: Path | None, chart: Path | None,
+            start: str | None, duration: float, speed: float, steering: float,
+            record: Path | None, plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+    """Localise the car, or a recording of it with its scans, in a map.
+
+    Prints the last pose with its standard errors, and how well the map explains the last scan; of
+    a simulated car also how far it was off. Exits 1 where the car is lost at the end.
+    """
+    backend = open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+    source = LidarPoses(_map(backend, chart), start_of(start) if start else None)
+    told: list[Located] = []
+    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record) as car:
+        notices(car.notices)
+        if speed and car.drives:
+            car.arm(waive=waive)
+        for _ in with_progress(car.states(duration=duration), duration, "localising"):
+            if speed and car.drives:
+                car.drive_speed(steering=steering, speed=speed, source="localize")
+            if source.newest is not None and (not told or told[-1] is not source.newest):
+                told.append(source.newest)
+        car.stop()
+    truth = _truth(backend, told) if chart is None else None
+    found = figures(told, truth)
+    if plot:
+        found["files"] = {"plot": str(draw(source.chart, told, truth, plot))}
+    if as_json:
+        print_json(found)
+    else:
+        results.print(sentence(found), markup=False, highlight=False)
+    return 0 if found["status"] in ("TRACKING", "MAP_STALE") else 1
+
+
+def _map(backend: Backend, chart: Path | None) -> Map:
+    if chart is not None:
+        return map_of_grid(read_grid(chart))
+    if backend.url.scheme != "sim":
+        raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
+    from dart_hal.cli.localize_truth import map_of_room
+    return map_of_room(backend)
+
+
+def _truth(backend: Backend, told: list[Located]) -> FloatArray | None:
+    from dart_hal.cli.localize_truth import true_path
+    return true_path(backend, np.array([seen.t for seen in told])) if told else None
+
+
+def figures(told: list[Located], truth: FloatArray | None) -> dict[str, Any]:
+    """What the scans told; truth (n, 3): the pose at each, where it is known."""
+    last = told[-1] if told else None
+    found: dict[str, Any] = {
+        "status": str(last.status) if last else "LOST", "scans": len(told),
+        "agreement": last.agreement if last else None,
+        "mirrored": bool(last and last.mirrored), "pose": last and last.pose and _pose(last.pose),
+        "counts": dict(Counter(str(seen.status) for seen in told))}
+    placed = [(seen.pose, true) for seen, true in zip(told, truth, strict=True)
+              if seen.pose is not None] if truth is not None else []
+    if placed:
+        off = np.array([(at.x - x, at.y - y, (at.yaw - yaw + tau / 2) % tau - tau / 2)
+                        for at, (x, y, yaw) in placed])
+        far = np.hypot(off[:, 0], off[:, 1])
+        found["error"] = {"rms_m": float(np.sqrt(np.mean(far**2))), "max_m": float(far.max()),
+                          "yaw_rms_rad": float(np.sqrt(np.mean(off[:, 2]**2)))}
+    return found
+
+
+def _pose(at: Pose) -> dict[str, Any]:
+    return {"x": at.x, "y": at.y, "yaw": (at.yaw + tau / 2) % tau - tau / 2,
+            "cov": at.cov.tolist()}
+
+
+def sentence(found: dict[str, Any]) -> str:
+    """The same to be read."""
+    if found["pose"] is None:
+        why = "; the scans turn against the gyro: inverted in [lidar]" if found["mirrored"] else ""
+        return f"{found['status']}: no pose after {found['scans']} scans{why}"
+    at, cov = found["pose"], np.array(found["pose"]["cov"])
+    std = np.sqrt(np.diag(cov))
+    text = (f"{found['status']}: x {at['x']:.3f} m, y {at['y']:.3f} m, "
+            f"yaw {degrees(at['yaw']):.2f} deg; standard errors {1e3 * std[0]:.1f} mm, "
+            f"{1e3 * std[1]:.1f} mm, {degrees(std[2]):.2f} deg; the map explains "
+            f"{100.0 * found['agreement']:.0f} % of the last scan")
+    if "error" in found:
+        off = found["error"]
+        text += (f"; truly off by {100.0 * off['rms_m']:.2f} cm rms, {100.0 * off['max_m']:.2f} cm "
+                 f"at most, {degrees(off['yaw_rms_rad']):.2f} deg rms")
+    return text

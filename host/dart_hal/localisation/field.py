@@ -1,0 +1,93 @@
+"""A map that can be matched: its lines, and on a raster the distance to the nearest of them.
+
+A thin wall has its zero on both sides alike, so the field is the plain distance to the lines,
+bilinear between nodes 2.5 cm apart: on a straight wall exact but within half a cell of it, where
+the fold of the distance is cut flat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.errors import UsageError
+from dart_hal.localisation.grid import Grid, lines_of_grid
+from dart_hal.types import FloatArray
+
+CELL = 0.025
+"""m between two nodes: the c of the weights in the matcher is three of them."""
+REACH = 0.6
+"""m beyond which a distance is no news: the matcher ignores what is further than 0.5 m."""
+MOST = 4_000_000
+"""Nodes: 2500 m2, 128 MB. A larger map wants coarser cells."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Map:
+    """lines (m, 4): x1, y1, x2, y2 [m]; origin (2,) [m] of node 0, 0; distance (rows, columns)
+    [m], at most ``REACH``, which it is along the border; patch (rows * columns, 4): of the cell
+    right above a node, the distance there and what x, y and x y add to it."""
+
+    lines: FloatArray
+    origin: FloatArray
+    cell: float
+    distance: FloatArray
+    patch: FloatArray
+
+    def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distance (n,) [m] at places (n,) [m] and how it grows with x and y; flat far outside."""
+        rows, columns = self.distance.shape
+        u, v = (x - self.origin[0]) / self.cell, (y - self.origin[1]) / self.cell
+        for w, n in ((u, columns), (v, rows)):
+            np.maximum(w, 0.0, out=w)
+            np.minimum(w, n - 1.001, out=w)
+        i, j = u.astype(np.intp), v.astype(np.intp)
+        u -= i
+        v -= j
+        here, by_x, by_y, by_xy = self.patch.take(j * columns + i, axis=0).T
+        grow_x, grow_y = by_x + by_xy * v, by_y + by_xy * u
+        return here + by_x * u + grow_y * v, grow_x / self.cell, grow_y / self.cell
+
+
+def map_of_lines(lines: FloatArray, cell: float = CELL) -> Map:
+    """The map of exact lines (m, 4) [m]. Raises UsageError for none, and for too many nodes."""
+    lines = np.asarray(lines, dtype=np.float64).reshape(-1, 4)
+    if not len(lines):
+        raise UsageError("a map without a wall", found="no line", expected="what a lidar sees")
+    ends = lines.reshape(-1, 2)
+    low = ends.min(axis=0) - REACH - 2.0 * cell
+    columns, rows = np.ceil((ends.max(axis=0) + REACH + 2.0 * cell - low) / cell).astype(int) + 1
+    if rows * columns > MOST:
+        raise UsageError("a map too large to be matched", found=f"{columns} x {rows} nodes",
+                         expected=f"at most {MOST}", remedy="cut it, or use coarser cells")
+    distance = np.full((rows, columns), REACH)
+    for line in lines:
+        _draw(distance, line, low, cell)
+    lines.setflags(write=False)
+    return Map(lines, low, cell, distance, _patches(distance))
+
+
+def map_of_grid(grid: Grid) -> Map:
+    """The map of what is occupied in a ROS grid: the outlines of its cells."""
+    return map_of_lines(lines_of_grid(grid), min(CELL, grid.cell))
+
+
+def _draw(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:
+    """Lower ``distance`` to that from ``line``, in the box that ``REACH`` puts around it."""
+    a, e = line[:2], line[2:] - line[:2]
+    first = np.floor((np.minimum(a, line[2:]) - REACH - low) / cell).astype(int)
+    last = np.ceil((np.maximum(a, line[2:]) + REACH - low) / cell).astype(int) + 1
+    box = distance[first[1]:last[1], first[0]:last[0]]
+    x = low[0] + cell * np.arange(first[0], last[0]) - a[0]
+    y = (low[1] + cell * np.arange(first[1], last[1]) - a[1])[:, None]
+    along = np.clip((x * e[0] + y * e[1]) / max(float(e @ e), 1e-12), 0.0, 1.0)
+    np.minimum(box, np.hypot(x - along * e[0], y - along * e[1]), out=box)
+
+
+def _patches(distance: FloatArray) -> FloatArray:
+    """The bilinear form of each cell; of the last row and column flat."""
+    d = np.pad(distance, ((0, 1), (0, 1)), mode="edge")
+    here, right, above, across = d[:-1, :-1], d[:-1, 1:], d[1:, :-1], d[1:, 1:]
+    forms = (here, right - here, above - here, across - right - above + here)
+    return np.ascontiguousarray(np.stack(forms, axis=-1).reshape(-1, 4))

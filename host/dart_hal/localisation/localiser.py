@@ -1,0 +1,161 @@
+"""Scans, wheels and gyro into poses in a map: search, then track, and say when it fails.
+
+``moved`` for each State, ``add`` for each scan that is whole by then. A scan is taken apart into
+beams, each placed by the odometry at its own time in the axes that the car has at the last one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.lidar.health import Watch
+from dart_hal.localisation.belief import ERRORS, POSE, SLIP, TAU, Belief, again, begun
+from dart_hal.localisation.field import Map
+from dart_hal.localisation.health import STALE, Judge, Status, agreement
+from dart_hal.localisation.path import Steps, Stretch
+from dart_hal.localisation.search import Found, search
+from dart_hal.types import FloatArray, Pose, Scan
+
+LEAST = 60
+"""Beams that came back, a tenth of a scan: below, it tells nothing."""
+PROVEN = 5
+"""Scans that a pose which was searched must explain, while the car goes on, until it is told."""
+LONGEST = 4.0
+"""s without a scan that are bridged by wheels and gyro."""
+MIRRORED = -0.3
+"""Sense of the scans against the gyro, 1 right, below which their rotation is taken wrongly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """What one scan told. t [s]: of the pose on the clock of the States; arrival [s]: of the scan;
+    pose: None while there is none to go by, also of a single scan that disagrees; agreement: share
+    of beams that the map explains; mirrored: the scans turn against the gyro."""
+
+    t: float
+    arrival: float
+    status: Status
+    pose: Pose | None
+    agreement: float
+    mirrored: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Beams:
+    """points, rays, origin (n, 2) [m] in the axes of the car at the end of ``way``: end points,
+    how they go with the relative scale of the distances, and where each beam began."""
+
+    points: FloatArray
+    rays: FloatArray
+    origin: FloatArray
+    way: Stretch
+
+
+class Localiser:
+    """One per car and map. start: x, y [m], yaw [rad] where it is known.
+
+    ``belief``: the filter, None while the car is nowhere. deskew: False puts all beams at the
+    middle of the scan: what comes of it is a control, no use.
+    """
+
+    def __init__(self, chart: Map, start: tuple[float, float, float] | None = None, *,
+                 deskew: bool = True) -> None:
+        self.chart, self.belief, self.deskew = chart, None, deskew
+        self._start = None if start is None else np.array(start)
+        self._steps, self._watch, self._yaw = Steps(), Watch(), 0.0
+        self._judge, self._proven = Judge(1.0), 0
+        self._learnt: Belief | None = None
+
+    belief: Belief | None
+
+    def moved(self, t: float, x: float, y: float, yaw: float) -> None:
+        """Dead reckoning of the State at t [s]."""
+        self._steps.moved(t, x, y, yaw)
+        self._yaw = yaw
+
+    def add(self, scan: Scan) -> Located | None:
+        """One scan; None where it tells nothing: too few beams, or no odometry for it."""
+        if self._watch.sense is None:
+            self._watch.add(scan, self._yaw)
+        beams = self._beams(scan)
+        if beams is None:
+            return None
+        t, belief = float(beams.way.t[-1]), self.belief
+        if belief is not None and not (belief.t < t < belief.t + LONGEST
+                                       and self._steps.covers(belief.t, t)):
+            belief = self.belief = None
+        if belief is None and not self._begin(beams):
+            return Located(t, scan.arrival, self._nowhere, None, self._agreed, self._mirrored)
+        return self._track(beams, scan.arrival)
+
+    @property
+    def _mirrored(self) -> bool:
+        return (self._watch.sense or 0.0) < MIRRORED
+
+    def _beams(self, scan: Scan) -> Beams | None:
+        known = self.belief or self._learnt
+        errors = np.array((0.0, 0.0, 0.0, SLIP)) if known is None else known.mean[ERRORS]
+        late = 0.0 if known is None else float(known.mean[TAU])
+        seen = np.flatnonzero(np.isfinite(scan.distance))
+        at = scan.t - late
+        if len(seen) < LEAST or not self._steps.covers(float(at[0]), float(at[-1])):
+            return None
+        way = self._steps.stretch(float(at[0]), float(at[-1]), errors)
+        when = at[seen] if self.deskew else np.full(len(seen), 0.5 * (at[0] + at[-1]))
+        x, y, yaw = (way.at(when) - way.pose[-1]).T
+        c, s = np.cos(way.pose[-1, 2]), np.sin(way.pose[-1, 2])
+        x, y = c * x + s * y, c * y - s * x
+        bearing, reach = scan.bearing[seen] + yaw, scan.range[seen]
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        mount = scan.mount
+        origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x
+                                  + cy * mount.y))
+        rays = reach[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
+        return Beams(origin + rays, rays, origin, way)
+
+    def _begin(self, beams: Beams) -> bool:
+        """Find the car; False where it cannot be found with this scan."""
+        t = float(beams.way.t[-1])
+        self._agreed, self._nowhere, self._proven = 0.0, Status.LOST, 0
+        if self._start is not None:
+            pose, self._start, self._proven = self._start, None, PROVEN
+            self._judge = Judge(1.0)
+        elif self._mirrored:
+            return False
+        else:
+            found = search(self.chart, beams.points, beams.rays, beams.origin)
+            self._agreed = found.agreement
+            if found.agreement < STALE or not found.sure:
+                self._nowhere = _why(found)
+                return False
+            pose = found.pose[:3]
+            self._judge = Judge(found.agreement, searched=True)
+        self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
+        return True
+
+    def _track(self, beams: Beams, arrival: float) -> Located:
+        assert self.belief is not None
+        t = float(beams.way.t[-1])
+        way = self._steps.stretch(self.belief.t, t, self.belief.mean[ERRORS])
+        half = self._steps.stretch(0.5 * float(beams.way.t[0] + t), t, self.belief.mean[ERRORS])
+        belief, found = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)
+        agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
+        status = self._judge.add(agreed)
+        if status is Status.LOST or self._mirrored or (self._proven < PROVEN and agreed < STALE):
+            self.belief, self._agreed = None, agreed
+            return Located(t, arrival, Status.LOST, None, agreed, self._mirrored)
+        self.belief = belief
+        self._proven += 1
+        if self._proven <= PROVEN or self._judge.doubted:
+            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None, agreed)
+        self._learnt = belief
+        cov = belief.cov[POSE, POSE].copy()
+        cov.setflags(write=False)
+        x, y, yaw = belief.mean[POSE].tolist()
+        return Located(t, arrival, status, Pose(x, y, yaw, cov), agreed)
+
+
+def _why(found: Found) -> Status:
+    return Status.LOST if found.agreement < STALE else Status.AMBIGUOUS

@@ -1,0 +1,146 @@
+"""From the bytes of an emulated lidar to poses of a car, as a controller sees them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from tests.localisation.world import drive, hidden
+
+from dart_hal import Car
+from dart_hal.errors import UsageError
+from dart_hal.links.base import open_backend
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.health import FRESH, STALE, Judge, Status
+from dart_hal.localisation.localiser import Localiser
+from dart_hal.localisation.rays import best
+from dart_hal.localisation.search import search
+from dart_hal.localisation.source import LidarPoses, open_source
+from dart_hal.sim.lidar.maps import box, room_of
+from dart_hal.sim.truth import room_of_car, world_of
+from dart_hal.types import Pose, Tracking
+
+URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
+
+
+def far(a, b):
+    return float(np.hypot(a[0] - b[0], a[1] - b[1]))
+
+
+@pytest.mark.cpu(3)
+def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
+    """Searched, tracked, fused, recorded; a replay tells the same."""
+    backend = open_backend(URL)
+    room, world = room_of_car(backend), world_of(backend)
+    x0, y0, yaw0 = room.start
+    run = tmp_path / "run.mcap"
+    source = LidarPoses(map_of_lines(room.lines))
+    with Car.over(backend, poses=source, record=run) as car:
+        car.arm(waive=("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED"))
+        for state in car.states(duration=2.5):
+            car.drive_speed(steering=0.3, speed=1.0)
+    x, y, _ = world.poses(np.array([state.t]))[0]
+    c, s = np.cos(yaw0), np.sin(yaw0)
+    seen = state.external
+    assert seen.tracking is Tracking.TRACKING
+    at = seen.estimate.pose
+    assert far((at.x, at.y), (x0 + c * x - s * y, y0 + s * x + c * y)) < 0.015
+    with Car.open(f"replay://{run}") as again:
+        *_, last = again.states()
+    assert last.external.estimate.pose.x == pytest.approx(at.x, abs=1e-9)
+
+
+def test_a_map_needs_a_lidar():
+    with pytest.raises(UsageError, match="no lidar"):
+        Car.open("sim://?nano=mock", poses=LidarPoses(map_of_lines(box(0, 0, 0, 4, 3))))
+
+
+@pytest.mark.parametrize("text", ["lidar:", "lidar:map.yaml?begin=1", "lidar:m.yaml?start=1,2",
+                                  "lidar:m.yaml?start=1,2,nan"])
+def test_a_source_that_makes_no_sense_is_refused(text):
+    with pytest.raises(UsageError):
+        open_source(text)
+
+
+def looked(lines, at=(2.0, 1.5, 0.4)):
+    """Points and rays of a standing car without noise."""
+    turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
+    origin, ahead = np.tile(at[:2], (606, 1)), at[2] + turn
+    r = best()(lines, origin, np.column_stack((np.cos(ahead), np.sin(ahead))))
+    points = (r[:, None] * np.column_stack((np.cos(turn), np.sin(turn))))[r < 10.0]
+    return points, points, np.zeros_like(points)
+
+
+def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
+    bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
+    found = search(map_of_lines(bare), *looked(bare))
+    assert found.agreement > STALE
+    assert not found.sure
+    room = room_of("room", 3)
+    found = search(map_of_lines(room.lines), *looked(room.lines, at=room.start))
+    assert found.sure
+    assert far(found.pose, room.start) < 0.02
+
+
+def test_three_bad_scans_are_a_loss_and_two_are_none():
+    judge = Judge(0.95)
+    assert [judge.add(a) for a in (0.3, 0.3, 0.9, 0.3, 0.3)] == [Status.TRACKING] * 5
+    assert judge.add(0.3) is Status.LOST
+
+
+def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
+    told, searched = Judge(0.95), Judge(0.8, searched=True)
+    assert {told.add(0.65) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
+    assert told.add(0.5) is Status.MAP_STALE  # the threshold is lower there
+    assert Status.LOST in [searched.add(0.65) for _ in range(FRESH)]
+
+
+def test_one_bad_scan_gives_no_pose(quiet_drive):
+    """The negative control is the scan before."""
+    local, scans = quiet_drive
+    assert local.add(scans[0]).pose is not None
+    blinded = replace(scans[1], distance=np.full(len(scans[1]), 0.4))
+    assert local.add(blinded).pose is None
+
+
+@pytest.fixture
+def quiet_drive():
+    d = drive(2003, hidden(2003, seconds=2.0))
+    local = Localiser(d.chart, tuple(d.true(float(d.scans[5].t[-1]) - 0.01).tolist()))
+    for t, pose in zip(d.t, d.told, strict=True):
+        local.moved(float(t), *pose.tolist())
+    return local, d.scans[5:]
+
+
+def test_beside_the_loop_of_a_real_car_the_same_poses_come():
+    d = drive(2003, hidden(2003, seconds=3.0))
+    start = tuple(d.true(float(d.scans[0].t[-1]) - 0.01).tolist())
+    inline, threaded = LidarPoses(d.chart, start), LidarPoses(d.chart, start)
+    threaded.in_thread()
+    for source in (inline, threaded):
+        k = 0
+        for scan in d.scans:
+            n = int(np.searchsorted(d.t, scan.arrival))
+            source.moved([Moment(float(t), Pose(*pose)) for t, pose in
+                          zip(d.t[k:n], d.told[k:n].tolist(), strict=True)])
+            source.add(scan)
+            k = n
+    want, got, end = inline.poll(9.0), [], time.monotonic() + 10.0
+    while len(got) < len(want) and time.monotonic() < end:
+        got += threaded.poll(9.0)
+        time.sleep(0.01)
+    threaded.close()
+    assert len(want) == len(d.scans)
+    assert [(p.stamp, p.x, p.y) for p in got] == [(p.stamp, p.x, p.y) for p in want]
+    assert {p.arrival for p in got} == {9.0}
+    assert threaded.dropped == 0
+
+
+class Moment(NamedTuple):
+    """What the localiser reads of a State."""
+
+    t: float
+    pose: Pose
