@@ -103,7 +103,7 @@ def spun(rng, begin, lag=0.0):
     return spins
 
 
-@pytest.mark.cpu(3)
+@pytest.mark.more
 def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
     """Fifty virtual ESCs: the 90 % intervals hold the onset, by their scatter alone."""
     monkeypatch.setattr(esc_fit, "LAW", 0.0)

@@ -35,6 +35,7 @@ def lap(name, speed, plant=PLANT, lane=1.0, **options):
 
 
 @BOTH
+@pytest.mark.few("lqr")
 def test_two_metres_a_second(name):
     """The figures that are wanted of a whole car, with room for its electronics."""
     rms, largest = lap(name, 2.0, lane=0.3)
@@ -51,6 +52,7 @@ def test_one_metre_a_second(name):
 
 
 @BOTH
+@pytest.mark.few("lqr")
 def test_without_delay_compensation_it_is_much_worse(name):
     """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
     blind, knowing = lap(name, 2.0, uncompensated(PLANT))[0], lap(name, 2.0)[0]
@@ -78,6 +80,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
 
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
+@pytest.mark.few("0.9-lqr", "-0.9-pursuit")
 def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
     """0.9 m beside it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)

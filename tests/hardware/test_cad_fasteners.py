@@ -45,12 +45,13 @@ def said(car: dict[str, list[trimesh.Trimesh]], *rows: Any, without: str = "") -
     return "\n".join(fit.problems(BUILT, list(rows), bodies))
 
 
-@pytest.mark.cpu(15)
+@pytest.mark.more
 def test_every_screw_of_the_car_goes_in(car):
     assert fit.problems(BUILT, ROWS, car) == []
     assert len(fasteners.fasteners(BUILT, ROWS)) == sum(r.pieces for r in ROWS)
 
 
+@pytest.mark.more
 def test_the_screws_of_the_lidar_go_in_from_above(car):
     lidar = row("lidar", "lidar_mount")
     assert (lidar.name, lidar.drive, lidar.material) == ("M3 x 25", "down", "steel")
@@ -67,11 +68,13 @@ def test_a_screw_from_below_finds_no_thread_in_the_lidar(car):
     assert said(car, old).count("0.0 mm of thread in lidar") == 4
 
 
+@pytest.mark.more
 def test_a_lidar_below_the_upper_plate_is_out_of_reach(car):
     late = replace(row("lidar", "lidar_mount"), step="S13")
     assert "upper_plate is in the way of the driver" in said(car, late)
 
 
+@pytest.mark.more
 def test_long_screws_of_the_small_holders_meet(car):
     small = [r for r in ROWS if any(q == "small_board_holder" for q, _ in r.holes)]
     assert [r.name for r in small] == ["M3 x 8", "M3 x 8"]
@@ -89,6 +92,7 @@ def test_no_metal_stands_over_the_live_jetson(car):
     assert "at (44.4, -27.0, " in steel
 
 
+@pytest.mark.more
 def test_nuts_of_the_imu_do_not_hang_over_the_expansion_board(car):
     imu = row("imu", "nano_imu_mount")
     assert said(car, imu) == ""
@@ -161,6 +165,7 @@ def test_the_servo_lies_on_its_side_with_the_horn_to_the_right():
         "stands upright", "bottom far from the middle line", "shaft not to the right"]
 
 
+@pytest.mark.more
 def test_the_steering_moves_freely_from_stop_to_stop(car):
     below = {n: b for n, b in car.items() if lowest(b) < 0}
     stops = -1.0, 1.0  # the build tries five angles
