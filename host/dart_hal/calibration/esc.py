@@ -50,7 +50,8 @@ FADES = 0.1
 """Share of the motor's lag, one sigma, by which its pull without pulses depends on the pull before:
 1 - ln(1 + b) / b of the lag, 0.16 after b = 0.4 dead bands, 0.36 after 1.3."""
 LOST_STD = FRAME / math.sqrt(12.0)
-"""s: when in the frame before the write the last pulse ended."""
+"""s: when before the write the last pulse ended; half a frame in the mean less the pulse itself, as
+the write lets one that is under way end (cut short it would be the same to 0.1 ms)."""
 WRITTEN = 0.002
 """s from the State to the write that answers it: 44 bytes on the line, and the bus."""
 APART = 4
@@ -252,9 +253,9 @@ def _full(spin: Spinner, first: float, found: Found) -> None:
 
 def _lost(spin: Spinner, first: float, found: Found) -> None:
     """How long the motor pulls on when the pulses end, and how the wheels roll out then."""
-    seconds, drags = [], []
+    seconds, drags, pulse = [], [], first + LEVELS[QUICK]
     for _ in range(LOSSES):
-        before = spin.hold(2.0 * HELD, first + LEVELS[QUICK], turns=True).speed(0.2)
+        before = spin.hold(2.0 * HELD, pulse, turns=True).speed(0.2)
         gone = spin.hold(0.5 * LONGEST_LOSS, None)
         if gone.speed(0.1) > 0.9 * before:
             gone = spin.hold(0.5 * LONGEST_LOSS, None)
@@ -266,7 +267,7 @@ def _lost(spin: Spinner, first: float, found: Found) -> None:
         else:
             seconds.append(0.0)
         after, drag = _let_go(gone, found.forward)
-        seconds[-1] += after - WRITTEN + 0.5 * FRAME
+        seconds[-1] += after - WRITTEN + 0.5 * FRAME - 1e-6 * pulse
         drags.append(drag)
         spin.hold(RESTED, spin.neutral)
     found.quantities["signal_loss"] = Quantity(
