@@ -12,7 +12,7 @@ import pytest
 def test_rows():
     pytest.importorskip("gymnasium", reason="needs the extra gym")
     rows = bench_light.figures(0.002)
-    assert len({f.name for f in rows}) == len(rows) == 9
+    assert len({f.name for f in rows}) == len(rows) == 10
     assert all(math.isfinite(f.value) and f.value > 0.0 for f in rows)
 
 

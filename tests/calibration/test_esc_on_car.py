@@ -321,6 +321,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched.car.close()
 
 
+@pytest.mark.more
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = pressed(tmp_path, PRESSED["forward"])

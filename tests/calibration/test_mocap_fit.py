@@ -39,6 +39,7 @@ def track(seed: int, rate: float = 100.0) -> Track:
 
 
 @pytest.mark.parametrize("rate", [100.0, 10.0])
+@pytest.mark.few("10.0")
 def test_the_intervals_hold_the_truth(rate):
     errors = []
     for seed in range(4):

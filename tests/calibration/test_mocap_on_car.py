@@ -83,6 +83,7 @@ def test_without_a_source_the_car_does_not_move():
         assert truth(backend).distance == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.more
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched = Watched(f"{URL}&mocap=1", tmp_path)
     when = watched.press(lambda state: state.speed > 0.3, calibrate_mocap)
@@ -92,6 +93,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched.car.close()
 
 
+@pytest.mark.more
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = Watched(f"{URL}&mocap=1", tmp_path)

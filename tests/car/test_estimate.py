@@ -76,7 +76,7 @@ def test_it_is_less_sure_while_nobody_sees_the_car():
     assert max(off(e.pose, place) for e, place in told) < FAR
 
 
-@pytest.mark.cpu(5)
+@pytest.mark.more
 def test_a_false_lock_does_not_move_it():
     told = drive(URL, 8.0, f"{SEEN},lock=20")
     fooled = [(s.estimate, place) for s, place in told
@@ -98,6 +98,7 @@ def test_a_clock_that_is_set_does_not_move_it():
 
 @pytest.mark.cpu(4)
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
+@pytest.mark.few("enc:off@4")
 def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     def worst():
         told = drive(f"{URL}&fail={fault}", 4.0)

@@ -118,8 +118,7 @@ def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.few("mock")
-@pytest.mark.cpu(4)
+@pytest.mark.more
 def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
     script, run = tmp_path / "wave.py", tmp_path / "run.mcap"
     script.write_text(SCRIPT)

@@ -80,7 +80,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
 
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
-@pytest.mark.few("0.9-lqr", "-0.9-pursuit")
+@pytest.mark.few("0.9-lqr")
 def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
     """0.9 m beside it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)

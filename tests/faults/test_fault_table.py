@@ -25,9 +25,8 @@ def parameters(fast: bool):
                                    id=f"{row.number}-{case.world}-{case.what}")
 
 
-QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "18-mock*", "25-mock-oe", "26-mock*", "27-mock*",
-         "28-mock*", "29-mock-time*", "45-mock*")
-"""Cases of a CPU second or less: line, board, bus, sensors, cut-off, power."""
+QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*")
+"""One each of line, board, bus, cut-off and power; the others are for ``make test-more``."""
 
 
 def check(case: Case, full: bool) -> None:

@@ -296,7 +296,7 @@ def test_the_interrupt_cuts_without_loop_and_watchdog(nano: Make) -> None:
     assert 0.110 <= cut.t - last <= 0.120
 
 
-@pytest.mark.cpu(3)
+@pytest.mark.more
 def test_a_dead_transmitter_starves_the_watchdog(nano: Make, elf: Path, tmp_path: Path) -> None:
     """Beats come, the loop runs, nothing is sent any more from 2 s on."""
     rig = nano(patched(tmp_path, ("src/board/uart.cpp", MUTE[0], MUTE[1])),

@@ -115,7 +115,7 @@ def test_the_camera_slot_is_the_sheet_and_play():
     assert slot(narrow, CAR["upper_plate"][0]) == pytest.approx(2.88, abs=0.01), "the control"
 
 
-@pytest.mark.cpu(6)
+@pytest.mark.more
 def test_nothing_overlaps():
     """Every pair of bodies, made and bought, in the committed meshes; as the table says."""
     found = {pair: v for pair, v in collisions.overlaps(CAR).items() if v > collisions.TOUCH}

@@ -37,7 +37,7 @@ def ros_map(folder, lines, cell=CELL):
     return path
 
 
-@pytest.mark.cpu(3)
+@pytest.mark.more
 def test_a_simulated_car_is_found_and_its_error_told(capsys):
     code, found = told(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room",
                        "--duration", 2.0, "--speed", 1, "--steering", 0.3, *WAIVED)
