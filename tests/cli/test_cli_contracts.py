@@ -89,7 +89,7 @@ def test_demo(verb, tmp_path, monkeypatch, request):
     assert "Skipped:" in page
     for name in ("index.html", "diagnosis.html"):
         assert not foreign((tmp_path / "demo" / name).read_text())
-    # on the firmware, which `make demo` drives, both are named: 0.0632 for 0.0634, 0.0298 for 0.0293
+    # on the firmware, which `make demo` drives, both are: 0.0632 for 0.0634, 0.0298 for 0.0293
     request.applymarker(pytest.mark.xfail(strict=True, reason="on the mock steering_gain is named, "
                         "since its gyro is no longer 1 ms early"))
     assert told["named"] is True
