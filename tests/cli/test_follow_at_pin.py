@@ -96,6 +96,8 @@ def test_a_car_that_rolls_away_is_given_up_at_neutral():
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert "it still rolls at" in follower.why
+    t, us = pulses.T
+    assert t[-1] - t[us > neutral + 5.0].max() > stopping.WITHIN  # neutral all the while
     assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
 
 
