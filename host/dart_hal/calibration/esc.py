@@ -15,6 +15,7 @@ from msgspec import structs
 
 from dart_hal.actuation.limits import RAW_HIGH_US
 from dart_hal.config import CarFiles, Quantity
+from dart_hal.control.drivetrain import FRAME
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports import Workshop
 from dart_hal.types import Estimate
@@ -35,8 +36,6 @@ HELD = 0.6
 """s of each; the wheels go half of the way in 0.15 s."""
 QUICK = 1
 """Index of the level from which is braked."""
-FRAME = 0.02
-"""s of a PWM frame."""
 BRAKES, RESTED = 0.6, 1.0
 """s of a pull below neutral; s of neutral after which every ESC reverses that does so at all."""
 TURNING = 0.15
