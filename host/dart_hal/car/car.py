@@ -43,6 +43,12 @@ from dart_hal.wire.messages import BY_NAME
 DEFAULT_URL = "sim://"
 
 
+def backend_of(url: str | None) -> Backend:
+    """The backend of a URL; None: $DART_HAL_URL, then sim://. Raises as ``Car.open``."""
+    check_url(url)
+    return open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+
+
 class Car(Arming, Shown):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
@@ -85,9 +91,7 @@ class Car(Arming, Shown):
         ``Applied.limited`` says so. Raises the errors of the catalogue:
         UnknownScheme, NoHello, ...
         """
-        check_url(url)
-        text = url or os.environ.get("DART_HAL_URL") or DEFAULT_URL
-        return cls.over(open_backend(text), car=car, cars=cars, record=record, poses=poses,
+        return cls.over(backend_of(url), car=car, cars=cars, record=record, poses=poses,
                         lidar=lidar, raise_on_trip=raise_on_trip)
 
     @classmethod

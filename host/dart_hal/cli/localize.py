@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from math import degrees, tau
+from math import degrees, remainder, tau
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,13 @@ import click
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.car.car import DEFAULT_URL
+from dart_hal.car.car import backend_of
 from dart_hal.cli.localize_picture import draw
 from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
 from dart_hal.cli.output import notices, print_json, results
 from dart_hal.cli.session import with_progress
 from dart_hal.errors import UsageError
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.links.base import Backend
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.localiser import Located
@@ -53,7 +52,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
     Prints the last pose with its standard errors, and how well the map explains the last scan; of
     a simulated car also how far it was off. Exits 1 where the car is lost at the end.
     """
-    backend = open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+    backend = backend_of(url)
     source = LidarPoses(_map(backend, chart), start_of(start) if start else None)
     told: list[Located] = []
     with Car.over(backend, car=car_name, cars=cars, poses=source, record=record) as car:
@@ -102,7 +101,7 @@ def figures(told: list[Located], truth: FloatArray | None) -> dict[str, Any]:
     placed = [(seen.pose, true) for seen, true in zip(told, truth, strict=True)
               if seen.pose is not None] if truth is not None else []
     if placed:
-        off = np.array([(at.x - x, at.y - y, (at.yaw - yaw + tau / 2) % tau - tau / 2)
+        off = np.array([(at.x - x, at.y - y, remainder(at.yaw - yaw, tau))
                         for at, (x, y, yaw) in placed])
         far = np.hypot(off[:, 0], off[:, 1])
         found["error"] = {"rms_m": float(np.sqrt(np.mean(far**2))), "max_m": float(far.max()),
@@ -111,7 +110,7 @@ def figures(told: list[Located], truth: FloatArray | None) -> dict[str, Any]:
 
 
 def _pose(at: Pose) -> dict[str, Any]:
-    return {"x": at.x, "y": at.y, "yaw": (at.yaw + tau / 2) % tau - tau / 2,
+    return {"x": at.x, "y": at.y, "yaw": remainder(at.yaw, tau),
             "cov": at.cov.tolist()}
 
 

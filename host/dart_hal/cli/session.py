@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.car.car import DEFAULT_URL
+from dart_hal.car.car import backend_of
 from dart_hal.cli.output import notices, progress_bar
 from dart_hal.errors import DartHalError
-from dart_hal.links.base import open_backend
 from dart_hal.localisation.source import open_source
 from dart_hal.types import State
 
@@ -34,7 +32,7 @@ def opened(url: str | None, car_name: str, cars: Path | None,
 def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
               poses: str) -> Car:
     from dart_hal.cli.localize_truth import map_of_room
-    backend = open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+    backend = backend_of(url)
     try:
         source = open_source(poses, map_of_room(backend))
     except DartHalError:
