@@ -62,13 +62,12 @@ class Localiser:
 
     def __init__(self, chart: Map, start: tuple[float, float, float] | None = None, *,
                  deskew: bool = True) -> None:
-        self.chart, self.belief, self.deskew = chart, None, deskew
+        self.chart, self.deskew = chart, deskew
+        self.belief: Belief | None = None
         self._start = None if start is None else np.array(start)
         self._steps, self._watch, self._yaw = Steps(), Watch(), 0.0
         self._judge, self._proven = Judge(1.0), 0
         self._learnt: Belief | None = None
-
-    belief: Belief | None
 
     def moved(self, t: float, x: float, y: float, yaw: float) -> None:
         """Dead reckoning of the State at t [s]."""

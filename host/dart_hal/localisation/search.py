@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import tau
+from math import remainder, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,8 @@ def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray)
 
 
 def _another(a: FloatArray, b: FloatArray) -> bool:
-    turn = (a[2] - b[2] + 0.5 * tau) % tau - 0.5 * tau
-    return bool(np.hypot(*(a[:2] - b[:2])) > APART or abs(turn) > TURNED)
+    turn = abs(remainder(a[2] - b[2], tau))
+    return bool(np.hypot(*(a[:2] - b[:2])) > APART or turn > TURNED)
 
 
 def _coarse(chart: Map, points: FloatArray) -> list[FloatArray]:
