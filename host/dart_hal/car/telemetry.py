@@ -12,6 +12,7 @@ from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, fl
 from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.imu_clock import ImuClock
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
+from dart_hal.estimation.phase import RingPhase
 from dart_hal.estimation.room import RoomEstimator
 from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.types import Applied, Doubt, Health, Limit, State
@@ -58,6 +59,7 @@ class Telemetry:
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
         self.direction = FeltDirection()
+        self.phase = RingPhase() if encoder.rings == 2 else None
         self.imu_clock = ImuClock()
         self.imu = ImuCheck(self._wheelbase)
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
@@ -93,6 +95,8 @@ class Telemetry:
             self.imu.restart()
             self.imu_clock.restart()
             self.encoder.restart()
+            if self.phase is not None:
+                self.phase.forget()
         self.clock.add_frame(sample.t_dev, t_arrival, self._wire_time, bytes_behind)
         t, t_std = self.clock.to_host(sample.t_dev)
         rate = self.clock.rate
@@ -130,6 +134,15 @@ class Telemetry:
             found = max(found, SLIDES * abs(speed))
         return found
 
+    def _ask_direction(self, sample: Sample, dt: float, acc: Vector | None) -> None:
+        """Of the second ring's phase, where there is one and it tells; else of the acceleration."""
+        speed, phase = self.speed, self.phase
+        felt = self.direction.add(dt, speed.speed, acc[0] if acc and not speed.rejected else None)
+        shown = 0 if phase is None else phase.add(
+            sample.t_dev, sample.edge_t, sample.edge_dt, sample.ticks_b, sample.edge_b_t,
+            speed.witnessed, felt)
+        speed.feel(shown or felt, certain=shown != 0)
+
     def _judged(self, sample: Sample, speed: float, std: float, applied: Applied,
                 rate: float) -> tuple[float | None, Vector | None]:
         """Yaw rate and acceleration if they can be trusted; the encoder judged by them."""
@@ -142,8 +155,7 @@ class Telemetry:
             gyro = acc = None
         dt = (sample.t_dev - self.last_dev) * rate if self.last_dev else 0.0
         throttle = 0.0 if sample.flags & TRIPPED else applied.throttle
-        self.speed.feel(self.direction.add(dt, speed, acc[0] if acc and not self.speed.rejected
-                                           else None))
+        self._ask_direction(sample, dt, acc)
         self.encoder.judge(dt, speed, std, sample.ticks - self._ticks, self.speed.rejected,
                            throttle, applied.steering, armed, acc[0] if acc else None,
                            turn if gyro else None)

@@ -14,7 +14,7 @@ One channel has no direction: it is the sign of the command, taken over only
 when the wheel has stopped; until then the flag AMBIGUOUS is up. Should the
 wheel speed up against the held sign, it did turn round at its slowest point.
 What the car feels of it (``direction.py``) tells more, from a stand on or where
-the sign is in doubt: see ``feel``.
+the sign is in doubt, the phase of a second ring (``phase.py``) always: see ``feel``.
 """
 
 from __future__ import annotations
@@ -40,6 +40,9 @@ SLOW = 0.3
 at 10 m/s2 a frame and the age of a pair of edges hide 0.25."""
 ACCELERATION = 2.0
 """m/s2 rms that a pair's age hides; enters the standard deviation only."""
+RECENT = 50
+"""Frames in whose slowest one a wheel turned round that a second ring sees going the other way: it
+takes 0.1 s to tell."""
 MAX_ACCELERATION = 100.0
 """m/s2: a lifted wheel at full throttle reaches about half. More is noise."""
 EVEN_SPREAD, TABLE_SPREAD = 0.03, 0.003
@@ -71,11 +74,12 @@ class WheelSpeed:
         self._unsigned = False
         self._lowest, self._lowest_interval = 0.0, 0
         self._stand, self._rolled, self._felt = 0, 0.0, 0
-        self._driven = False
+        self._driven = self._confirmed = False
         self._hold = self._coasted = 0.0
         self._skipped = 0
         self._pair, self._pair_std = 0.0, 0.0
         self._edges: deque[_Edge] = deque()
+        self._newest: deque[tuple[float, int]] = deque(maxlen=RECENT)
         self._started, self._silent = False, True
         self._count, self._now, self._edge_t = 0, 0.0, 0.0
         self._lose_place()
@@ -107,6 +111,7 @@ class WheelSpeed:
             self._step(new, count, t_edge, dt_prev, rate)
         else:
             self._steer(hint, 0, (now - self._edge_t) * rate)
+        self._newest.append((abs(self.speed), self._interval))
         return self._publish((now - self._edge_t) * rate)
 
     @property
@@ -114,19 +119,29 @@ class WheelSpeed:
         """The wheels turn, and neither the command nor what is felt says which way."""
         return self.ambiguous and self.speed != 0.0 and self._felt != self.direction
 
-    def feel(self, direction: int) -> None:
+    def feel(self, direction: int, certain: bool = False) -> None:
         """The way that the acceleration says the wheels turn; 0 = it does not.
 
         From a stand on, where nobody drives, or where the sign is in doubt, it makes the direction
         sure, or turns it round together with the travel since the stand, or the slowest moment.
+        ``certain``: a second ring says so; it does so always.
         """
         self._felt = direction
         if direction == self.direction:
-            self._unsigned = False
+            self._unsigned, self._confirmed = False, True
         elif direction and self._rolled < FRESH:
             self._mirror(self._stand)
+        elif direction and certain:
+            self._mirror(min(self._newest, default=(0.0, self._interval))[1])
         elif direction and (self.ambiguous or not self._driven):
             self._mirror(self._lowest_interval)
+
+    @property
+    def witnessed(self) -> int:
+        """The direction where the command vouches for it and what was felt since the stand; else 0.
+        """
+        sure = self._driven and not self.ambiguous and self._confirmed and not self._silent
+        return self.direction if sure else 0
 
     # -- edges ------------------------------------------------------------
 
@@ -146,6 +161,7 @@ class WheelSpeed:
         self._edge_at = self._origin = self.distance
         self._ahead = 0.0
         self._edges.clear()
+        self._newest.clear()
 
     def _is_noise(self, new: int, dt: float) -> bool:
         """More edges in one frame than any acceleration of the car explains."""
@@ -237,6 +253,7 @@ class WheelSpeed:
         self._stand += shift
         self._lowest_interval += shift
         self._origin = self._edge_at - self._table.position(edge + shift)
+        self._newest.clear()
         newest = self._edges[-1]
         self._edges.clear()
         self._edges.append(newest)
@@ -245,7 +262,7 @@ class WheelSpeed:
 
     def _note_start(self, hint: int) -> None:
         if self._silent:
-            self._unsigned = hint == 0
+            self._unsigned, self._confirmed = hint == 0, False
             self._stand, self._rolled = self._interval, 0.0
             self._lowest, self._lowest_interval = 0.0, self._interval
         elif hint == self.direction:
@@ -285,7 +302,8 @@ class WheelSpeed:
         self._lowest_interval = self._interval
         self._edge_at, self._ahead = self.distance, 0.0
         self._edges.clear()
-        self.ambiguous = self._unsigned = False
+        self._newest.clear()
+        self.ambiguous = self._unsigned = self._confirmed = False
 
     # -- between edges ----------------------------------------------------
 

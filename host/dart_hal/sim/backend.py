@@ -2,7 +2,8 @@
 
 Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
 ``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
-kinematic, ``ring`` even or hidden, ``jitter`` none, usb, busy or ftdi,
+kinematic, ``ring`` even or hidden, ``rings`` 1 or 2 that the Nano counts,
+``jitter`` none, usb, busy or ftdi,
 ``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
 hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
 (what comes between a reset of the Nano and its program), ``fail`` a list of
@@ -43,8 +44,8 @@ from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
-OPTIONS = ("seed", "nano", "physics", "ring", "jitter", "ber", "cutoff", "boot", "fail", "tick",
-           "vehicle", "effect", "mocap", "lidar", "map", "pace")
+OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot", "fail",
+           "tick", "vehicle", "effect", "mocap", "lidar", "map", "pace")
 
 
 def open_sim(url: Url) -> Backend:
@@ -57,7 +58,10 @@ def open_sim(url: Url) -> Backend:
     car = drawn.true
     cutoff = url.options.get("cutoff", "none")
     fitted = cutoff.partition("-")[0] if cutoff in FLAWED else choice(url, "cutoff", *CUTOFFS)
-    params = {"safety_out": CUTOFFS[fitted]} if fitted and fitted != "none" else None
+    params = {"safety_out": CUTOFFS[fitted]} if fitted and fitted != "none" else {}
+    rings = int(choice(url, "rings", "1", "2") or 1)
+    if rings == 2:
+        params["ring_b"] = 1
     nano, notices = _nano(url, car, preset(car.board_id, params))
     world = World(car, nano, drawn.model, _tick(url, drawn.model), cutoff)
     failures = [parse(text) for text in url.options.get("fail", "").split(",") if text]
@@ -71,7 +75,8 @@ def open_sim(url: Url) -> Backend:
     mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
     lidar = lidar_in_room(url, car.seed)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
-                      simulated=True, car=car.name, car_toml=car_toml(drawn.base, drawn.body),
+                      simulated=True, car=car.name,
+                      car_toml=car_toml(drawn.base, drawn.body, rings),
                       notices=notices + drawn.notices, workshop=SimWorkshop(world),
                       poses=None if mocap is None else SimMocap(world, mocap),
                       lidar=None if lidar is None else SimLidar(

@@ -51,7 +51,7 @@ oscillator_hz = {{ value = {hertz:.1f}, std = {hertz_std:.1f} }}
 clock_channel = 15
 
 [encoder]
-rings = 1
+rings = {rings}
 edges_per_rev = {ring_a}
 edges_per_rev_b = {ring_b}
 metres_per_edge = {{ value = {per_edge:.8f}, std = {per_edge_std:.8f} }}
@@ -63,16 +63,18 @@ y = 0.0
 """
 
 
-def car_toml(car: HiddenCar, body: Body = PAPER.body) -> str:
-    """Text of the file; the clock's error is drawn from the seed, none for seed 0."""
+def car_toml(car: HiddenCar, body: Body = PAPER.body, rings: int = 1) -> str:
+    """Text of the file, of a car whose Nano counts that many rings; the clock's error is drawn
+    from the seed, none for seed 0."""
     hertz = car.oscillator_hz
     if car.seed:
         rng = np.random.default_rng([car.seed, 50])
         hertz *= 1.0 + CLOCK_STD * float(np.clip(rng.normal(), -2.5, 2.5))
     per_edge = GEAR_REVOLUTION / RING_A
     return _TEXT.format(
-        name=car.name, wheelbase=body.wheelbase, l_f=body.l_f, l_r=body.l_r, mass=body.mass,
-        inertia=body.yaw_inertia, center=car.servo.center_us, span=car.servo.span_us,
+        name=car.name, rings=rings, wheelbase=body.wheelbase, l_f=body.l_f, l_r=body.l_r,
+        mass=body.mass, inertia=body.yaw_inertia, center=car.servo.center_us,
+        span=car.servo.span_us,
         hertz=hertz, hertz_std=hertz * CLOCK_STD, ring_a=RING_A, ring_b=RING_B,
         per_edge=per_edge, per_edge_std=TYRE_STD * per_edge)
 

@@ -17,11 +17,21 @@ import numpy as np
 from dart_hal.errors import NotMonotone
 from dart_hal.sim.esc import EscParams
 from dart_hal.sim.imu import ImuParams
-from dart_hal.sim.ring import GEAR_REVOLUTION, RING_A, RING_B, Ring, even_ring, uneven_ring
+from dart_hal.sim.ring import (
+    GEAR_REVOLUTION,
+    RING_A,
+    RING_B,
+    Ring,
+    even_ring,
+    turned_ring,
+    uneven_ring,
+)
 from dart_hal.sim.servo import ServoParams
 from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle, check_monotone
 
 NOMINAL_HZ = 25e6
+EVEN_B = turned_ring(even_ring(RING_B), 0.25 / RING_A)
+"""Glued on a quarter of an interval of ring A further round, where two rings tell the direction."""
 
 GYRO_NOISE = math.radians(0.014)
 ACCEL_NOISE = 150e-6 * 9.81
@@ -53,7 +63,7 @@ class HiddenCar:
     servo: ServoParams = field(default_factory=ServoParams)
     esc: EscParams = field(default_factory=EscParams)
     ring_a: Ring = field(default_factory=lambda: even_ring(RING_A))
-    ring_b: Ring = field(default_factory=lambda: even_ring(RING_B))
+    ring_b: Ring = field(default_factory=lambda: EVEN_B)
     gear_revolution: float = GEAR_REVOLUTION
     imu: ImuParams = field(default_factory=lambda: ImuParams(accel_noise=ACCEL_NOISE))
     oscillator_hz: float = NOMINAL_HZ
@@ -77,7 +87,7 @@ def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
     number = seed or 0
     car = HiddenCar(number) if number == 0 else _draw(number)
     if ring == "even":
-        return replace(car, ring_a=even_ring(RING_A), ring_b=even_ring(RING_B))
+        return replace(car, ring_a=even_ring(RING_A), ring_b=EVEN_B)
     if ring == "hidden" and number == 0:
         rng = np.random.default_rng([0, 4])
         return replace(car, ring_a=uneven_ring(RING_A, rng), ring_b=uneven_ring(RING_B, rng))
@@ -86,8 +96,8 @@ def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
 
 def _draw(seed: int) -> HiddenCar:
     # one generator per group: a parameter added to one group leaves the others as they were
-    body, steer, esc, ring, imu, clock, stand = (
-        np.random.default_rng([seed, k]) for k in range(1, 8))
+    body, steer, esc, ring, imu, clock, stand, glue = (
+        np.random.default_rng([seed, k]) for k in range(1, 9))
     duty = float(ring.uniform(-0.12, 0.12))
     curve = _steering(steer)
     return HiddenCar(
@@ -104,7 +114,8 @@ def _draw(seed: int) -> HiddenCar:
                       reverse_gap=0.1 * float(esc.uniform(0.5, 1.0)),
                       signal_loss=0.5 * float(esc.uniform(0.6, 1.0))),
         ring_a=uneven_ring(RING_A, ring, 0.02, duty),
-        ring_b=uneven_ring(RING_B, ring, 0.02, duty),
+        ring_b=turned_ring(uneven_ring(RING_B, ring, 0.02, duty),
+                           float(glue.uniform(0.0, 1.0 / RING_A))),
         gear_revolution=GEAR_REVOLUTION * float(ring.uniform(0.995, 1.005)),
         imu=_imu(imu),
         oscillator_hz=NOMINAL_HZ * float(clock.uniform(0.97, 1.05)),

@@ -57,6 +57,11 @@ def uneven_ring(n: int, rng: np.random.Generator, spacing: float = 0.03, duty: f
     return Ring(tuple(float(e) for k, e in enumerate(edges) if k not in gone))
 
 
+def turned_ring(ring: Ring, by: float) -> Ring:
+    """The ring, glued on ``by`` of a turn further round."""
+    return Ring(tuple(sorted((edge + by) % 1.0 for edge in ring.edges)))
+
+
 def worn_ring(ring: Ring, missing: float, uneven: float, phase: float) -> Ring:
     """The ring with bad marks, as the effect ``encoder_ring`` has them.
 

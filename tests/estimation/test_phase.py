@@ -1,0 +1,190 @@
+"""Two rings on one shaft tell which way it turns; the emulated car with a pushing hand too."""
+
+from __future__ import annotations
+
+import math
+import random
+from bisect import bisect_left, bisect_right
+
+import pytest
+
+from dart_hal import Car
+from dart_hal.estimation.phase import RingPhase
+from dart_hal.links.base import open_backend
+from dart_hal.sim.hidden import hidden_car
+from dart_hal.sim.ring import even_ring, turned_ring
+from dart_hal.sim.truth import world_of
+
+FRAME = 0.01
+EVEN = even_ring(20)
+SPEED = 1.0 / 0.041
+"""Turns of the shaft per second at 1 m/s."""
+
+
+def glued(share):
+    """Ring B, ``share`` of an interval of ring A further round."""
+    return turned_ring(even_ring(10), share / 20)
+
+
+def to_and_fro(t):
+    """Turns of a shaft that goes at 1 m/s for 2 s, at -5 m/s2 through zero, back for 2 s; again."""
+    u = t % 4.8
+    if u < 2.0:
+        at = u
+    elif u < 2.4:
+        at = u - 2.5 * (u - 2.0)**2
+    elif u < 4.4:
+        at = 2.0 - (u - 2.4)
+    else:
+        at = 2.5 * (u - 4.4)**2 - (u - 4.4)
+    return SPEED * at
+
+
+def forwards(t):
+    """Is to_and_fro going forwards? Zero at the turns of 2.2 and 4.6 s."""
+    return not 2.2 < t % 4.8 < 4.6
+
+
+def crossings(ring, back, way, seconds):
+    """Times [s] at which a shaft passes an edge of ``ring``, driving back of ``back``."""
+    times, step = [], 1e-3
+    for k in range(1, round(seconds / step)):
+        before, after = way((k - 1) * step), way(k * step)
+        edges = ring.edges if after > before else back.edges
+        n = len(edges)
+        low, high = sorted((before, after))
+        first, last = (math.floor(at) * n + bisect_left(edges, at % 1.0) for at in (low, high))
+        times += [step * (k - 1 + (e // n + edges[e % n] - before) / (after - before))
+                  for e in range(first, last)]
+    return sorted(times)
+
+
+def told(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, felt=lambda t: 0, way=to_and_fro):
+    """What a new RingPhase says in each frame of a shaft that turns by ``way(t)``; stamps 1 us."""
+    rng = random.Random(1)
+    a, b = ([t + rng.gauss(0.0, 1e-6) for t in crossings(ring, back, way, seconds)]
+            for ring, back in ((ring_a, ring_a), (ring_b, back_b or ring_b)))
+    phase, said = RingPhase(), []
+    for k in range(1, round(seconds / FRAME)):
+        now = k * FRAME
+        n, m = bisect_right(a, now), bisect_right(b, now)
+        said.append(phase.add(
+            now, a[n - 1] if n else 0.0, a[n - 1] - a[n - 2] if n > 1 else 0.0,
+            m, b[m - 1] if m else 0.0, taught(now), felt(now)))
+    return said
+
+
+def one_way(t):
+    return 1 if t < 1.8 else 0
+
+
+def both_ways(t):
+    """The witness of the first lap."""
+    return one_way(t) or -(2.5 < t < 4.3)
+
+
+def wrong(said, late=0.2):
+    """Frames that say the opposite, ``late`` s after a turn or later."""
+    return [k for k, way in enumerate(said) if way and forwards(k * FRAME) != (way > 0)
+            and forwards(k * FRAME) == forwards(k * FRAME - late)]
+
+
+@pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
+def test_a_shaft_that_turns_round_contradicts_what_was_learnt(share):
+    """Forwards alone is known: it is not said, its opposite is, 0.2 s after the turn."""
+    said = told(glued(share), one_way, 4.3)
+    assert not any(said[:220])
+    assert set(said[240:]) == {-1}
+
+
+@pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
+def test_both_directions_are_told_once_both_were_seen(share):
+    said = told(glued(share), both_ways)
+    assert not wrong(said)
+    assert set(said[490:695]) == {1}
+    assert set(said[720:]) == {-1}
+
+
+@pytest.mark.parametrize("shift", [0.1, 0.2, 0.3, 0.5])
+def test_a_switch_that_opens_late_is_no_lie(shift):
+    """Backwards the edges of B sit elsewhere, maybe where they sit forwards: then it is silent."""
+    said = told(glued(0.25), both_ways, back_b=glued(0.25 + shift))
+    assert not wrong(said)
+    assert any(said[720:]) == (shift != 0.5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_rings_that_look_the_same_both_ways_say_nothing(share):
+    """An edge of B on one of A, or half way between: its mirror image is the same."""
+    assert not any(told(glued(share), both_ways))
+
+
+def test_it_says_nothing_before_it_has_learnt():
+    assert not any(told(glued(0.25), lambda t: t < 0.3, 4.3))
+
+
+def test_uneven_rings_of_hidden_cars_are_never_wrong():
+    """Flanks 2 % of a pitch off, teeth up to 12 % wider than gaps, glued anyhow: half of them tell.
+    """
+    tell = 0
+    for seed in range(1, 9):
+        car = hidden_car(seed)
+        said = told(car.ring_b, both_ways, ring_a=car.ring_a)
+        assert not wrong(said), seed
+        tell += sum(map(bool, said[720:])) > 150
+    assert tell >= 4
+
+
+def test_what_was_learnt_wrong_is_forgotten():
+    """Taught forwards for backwards: a second of acceleration that says the opposite undoes it."""
+    said = told(glued(0.25), lambda t: -both_ways(t) if t < 4.8 else both_ways(t - 4.8), 14.0,
+                felt=lambda t: 0 if t < 4.8 else (1 if forwards(t) else -1))
+    assert wrong(said[:500])
+    assert not [k for k in wrong(said) if k > 650]
+    assert set(said[975:1170]) == {1}
+
+
+def test_a_wheel_that_catches_again_does_not_make_it_forget():
+    said = told(glued(0.25), both_ways, felt=lambda t: -1 if 5.0 < t < 5.1 else 0)
+    assert set(said[720:]) == {-1}
+
+
+def test_a_stand_makes_it_silent():
+    moving = told(glued(0.25), both_ways, 5.8)
+    assert moving[-1] == 1
+    stops = told(glued(0.25), both_ways, 6.4, way=lambda t: to_and_fro(min(t, 5.8)))
+    assert not any(stops[-20:])
+
+
+def pushed_back(url):
+    """Driven forwards, then pushed back against the throttle without a rest: frames in which the
+    speed's sign is wrong, error of the pose [m]."""
+    backend = open_backend(url)
+    world, frames = world_of(backend), 0
+    with Car.over(backend) as car:
+        car.arm()
+        start = None
+        for state in car.states(duration=4.0):
+            start = start if start is not None else state.t
+            back = state.t - start > 2.5
+            world.motion.drive.push = -16.0 if back else 0.0
+            car.drive(throttle=0.3, steering=0.0)
+            truth = world.truth()
+            frames += abs(truth.v_x) > 0.3 and truth.v_x * state.speed < 0.0
+            error = abs(state.pose.x - truth.x)
+    assert truth.v_x < -1.0
+    return frames, error
+
+
+@pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.more)])
+def test_a_car_pushed_back_against_its_throttle(nano):
+    """The acceleration may not overrule the command there; the second ring does."""
+    frames, error = pushed_back(f"sim://?seed=2&rings=2&nano={nano}")
+    assert frames <= 25
+    assert error < 0.1
+
+
+def test_control_with_one_ring_it_is_taken_for_forwards():
+    frames, error = pushed_back("sim://?seed=2&nano=mock")
+    assert frames > 50
+    assert error > 0.5
