@@ -26,6 +26,7 @@ import numpy as np
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import QUANTUM
+from dart_hal.fitting.batches import standard_error
 from dart_hal.ports.workshop import SIGHT
 from dart_hal.types import Estimate, FloatArray
 
@@ -72,9 +73,8 @@ class Tilted:
 def still_of(sensed: Sensed) -> Still:
     """Mean and its error from batches, so that slow noise counts; never below a rounding step."""
     means = np.array([part.mean(axis=0) for part in np.array_split(sensed.gyro, STILL_PARTS)])
-    std = means.std(axis=0, ddof=1) / math.sqrt(STILL_PARTS)
     floor = QUANTUM / math.sqrt(12.0 * len(sensed.t))
-    return Still(means.mean(axis=0), np.maximum(std, floor))
+    return Still(means.mean(axis=0), np.maximum(standard_error(means), floor))
 
 
 def axis_of(turns: Sequence[Turn], still: Still) -> Tilted:

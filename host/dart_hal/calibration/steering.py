@@ -26,6 +26,7 @@ from dart_hal.config import (
 )
 from dart_hal.config.calibration import SteeringCalibration
 from dart_hal.errors import CalibrationFailed
+from dart_hal.fitting.batches import standard_error
 from dart_hal.identify.submodels.samples import Samples
 from dart_hal.identify.submodels.steering_map import fit_map
 from dart_hal.types import Estimate, FloatArray, State
@@ -195,7 +196,7 @@ def standing_bias(states: list[State]) -> Estimate:
                                 likely="the car was moved by hand, or the IMU is not settled",
                                 remedy="leave the car alone and run it again")
     batches = [part.mean() for part in np.array_split(rates, 10)]
-    return Estimate(bias, float(np.std(batches, ddof=1) / math.sqrt(10.0)), "rad/s")
+    return Estimate(bias, float(standard_error(batches)), "rad/s")
 
 
 def _systematic(files: CarFiles, bias: Estimate) -> Systematic:
