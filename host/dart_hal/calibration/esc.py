@@ -215,7 +215,8 @@ def _backward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Prog
 def _rest(spin: Spinner, first: float) -> Quantity:
     """How long the ESC needs neutral between brake and reverse, by halving [s].
 
-    m frames of neutral hold m - 1 periods between their first pulse and their last.
+    m frames of neutral hold m - 1 periods between their first pulse and their last. What is found
+    lies between two counts of them, anywhere: one sigma is a frame over the root of 12.
     """
     fast, back = spin.whole(first + LEVELS[QUICK]), _mirrored(spin, first)
     short, long = 0, round(RESTED / FRAME)
@@ -229,7 +230,7 @@ def _rest(spin: Spinner, first: float) -> Quantity:
         else:
             short = frames
     seconds = max(long - 1.5, 0.5) * FRAME
-    return Quantity(seconds, FRAME / math.sqrt(6.0), "reverse after the brake, by halving")
+    return Quantity(seconds, FRAME / math.sqrt(12.0), "reverse after the brake, by halving")
 
 
 # -- full throttle, no pulse -------------------------------------------------------
