@@ -65,7 +65,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
 
 
 @pytest.mark.more
-def test_demo(verb, tmp_path, monkeypatch, request):
+def test_demo(verb, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_hal.cli.demo_real.excerpt", lambda: None)
     done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
     assert done.code == 0, done.err
@@ -89,9 +89,6 @@ def test_demo(verb, tmp_path, monkeypatch, request):
     assert "Skipped:" in page
     for name in ("index.html", "diagnosis.html"):
         assert not foreign((tmp_path / "demo" / name).read_text())
-    # on the firmware, which `make demo` drives, both are: 0.0632 for 0.0634, 0.0298 for 0.0293
-    request.applymarker(pytest.mark.xfail(strict=True, reason="on the mock steering_gain is named, "
-                        "since its gyro is no longer 1 ms early"))
     assert told["named"] is True
     assert set(found) == set(sizes)
     for name, size in sizes.items():

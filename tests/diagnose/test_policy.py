@@ -20,7 +20,8 @@ from dart_hal.errors import RecordingError
 from dart_hal.vehicle import PAPER
 
 ROOM = Path(module.__file__).parent
-GRIDS = {"ROUNDS", "QUICK", "STEPS", "FAINT", "PASSES", "AGES", "OLDER", "WITHIN_FRAME"}
+GRIDS = {"ROUNDS", "QUICK", "STEPS", "FAINT", "ROUNDING", "PASSES", "AGES", "OLDER",
+         "WITHIN_FRAME"}
 """Numbers of a search that decide no name: iterations, starts, rounding."""
 
 

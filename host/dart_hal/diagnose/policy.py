@@ -58,6 +58,8 @@ class NoisePolicy:
     wild: float = 30.0  # standard deviations; no residual counts as more: ten times ``robust``
     clip: float = 4.0  # standard deviations, where covariances are estimated: 1 in 16,000 normal
     encoder_floor: float = 0.002  # m/s: half a millisecond of jitter at 4 m/s2
+    gyro_floor: float = 0.00031  # rad/s: a step of 1/16 deg/s (BNO055) over sqrt(12) ...
+    accel_floor: float = 0.0029  # m/s2: ... and one of 0.01; what is rounded is no better known
     ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
     age_tells: float = 3.0  # standard deviations that the oldest command moves what tells its age

@@ -71,3 +71,15 @@ def test_what_most_recordings_like_needs_not_be_liked_evenly():
 def test_what_one_recording_likes_is_not_enough():
     assert "single" in HeldOut((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -9.0, 30.0)).doubt(True, USUAL)
     assert "surely" in HeldOut().doubt(False, USUAL)
+
+
+def test_no_sensor_is_known_better_than_it_counts():
+    """One without noise is off by half a step at most, in every reading the same."""
+    rng = np.random.default_rng(3)
+    blocks, motion = (np.arange(WINDOWS), np.arange(WINDOWS)), np.zeros((0, 1))
+    still = measure(Residuals(motion, np.full((WINDOWS, 4), 1e-4)), (blocks[0][:0], blocks[1]))
+    step = np.array([np.radians(1.0 / 16.0), 0.01, 0.01])
+    assert still.sensors[1:] == pytest.approx(step / np.sqrt(12.0), rel=0.02)
+    loud = measure(Residuals(motion, 0.1 * rng.normal(size=(WINDOWS, 4))),
+                   (blocks[0][:0], blocks[1]))
+    assert loud.sensors == pytest.approx(0.1, rel=0.2)

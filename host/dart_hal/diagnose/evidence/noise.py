@@ -100,7 +100,7 @@ def measure(r: Residuals, blocks: tuple[IntArray, IntArray],
     """
     certain = 1.0 if older is None else _certain(r.motion, older, policy, wait)
     whitener = _whitener(r.motion * certain, policy)
-    finest = np.array([policy.encoder_floor, 0.0, 0.0, 0.0])
+    finest = np.array([policy.encoder_floor, policy.gyro_floor, *[policy.accel_floor] * 2])
     sensors = np.maximum(_size(r.sensors), finest) if len(r.sensors) else np.ones(4)
     rough = Noise(whitener, sensors, np.ones(len(whitener) + len(sensors)), certain, policy)
     motion, read = rough.whiten(r)

@@ -100,7 +100,7 @@ class Search:
             if not trials or not s.max_causes:  # all that may be named is named
                 break
             step = select(self._evidence, point, trials,
-                          partial(self._with, point, noise), s, failed)
+                          partial(self._with, noise), s, failed)
             rejected = step.rejected
             new = step.accepted[:s.max_causes - len(named)]
             if not new:
@@ -228,7 +228,7 @@ class Search:
         self._done += 0.5 * (1.0 - self._done)
         return [replace(t, lines=()) for t in trials]
 
-    def _with(self, point: Point, noise: Noise, trial: Trial) -> Point:
+    def _with(self, noise: Noise, point: Point, trial: Trial) -> Point:
         """The full fit with one more effect, from its trial on."""
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self._space(vehicle)
@@ -291,7 +291,7 @@ class Search:
         mine = next(t for t in trials if t.effect == one.effect)
         close = [t for t in correlated(without, mine, trials, policy.confounders)
                  if t.gain > policy.naming.close * mine.gain]
-        fits = fitted(partial(self._with, without, noise), close, 1)
+        fits = fitted(partial(self._with, noise, without), close, 1)
         rows = rows_at(self._evidence, without, policy)
         return replace(one, gain=without.loss() - point.loss(), confounders=confounders(
             without, mine, trials, rows, fits, policy.confounders))

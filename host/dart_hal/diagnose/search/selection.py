@@ -19,13 +19,13 @@ from ..evidence.rows import RowLabels, rows_of
 from ..policy import USUAL, NamingPolicy, Policy
 from .confounders import confounders, directions
 from .fit import Point
+from .pairs import FitWith, one_of_a_pair
 from .scan import Trial, scanned
 from .significance import nothing_missing
 
 TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
 NOT_HELD_OUT = "does not surely lower the loss of data left out from its size"
 STEPS = 5  # of the fit of how far to go
-FitWith = Callable[[Trial], Point]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     is added.
     """
     policy, rows = settings.policy.naming, rows_at(evidence, point, settings.policy)
-    first = fit_with(trials[0])
+    first = fit_with(point, trials[0])
     rest = first.residual if first.loss() < point.loss() else point.residual
     nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, policy.draws,
                               evidence.exact)
@@ -96,12 +96,14 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     again = [t for t in passed if t.gain > policy.try_again * failed.get(t.effect, 0.0)
              and not _too_small(catalogue()[t.effect], t.values, policy.tried_size)]
     close = [t for t in again if t.gain > policy.close * again[0].gain]
-    fits = fitted(fit_with, [t for t in close if t is not trials[0]], settings.jobs)
+    fits = fitted(partial(fit_with, point), [t for t in close if t is not trials[0]], settings.jobs)
     if any(t is trials[0] for t in close):
         fits[trials[0].effect] = first
     direction = directions(point)
     order = sorted(passed, key=lambda t: policy.simpler * len(catalogue()[t.effect].parameters)
                    - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)
+    before = one_of_a_pair(point, again, trials, limits, fits, fit_with, policy.furthest)
+    order.sort(key=lambda t: t is not before)
     accepted, rejected, failures = list[tuple[Named, Point]](), list[Rejected](), 0
     taken: list[FloatArray] = []
     for trial in (*order, *(t for t in trials if t not in passed)):
@@ -119,7 +121,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
         elif failures == policy.tries:
             why = "not tried: so many that gained more were tried in vain"
         else:
-            candidate = fits[trial.effect] = fits.get(trial.effect) or fit_with(trial)
+            candidate = fits[trial.effect] = fits.get(trial.effect) or fit_with(point, trial)
             held = held_out(point, candidate, rows, policy.furthest)
             why = _why_not(evidence, point, candidate, trial, rows, held, limit, settings.policy)
             if not why:
@@ -137,12 +139,13 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     return Step(tuple(accepted), tuple(rejected))
 
 
-def fitted(fit_with: FitWith, trials: Sequence[Trial], jobs: int) -> dict[str, Point]:
+def fitted(fit_with: Callable[[Trial], Point], trials: Sequence[Trial], jobs: int
+           ) -> dict[str, Point]:
     """The full fit of each trial, by effect."""
     return dict(each(partial(_fit, fit_with), trials, jobs))
 
 
-def _fit(fit_with: FitWith, trial: Trial) -> tuple[str, Point]:
+def _fit(fit_with: Callable[[Trial], Point], trial: Trial) -> tuple[str, Point]:
     return trial.effect, fit_with(trial)
 
 

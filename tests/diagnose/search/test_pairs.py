@@ -1,0 +1,109 @@
+"""Two causes that hide each other are looked for together."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from dart_hal.diagnose.evidence.noise import Noise
+from dart_hal.diagnose.search.fit import Point
+from dart_hal.diagnose.search.pairs import gains, hidden_pairs, one_of_a_pair
+from dart_hal.diagnose.search.scan import Trial
+
+ROWS = 400
+LIMIT = 20.0
+
+
+def unit(x):
+    return x / np.linalg.norm(x)
+
+
+RNG = np.random.default_rng(3)
+BASE, PLAY, APART, ELSE, OTHER = np.linalg.qr(RNG.normal(size=(ROWS, 5)))[0].T
+TRIM = unit(APART - 0.3 * PLAY)
+"""Turns against the play: each takes most of what the other does to the residuals away."""
+GAIN = unit(PLAY + APART + 0.8 * ELSE)
+FURTHEST = 2.0
+NAMES = ("steering_backlash", "steering_trim", "steering_gain", "steering_lag")
+TRUE = 20.0 * PLAY + 14.0 * TRIM
+
+
+def point(residual, jacobian=BASE[:, None]):
+    k = jacobian.shape[1]
+    noise = Noise(np.eye(1), np.ones(4), np.ones(5))
+    return Point(noise, SimpleNamespace(pull=np.zeros(k)), np.zeros(k), residual,
+                 np.ones(ROWS), jacobian)
+
+
+def trials(at, directions):
+    out = []
+    for name, d in zip(NAMES, directions, strict=False):
+        k = max(float(-d @ at.residual), 0.0)
+        out.append(Trial(name, {"k": k}, k**2, at.residual + k * d))
+    return sorted(out, key=lambda t: -t.gain)
+
+
+def fitted(at, trial):
+    """Least squares with one direction more."""
+    columns = np.column_stack([at.jacobian, unit(trial.residual - at.residual)])
+    x = np.linalg.lstsq(columns, at.residual, rcond=None)[0]
+    return point(at.residual - columns @ x, columns)
+
+
+def asked(at, directions, limit=LIMIT):
+    of = trials(at, directions)
+    limits = dict.fromkeys(NAMES, limit)
+    passed = [t for t in of if t.gain > limit]
+    best = of[0].effect
+    found = one_of_a_pair(at, passed, of, limits, {best: fitted(at, of[0])}, fitted, FURTHEST)
+    return best, found and found.effect
+
+
+def test_one_of_two_that_hide_each_other_goes_before_their_impostor():
+    best, first = asked(point(TRUE), [-PLAY, -TRIM, -GAIN, -OTHER])
+    assert best == "steering_gain"
+    assert first == "steering_backlash"
+
+
+def test_two_that_together_are_an_impostor_do_not_go_before_the_cause():
+    best, first = asked(point(20.0 * GAIN + 2.0 * OTHER), [-PLAY, -APART, -GAIN, -OTHER])
+    assert (best, first) == ("steering_gain", None)
+
+
+def test_a_cause_that_chance_could_do_better_is_no_reason():
+    at = point(TRUE)
+    with_both = float(at.residual @ at.residual)
+    assert asked(at, [-PLAY, -TRIM, -GAIN, -OTHER], limit=with_both)[1] is None
+
+
+def test_a_promise_that_a_fit_does_not_keep_is_none():
+    at = point(TRUE)
+    of = trials(at, [-PLAY, -TRIM, -GAIN, -OTHER])
+    limits = dict.fromkeys(NAMES, LIMIT)
+    alone = fitted(at, of[0])
+    assert hidden_pairs(at, of, limits, FURTHEST)
+    assert one_of_a_pair(at, of, of, limits, {of[0].effect: alone},
+                         lambda near, trial: alone, FURTHEST) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_gains_of_two_are_those_of_bounded_least_squares(seed):
+    rng = np.random.default_rng(seed)
+    d, r = rng.normal(size=(8, 4)), 2.0 * rng.normal(size=8)
+    alone, both = gains(d.T @ r, d.T @ d, 1.0)
+
+    def exact(*some):
+        return r @ r - 2.0 * lsq_linear(d[:, list(some)], -r, (0.0, 1.0)).cost
+
+    for i in range(4):
+        assert alone[i] == pytest.approx(exact(i), abs=1e-6)
+        for j in range(i + 1, 4):
+            assert both[i, j] == both[j, i]
+            assert both[i, j] <= exact(i, j) + 1e-6
+            assert both[i, j] >= max(alone[i], alone[j])
+            within = lsq_linear(d[:, [i, j]], -r, (0.0, 1.0)).x
+            if (within > 1e-3).all() and (within < 1.0 - 1e-3).all():
+                assert both[i, j] == pytest.approx(exact(i, j), abs=1e-6)
