@@ -332,6 +332,11 @@ class Car(Arming, Shown):
         return self._engine.backend.simulated or self._engine.backend.virtual
 
     @property
+    def waits(self) -> bool:
+        """Whether the car's time stands still while the program computes: virtual time."""
+        return self._engine.backend.virtual
+
+    @property
     def drives(self) -> bool:
         """False where commands go nowhere: a recording, or a port without its I2C bus."""
         return self._engine.backend.bus is not None
@@ -371,6 +376,13 @@ class Car(Arming, Shown):
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""
         self._engine.hooks.add(hook)
 
-    def on_state(self, listener: Callable[[State], None]) -> None:
-        """``listener(state)`` sees every State, also those a slow loop skips; keep it short."""
-        self._engine.listeners.append(listener)
+    def on_state(self, listener: Callable[[State], None]) -> Callable[[], None]:
+        """``listener(state)`` sees every State, also those a slow loop skips; keep it short.
+
+        What is returned takes it away again.
+        """
+        engine = self._engine
+        engine.listeners = [*engine.listeners, listener]  # a new list: one may be read now
+        def leave() -> None:
+            engine.listeners = [one for one in engine.listeners if one is not listener]
+        return leave

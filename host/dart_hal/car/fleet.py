@@ -11,7 +11,9 @@ from typing import TypeVar
 from urllib.parse import quote
 
 from dart_hal.car.car import Car
+from dart_hal.car.member import Member, join
 from dart_hal.errors import UsageError
+from dart_hal.fleet.peers import OtherPose
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
 from dart_hal.types import SAMPLE, State
@@ -20,22 +22,28 @@ T = TypeVar("T")
 
 
 class Fleet:
-    """Cars that are driven together; a context manager. ``cars`` in the order of the URLs."""
+    """Cars that are driven together; a context manager. ``cars`` in the order of the URLs.
+
+    ``names``: of each, no two alike; ``members``: each in the room that ``open`` was given.
+    """
 
     def __init__(self, cars: Sequence[Car]) -> None:
         self.cars = tuple(cars)
+        self.names = _names(self.cars)
+        self.members: tuple[Member, ...] = ()
 
     @classmethod
     def open(cls, urls: Sequence[str], *, car: Sequence[str | None] | None = None,
              cars: str | Path | None = None,
              record: Sequence[str | Path | None] | None = None,
              poses: str | Sequence[str | PoseSource | None] | None = None,
-             raise_on_trip: bool = True) -> Fleet:
+             room: str | None = None, raise_on_trip: bool = True) -> Fleet:
         """Open every URL, or none: what was opened is closed if one fails.
 
         ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
         takes it. Of UDP poses several may name one port, each with its body.
-        ``poses`` as one text: "{car}" in it is the car's name in ``car``.
+        ``poses`` as one text: "{car}" in it is the car's name in ``car``. ``room``:
+        URL of a room of cars (``dart_hal.fleet``) that all of them enter.
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
@@ -48,14 +56,19 @@ class Fleet:
                                                    raise_on_trip=raise_on_trip))
                       for url, name, run, source in zip(urls, names, files, sources, strict=True)]
             _distinct(opened)
+            fleet = cls(opened)
+            if room is not None:
+                fleet.members = tuple(stack.enter_context(join(one, room, name=name))
+                                      for one, name in zip(opened, fleet.names, strict=True))
             stack.pop_all()
-        return cls(opened)
+        return fleet
 
     def arm(self, *, waive: Sequence[str] = ()) -> None:
-        """Arm one after the other; if one refuses, all are stopped. Raises NotArmed."""
+        """Arm all at once; if one refuses, all are stopped. Raises NotArmed."""
         try:
-            for car in self.cars:
-                car.arm(waive=waive)
+            waiting = [car.arming(waive=waive) for car in self.cars]
+            while waiting:
+                waiting = [steps for steps in waiting if next(steps, None) is not None]
         except BaseException:
             self.stop()
             raise
@@ -84,15 +97,27 @@ class Fleet:
         except StopIteration:
             return
 
-    def stop(self) -> None:
-        """Stop every car, also when one of them raises."""
+    def other_poses(self, name: str) -> dict[str, OtherPose]:
+        """What the car of this name knows of all others in the room. Raises UsageError."""
+        if name not in self.names or not self.members:
+            raise UsageError(f"no car {name} in a room", found=name,
+                             expected=", ".join(self.names) if self.members else
+                             'Fleet.open(urls, room="local://")')
+        return self.members[self.names.index(name)].other_poses()
+
+    def stop(self, why: str = "") -> None:
+        """Stop every car, also when one of them raises, and all others in the room."""
         with ExitStack() as stack:
+            if self.members:
+                stack.callback(self.members[0].stop_all, why)
             for car in self.cars:
                 stack.callback(car.stop)
 
     def close(self) -> None:
         """Close every car, also when one of them raises."""
         with ExitStack() as stack:
+            for member in self.members:
+                stack.callback(member.close)
             for car in self.cars:
                 stack.callback(car.close)
 
@@ -135,6 +160,17 @@ def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
         if source is not None:
             stack.callback(source.close)
     return sources
+
+
+def _names(cars: Sequence[Car]) -> tuple[str, ...]:
+    """Names of the cars' files; of several with one name the second is NAME-2, and so on."""
+    given: list[str] = []
+    for car in cars:
+        name, number = car.files.config.name, 1
+        while (unique := name if number == 1 else f"{name}-{number}") in given:
+            number += 1
+        given.append(unique)
+    return tuple(given)
 
 
 def _distinct(cars: Sequence[Car]) -> None:

@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from dart_hal.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.poses.reading import Convention, Reading
@@ -71,14 +71,18 @@ class Port:
 
     def read(self) -> list[tuple[bytes, float]]:
         """As ``Datagrams``; at most ``AT_ONCE``."""
-        out: list[tuple[bytes, float]] = []
+        return [(data, age) for data, age, _ in self.receive()]
+
+    def receive(self) -> list[tuple[bytes, float, Any]]:
+        """The same with the address of the sender."""
+        out: list[tuple[bytes, float, Any]] = []
         now = time.time_ns()  # one for all: else the time that reading takes puts them out of order
         for _ in range(AT_ONCE):
             try:
-                data, ancillary, _, _ = self.socket.recvmsg(LARGEST, 64)
+                data, ancillary, _, address = self.socket.recvmsg(LARGEST, 64)
             except (BlockingIOError, ConnectionError):
                 break
-            out.append((data, _age(ancillary, now)))
+            out.append((data, _age(ancillary, now), address))
         return out
 
     def close(self) -> None:

@@ -1,0 +1,132 @@
+"""Who carries the frames: found by entry point; UDP on this computer; zenoh where it is there."""
+
+from __future__ import annotations
+
+import socket
+import time
+from importlib.util import find_spec
+
+import pytest
+from rooms import pose_frame
+
+from dart_hal.errors import PortBusy, UsageError
+from dart_hal.fleet.peers import Peers
+from dart_hal.fleet.transports import open_transport, transports
+
+needs_zenoh = pytest.mark.skipif(find_spec("zenoh") is None,
+                                 reason="needs eclipse-zenoh: pip install 'dart-hal[fleet]'")
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def until(condition, seconds=2.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return condition()
+
+
+def test_they_are_entry_points():
+    assert {"local", "udp", "zenoh"} <= set(transports())
+
+
+@pytest.mark.parametrize("text", ["carrier-pigeon://roof", "room"])
+def test_an_unknown_one_is_told_those_that_are_there(text):
+    with pytest.raises(UsageError) as told:
+        open_transport(text)
+    assert "local://" in str(told.value)
+    assert "udp://" in str(told.value)
+
+
+@pytest.mark.parametrize("text", [
+    "udp://239.255.42.99", "udp://:7447", "udp://:7447?to=10.0.0.1", "udp://:x?to=10.0.0.1:1",
+    "udp://239.255.42.99:7447?to=10.0.0.1:1", "udp://239.255.42.99:7447?hops=many",
+    "udp://239.255.42.99:7447?lose=1", "local://x?loss=2", "local://x?delay=soon"])
+def test_a_url_that_means_nothing_is_refused(text):
+    with pytest.raises(UsageError):
+        open_transport(text)
+
+
+def exchange(a, b):
+    """One frame each way, until they came."""
+    ends = (a, Peers("a", 1)), (b, Peers("b", 2))
+    (_, hears_b), (_, hears_a) = ends
+    count = 0
+
+    def both():
+        nonlocal count
+        count += 1
+        now = time.monotonic()
+        for (line, peers), name in zip(ends, "ab", strict=True):
+            line.send(pose_frame(count, name=name, boot=peers.boot, sent=line.stamp(now)), now)
+            peers.take(line, now)
+        return "b" in hears_b.senders and "a" in hears_a.senders
+
+    return until(both)
+
+
+def test_udp_to_a_list_of_addresses_and_to_who_asks():
+    """The second is not on the first's list: it is answered because it is heard."""
+    p, q = free_port(), free_port()
+    a = open_transport(f"udp://127.0.0.1:{p}?to=127.0.0.1:9")
+    b = open_transport(f"udp://127.0.0.1:{q}?to=127.0.0.1:{p}")
+    try:
+        assert exchange(a, b)
+        a.answer(("127.0.0.1", q))
+        assert a._guests.keys() == {("127.0.0.1", q)}
+    finally:
+        a.close()
+        b.close()
+
+
+def test_udp_multicast_on_one_computer():
+    url = f"udp://239.255.42.99:{free_port()}?via=127.0.0.1"
+    try:
+        a, b = open_transport(url), open_transport(url)
+    except UsageError as why:
+        pytest.skip(f"no multicast on this computer: {why.found}")
+    try:
+        assert exchange(a, b)
+    finally:
+        a.close()
+        b.close()
+
+
+def test_a_network_that_is_not_there_is_told_and_not_raised():
+    line = open_transport(f"udp://127.0.0.1:{free_port()}?to=192.0.2.1:7447")
+    line.send(b"x", 0.0)
+    assert "192.0.2.1" in line.trouble
+    line.close()
+
+
+def test_a_port_that_is_taken_is_said():
+    port = free_port()
+    first = open_transport(f"udp://127.0.0.1:{port}?to=127.0.0.1:9")
+    with pytest.raises(PortBusy):
+        open_transport(f"udp://127.0.0.1:{port}?to=127.0.0.1:9")
+    first.close()
+
+
+@pytest.mark.realtime
+@needs_zenoh
+def test_zenoh_between_two_sessions():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    a = open_transport(f"zenoh://test?listen=tcp/127.0.0.1:{port}")
+    b = open_transport(f"zenoh://test?connect=tcp/127.0.0.1:{port}")
+    try:
+        assert exchange(a, b)
+    finally:
+        a.close()
+        b.close()
+
+
+@pytest.mark.skipif(find_spec("zenoh") is not None, reason="eclipse-zenoh is installed")
+def test_without_zenoh_it_is_said_what_to_install():
+    with pytest.raises(UsageError, match="eclipse-zenoh"):
+        open_transport("zenoh://room")
