@@ -19,6 +19,7 @@ from dart_hal.car.car import Car
 from dart_hal.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Counters, encode
+from dart_hal.fleet.discovery import Announcement
 from dart_hal.fleet.messages import NOTE
 from dart_hal.fleet.peers import OtherPose, Peers, values_of_pose
 from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
@@ -32,23 +33,32 @@ KNOWN = 5.0
 
 
 def join(car: Car, room: str | Transport, *, name: str | None = None,
-         beat_within: float = inf) -> Member:
+         beat_within: float = inf, announce: bool = False) -> Member:
     """Let a car enter a room, a transport or its URL; it leaves with ``close``.
 
     name: what the others call it, None: that of its files. beat_within [s]: it may drive only
     while somebody watches the room (``dart-hal fleet watch``), and stops when nothing was heard
-    of that for so long. Raises UsageError and what opening the transport raises.
+    of that for so long. announce: tell the network by mDNS (needs zeroconf), so that
+    ``dart-hal fleet`` finds the room. Raises UsageError and what opening the transport raises.
     """
+    name = name or car.files.config.name
     transport = open_transport(room) if isinstance(room, str) else room
-    return Member(car, transport, name or car.files.config.name, beat_within)
+    try:
+        told = (Announcement(name, transport.url),) if announce else ()
+        return Member(car, transport, name, beat_within, told)
+    except BaseException:
+        transport.close()
+        raise
 
 
 class Member:
     """One car in a room; a context manager. Made by ``join``."""
 
-    def __init__(self, car: Car, transport: Transport, name: str, beat_within: float = inf) -> None:
+    def __init__(self, car: Car, transport: Transport, name: str, beat_within: float = inf,
+                 announced: Sequence[Announcement] = ()) -> None:
         self.car, self.name, self.transport = car, name, transport
         self._lock = threading.RLock()
+        self._announced = announced
         self.peers = Peers(name, secrets.randbits(32))
         self.rule = StopRule(beat_within)
         self.peers.on_stop = self._stop
@@ -116,6 +126,8 @@ class Member:
     def close(self) -> None:
         """Leave the room; the car stays open."""
         self._leave()
+        for told in self._announced:
+            told.close()
         with self._lock:
             self.transport.close()
 
