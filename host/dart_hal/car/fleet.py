@@ -12,10 +12,13 @@ from urllib.parse import quote
 
 from dart_hal.car.car import Car
 from dart_hal.car.member import Member, join
+from dart_hal.car.misuse import check_record
+from dart_hal.car.recorder import Record, keep_old
 from dart_hal.errors import UsageError
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
+from dart_hal.recording.run_file import RunFile
 from dart_hal.types import SAMPLE, State
 
 T = TypeVar("T")
@@ -35,21 +38,24 @@ class Fleet:
     @classmethod
     def open(cls, urls: Sequence[str], *, car: Sequence[str | None] | None = None,
              cars: str | Path | None = None,
-             record: Sequence[str | Path | None] | None = None,
+             record: str | Path | Sequence[str | Path | None] | None = None,
              poses: str | Sequence[str | PoseSource | None] | None = None,
              room: str | None = None, raise_on_trip: bool = True) -> Fleet:
         """Open every URL, or none: what was opened is closed if one fails.
 
         ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
         takes it. Of UDP poses several may name one port, each with its body.
-        ``poses`` as one text: "{car}" in it is the car's name in ``car``. ``room``:
-        URL of a room of cars (``dart_hal.fleet``) that all of them enter.
+        ``record`` as one file: of all cars on one time base, the channels of each
+        with its name; read it as FILE?car=NAME. ``poses`` as one text: "{car}" in it
+        is the car's name in ``car``. ``room``: URL of a room of cars (``dart_hal.fleet``)
+        that all of them enter.
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
-        names, files = _each("car", car, urls), _each("record", record, urls)
+        names = _each("car", car, urls)
         seen = _each("poses", _spelled(poses, names), urls)
         with ExitStack() as stack:
+            files = _records(record, urls, stack)
             sources = _sources(seen, stack)
             opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
                                                    poses=source,
@@ -137,6 +143,19 @@ def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence
         raise UsageError(f"{name}= of a fleet has one entry for each URL", found=repr(given),
                          expected=f"{len(urls)} entries")
     return list(given)
+
+
+def _records(record: str | Path | Sequence[str | Path | None] | None, urls: Sequence[str],
+             stack: ExitStack) -> Sequence[Record | None]:
+    """A file for each car, or one for all, which closes if opening fails. Raises UsageError."""
+    if not isinstance(record, (str, Path)):
+        return _each("record", record, urls)
+    check_record(record)
+    keep_old(record)
+    Path(record).parent.mkdir(parents=True, exist_ok=True)
+    shared = RunFile(record)
+    stack.callback(shared.close)
+    return [shared] * len(urls)
 
 
 def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Sequence[str | None]
