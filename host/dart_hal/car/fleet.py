@@ -19,7 +19,7 @@ from dart_hal.fleet.peers import OtherPose
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
 from dart_hal.recording.run_file import RunFile
-from dart_hal.types import SAMPLE, State
+from dart_hal.types import SAMPLE, Contact, State
 
 T = TypeVar("T")
 
@@ -85,10 +85,16 @@ class Fleet:
         The Nanos' clocks differ by up to half a percent: the States of a tick
         are within half a frame of each other, counted from the first tick. A
         car that is ahead shows its State again, one that is behind skips one.
+        Emulated cars in virtual time are brought to the same time first.
         """
         streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
         try:
             now = [next(stream) for stream in streams]
+            worlds = [n for n, car in enumerate(self.cars) if car.waits and car.drives]
+            latest = max((self.cars[n].now for n in worlds), default=0.0)
+            for n in worlds:
+                while self.cars[n].now < latest - SAMPLE / 2:
+                    now[n] = next(streams[n])
             start = [state.t for state in now]
             while now:
                 yield tuple(now)
@@ -110,6 +116,12 @@ class Fleet:
                              expected=", ".join(self.names) if self.members else
                              'Fleet.open(urls, room="local://")')
         return self.members[self.names.index(name)].other_poses()
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Of emulated cars in one world (``sim://?world=NAME``): who touched whom, in order."""
+        every = dict.fromkeys(c for car in self.cars for c in car.contacts)
+        return tuple(sorted(every, key=lambda c: c.t))
 
     def stop(self, why: str = "") -> None:
         """Stop every car, also when one of them raises, and all others in the room."""

@@ -74,9 +74,11 @@ class Decoder:
     def decode(self, data: bytes) -> Heard | None:
         """The frame in a datagram, None if there is none. Never raises."""
         found = opened(data) if len(data) <= LARGEST else "huge"
-        name = found if isinstance(found, str) else "ok"
-        setattr(self.counters, name, getattr(self.counters, name) + 1)
-        return None if isinstance(found, str) else found
+        if isinstance(found, Heard):
+            self.counters.ok += 1
+            return found
+        setattr(self.counters, found, getattr(self.counters, found) + 1)
+        return None
 
 
 @lru_cache(maxsize=RECENT)

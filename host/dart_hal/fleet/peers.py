@@ -160,14 +160,16 @@ class Peers:
         sender.heard = max(sender.heard, arrived)
         transit = line - heard.sent
         sender.travelled(transit, line)
-        if heard.seq in sender.recent or heard.seq == sender.newest:
+        if heard.seq > sender.newest:
+            sender.newest = heard.seq
+        elif heard.seq in sender.recent:
             sender.twice += 1
             return
+        else:
+            sender.late += 1
+            sender.first = min(sender.first, heard.seq)
         sender.recent.append(heard.seq)
         sender.taken += 1
-        sender.first = min(sender.first, heard.seq)
-        sender.late += heard.seq < sender.newest
-        sender.newest = max(sender.newest, heard.seq)
         self._note(sender, heard, arrived, transit)
 
     def _sender(self, heard: Heard, arrived: float, source: object) -> Sender | None:
