@@ -110,7 +110,8 @@ def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
     assert [car["name"] for car in said["cars"]] == ["red"]
 
 
-def test_an_empty_room_is_an_answer(capsys):
+def test_an_empty_room_is_an_answer(capsys, monkeypatch):
+    monkeypatch.setattr("dart_hal.cli.fleet.HEARD", 0.05)
     code, said = told(capsys, "fleet", "--room", f"udp://:{free_port()}?to=127.0.0.1:9", "--json")
     assert (code, said) == (1, {"cars": []})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from rooms import Pins
 
 from dart_hal.car import Fleet
@@ -25,6 +26,7 @@ def test_a_fleet_brings_its_cars_to_one_time():
         assert max(ages[10:]) < 0.05 + 3 * SAMPLE, "a period, a look, and a tick between the cars"
 
 
+@pytest.mark.more
 def test_all_arm_at_once():
     with Pins("local://arm", seeds=(1, 2, 3)) as pins:
         pins.fleet.arm()

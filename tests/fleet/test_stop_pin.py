@@ -128,6 +128,7 @@ def watched(beating, *, hears=True):
         return [pins.last_driving(n, t) for n, t in enumerate(begun)], pins
 
 
+@pytest.mark.more
 def test_cars_stop_when_nobody_watches_them_any_more():
     lasts, pins = watched(lambda t: t < 0.5)
     assert all(0.5 < last <= 0.5 + 0.3 + 0.05 for last in lasts), lasts

@@ -92,6 +92,23 @@ def test_all_of_a_world_are_in_one_room():
         backend.close()
 
 
+def test_a_contact_is_told_when_it_begins_and_again_after_it_ended():
+    """Two places by themselves: one drives through the other, away, and back into it."""
+    found = arena.Arena("by itself")
+    first, second = found.enter("red", (0.0, 0.0, 0.0)), found.enter("red", (1.0, 0.0, 0.0))
+    second.trail(0.0, 0.0, 0.0, 0.0)
+    way = [*range(0, 200), *range(200, 100, -1)]
+    for k, at in enumerate(way):
+        first.trail(0.005 * k, 0.01 * at, 0.0, 0.0)
+    assert [c.cars for c in found.contacts] == [("red", "red-2")] * 2
+    assert found.contacts[0].t == pytest.approx(0.005 * 70, abs=0.025)
+    assert found.contacts[1].t == pytest.approx(0.005 * (200 + 70), abs=0.025)
+    second.leave()
+    first.trail(9.0, 1.0, 0.0, 0.0)
+    assert len(found.contacts) == 2
+
+
+@pytest.mark.more
 def test_cars_that_touch_are_told_once(caplog):
     """The second stands 1 m ahead of the first, which drives into it and through it."""
     with caplog.at_level(logging.WARNING), pair("crash", "0,0,0", "1,0,1.2") as fleet:
@@ -109,6 +126,7 @@ def test_cars_that_touch_are_told_once(caplog):
     assert sum("touch" in text for text in caplog.messages) == 1
 
 
+@pytest.mark.more
 def test_cars_that_pass_do_not_touch():
     """Control: half a metre aside."""
     with pair("pass", "0,0,0", "1,0.5,0") as fleet:
