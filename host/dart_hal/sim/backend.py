@@ -76,6 +76,7 @@ def open_sim(url: Url) -> Backend:
     link = SimLink(world, *world.lines)
     mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
     lidar = lidar_in_room(url, car.seed)
+    pace = choice(url, "pace", "1")
     place = enter(url, car.name)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name,
@@ -89,7 +90,7 @@ def open_sim(url: Url) -> Backend:
         backend.contacts, backend.closers = contacts_of(place), (place.leave,)
         if isinstance(backend.lidar, SimLidar):
             backend.lidar.unit.others.append(place.others)
-    return _in_real_time(backend, link, world) if choice(url, "pace", "1") else backend
+    return _in_real_time(backend, link, world) if pace else backend
 
 
 def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
