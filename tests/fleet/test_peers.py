@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rooms import pose_frame
 
 from dart_hal.fleet import messages as m
@@ -159,6 +161,24 @@ def test_junk_moves_nobody(fed):
     after = hears(peers, fed, 1.0, b"", b"\0" * 4000, pose_frame(2, x=9.0)[:-3])["red"]
     assert after.pose.x == before.pose.x
     assert peers.decoder.counters.refused == 3
+
+
+@given(st.lists(st.tuples(st.integers(0, 12), st.sampled_from([7, 8]), st.booleans()),
+                max_size=40))
+def test_in_any_order_the_newest_frame_of_the_newest_session_counts(told):
+    """Frames of two sessions, overtaking each other, again, and damaged."""
+    fed, peers = Fed(), Peers("blue", 1)
+    session, newest, over = None, -1, set()
+    for k, (seq, boot, good) in enumerate(told):
+        data = pose_frame(seq, x=float(seq + 100 * boot), boot=boot)
+        seen = hears(peers, fed, 0.01 * k, data if good else data[:-1] + bytes((data[-1] ^ 1,)))
+        if good and boot == session:
+            newest = max(newest, seq)
+        elif good and boot not in over:
+            over.add(session)
+            session, newest = boot, seq
+        assert not seen if session is None else seen["red"].pose.x == newest + 100 * session
+    assert peers.decoder.counters.refused == sum(not good for _, _, good in told)
 
 
 def run(room, seconds=4.0, alive=lambda n: True):

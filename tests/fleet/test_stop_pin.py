@@ -32,6 +32,7 @@ def stop_one_by_another(room):
         return [pins.last_driving(n, t) for n, t in enumerate(called)], call, refused, pins
 
 
+@pytest.mark.cpu(4)
 def test_all_stop_at_once():
     lasts, call, refused, pins = stop_one_by_another("local://stop")
     assert max(lasts) <= ALONE
@@ -55,6 +56,7 @@ def test_stop_at_a_loss_of_one_half_once():
     assert call.silent == set()
 
 
+@pytest.mark.cpu(4)
 def test_a_car_that_does_not_hear_drives_on(monkeypatch):
     """Control: without the rule the stop changes nothing."""
     monkeypatch.setattr(StopRule, "stop", lambda self, number, who, why, now: None)

@@ -9,7 +9,8 @@ from importlib.util import find_spec
 import pytest
 from rooms import pose_frame
 
-from dart_hal.errors import PortBusy, UsageError
+from dart_hal.car import Car, join
+from dart_hal.errors import NotArmed, PortBusy, UsageError
 from dart_hal.fleet.peers import Peers
 from dart_hal.fleet.transports import open_transport, transports
 
@@ -109,6 +110,47 @@ def test_a_port_that_is_taken_is_said():
     with pytest.raises(PortBusy):
         open_transport(f"udp://127.0.0.1:{port}?to=127.0.0.1:9")
     first.close()
+
+
+class Gone:
+    """A line that cannot be read any more."""
+
+    url, trouble = "gone://", ""
+
+    def stamp(self, now):
+        return now
+
+    def send(self, data, now):
+        pass
+
+    def poll(self, now):
+        raise OSError("network is down")
+
+    def answer(self, source):
+        pass
+
+    def close(self):
+        pass
+
+
+def test_a_car_lives_on_without_its_network_and_is_stopped_by_the_silence():
+    with Car.open("sim://?nano=mock&seed=1") as car, join(car, Gone(), beat_within=0.2) as member:
+        assert len(list(car.states(duration=0.3))) >= 29
+        assert "down" in member.transport.trouble
+        assert "watched" in member.held
+        with pytest.raises(NotArmed) as told:
+            car.arm()
+        assert "RUN_STOP" in told.value.reasons
+
+
+def test_a_state_that_comes_after_leaving_reads_nothing():
+    with Car.open("sim://?nano=mock&seed=1") as car:
+        member = join(car, f"udp://127.0.0.1:{free_port()}?to=127.0.0.1:9")
+        step = member._step
+        state = next(car.states())
+        member.close()
+        step(state)
+        assert member.transport.trouble == ""
 
 
 @pytest.mark.realtime

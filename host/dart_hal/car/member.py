@@ -67,7 +67,7 @@ class Member:
         self._call: StopCall | None = None
         self._plan: tuple[float, str, float, tuple[tuple[float, ...], ...]] | None = None
         self._seq = self._count = self.unsaid = 0
-        self._held = ""
+        self._held, self._closed = "", False
         self._leave = car.on_state(self._step)
         if beat_within < inf:
             self._obey(car.now)
@@ -129,6 +129,7 @@ class Member:
         for told in self._announced:
             told.close()
         with self._lock:
+            self._closed = True
             self.transport.close()
 
     def __enter__(self) -> Member:
@@ -142,6 +143,8 @@ class Member:
 
     def _step(self, state: State) -> None:
         with self._lock:
+            if self._closed:  # while this State was on its way
+                return
             now = self.car.now
             self._hear(now)
             self._count += 1
@@ -149,7 +152,10 @@ class Member:
                 self._tell(state, now)
 
     def _hear(self, now: float) -> None:
-        self.peers.take(self.transport, now)
+        try:
+            self.peers.take(self.transport, now)
+        except OSError as why:  # the network is gone: the car goes by what it knows
+            self.transport.trouble = str(why)
         self._obey(now)
         self._repeat(now)
 

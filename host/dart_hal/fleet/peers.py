@@ -137,7 +137,9 @@ class Peers:
         self._looked = -inf
 
     def take(self, transport: Transport, now: float) -> None:
-        """All that has come until ``now`` [s] of this car's clock. Never raises."""
+        """All that has come until ``now`` [s] of this car's clock, whatever it is.
+
+        Raises OSError where the line cannot be read."""
         came: Sequence[Datagram] = transport.poll(now)
         for data, age, source in came:
             heard = self.decoder.decode(data)
