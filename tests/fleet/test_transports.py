@@ -172,3 +172,31 @@ def test_zenoh_between_two_sessions():
 def test_without_zenoh_it_is_said_what_to_install():
     with pytest.raises(UsageError, match="eclipse-zenoh"):
         open_transport("zenoh://room")
+
+
+def test_cars_of_one_process_share_a_socket_and_each_hears_everything():
+    url = f"udp://239.255.42.99:{free_port()}?via=127.0.0.1"
+    try:
+        ends = [open_transport(url) for _ in range(3)]
+    except UsageError as why:
+        pytest.skip(f"no multicast on this computer: {why.found}")
+    assert len({end._port.socket.fileno() for end in ends}) == 1
+    ends[0].send(b"frame", 0.0)
+    heard = [[], [], []]
+
+    def all_heard():
+        for end, came in zip(ends, heard, strict=True):
+            came += [datagram.data for datagram in end.poll(0.0)]
+        return all(heard)
+
+    assert until(all_heard)
+    assert heard == [[b"frame"]] * 3
+    ends[0].close()
+    ends[1].send(b"again", 0.0)
+    again = []
+    assert until(lambda: again.extend(ends[2].poll(0.0)) or again)
+    for end in ends:
+        end.close()
+    late = open_transport(url)
+    assert late._port is not ends[0]._port, "the last one closed it"
+    late.close()

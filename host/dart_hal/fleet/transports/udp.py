@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import threading
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
-from dart_hal.poses.udp import Port
+from dart_hal.poses.udp import Port, SharedPort
 
 EXPECTED = "udp://239.255.42.99:7447, or udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447"
 GUESTS = 64
@@ -40,24 +41,41 @@ def open_udp(url: Url) -> UdpTransport:
     hops = url.options.get("hops", "0")
     if not (hops.isascii() and hops.isdigit() and int(hops) < 255):
         raise UsageError(f"hops={hops!r} of a room", found=url.text, expected="0 to 254")
-    listening = Port("" if group else host, port, url.text, shared=group)
-    if group:
-        try:
-            _join(listening.socket, host, url.options.get("via", "0.0.0.0"), int(hops) + 1)
-        except OSError as why:
-            listening.close()
-            raise UsageError(f"{url.text}: cannot join the group", found=str(why),
-                             expected="a network interface that does multicast",
-                             remedy="via=ADDRESS of this computer, or a list: " + EXPECTED) from why
-    return UdpTransport(url, listening, [(host, port)] if group else to)
+    if not group:
+        return UdpTransport(url, SharedPort(Port(host, port, url.text)), to)
+    via = url.options.get("via", "0.0.0.0")
+    key = host, port, via, int(hops)
+    with _doors:
+        if key not in _groups or _groups[key].closed:
+            _groups[key] = _joined(url, *key)
+        return UdpTransport(url, _groups[key], [(host, port)])
+
+
+_groups: dict[tuple[str, int, str, int], SharedPort] = {}
+"""Groups that cars of this process are in: one socket for all of them, not a copy of every frame
+for each."""
+_doors = threading.Lock()
+
+
+def _joined(url: Url, group: str, port: int, via: str, hops: int) -> SharedPort:
+    """A port of the group. Raises UsageError and what opening it raises."""
+    listening = Port("", port, url.text, shared=True)
+    try:
+        _join(listening.socket, group, via, hops + 1)
+    except OSError as why:
+        listening.close()
+        raise UsageError(f"{url.text}: cannot join the group", found=str(why),
+                         expected="a network interface that does multicast",
+                         remedy="via=ADDRESS of this computer, or a list: " + EXPECTED) from why
+    return SharedPort(listening)
 
 
 class UdpTransport:
     """A socket, and the addresses that are sent to."""
 
-    def __init__(self, url: Url, port: Port, to: Sequence[Address]) -> None:
+    def __init__(self, url: Url, shared: SharedPort, to: Sequence[Address]) -> None:
         self.url, self.trouble = url.text, ""
-        self._port, self._to = port, tuple(to)
+        self._port, self._reader, self._to = shared.port, shared.reader(), tuple(to)
         self._group = _is_group(url, to[0][0])
         self._guests: dict[Address, float] = {}
 
@@ -82,7 +100,7 @@ class UdpTransport:
             self._guests = {a: t for a, t in self._guests.items() if t > old}
 
     def poll(self, now: float) -> Sequence[Datagram]:
-        return [Datagram(*came) for came in self._port.receive()]
+        return [Datagram(*came) for came in self._reader.receive()]
 
     def answer(self, source: Any) -> None:
         if not self._group and source not in self._to and (
@@ -90,7 +108,8 @@ class UdpTransport:
             self._guests[source] = time.monotonic()
 
     def close(self) -> None:
-        self._port.close()
+        with _doors:
+            self._reader.close()
 
 
 def _address(url: Url, text: str) -> Address:
