@@ -10,16 +10,17 @@ import time
 
 import pytest
 
-from dart_hal.recording.run import FLUSH, RunReader
+from dart_hal.recording.run import RunReader
+from dart_hal.recording.run_file import FLUSH
 
 pytestmark = pytest.mark.realtime
 
 RECORDER = """
 import mmap, struct, sys
 from dart_hal.car import Car
-from dart_hal.recording import run
+from dart_hal.recording import run_file
 url, name, cars, folder, flush = sys.argv[1:6]
-run.FLUSH = float(flush)
+run_file.FLUSH = float(flush)
 with open(folder + "/seen", "r+b") as file, \\
         Car.open(url, car=name, cars=cars, record=folder + "/run.mcap") as car:
     seen = mmap.mmap(file.fileno(), 16)

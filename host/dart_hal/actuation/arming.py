@@ -60,6 +60,7 @@ class Facts:
     throttle: float = 0.0
     command_ok: bool = True
     raw_open: bool = False
+    run_stop: bool = False
     guard_age: float | None = 0.0
     loop_late: float = 0.0
     latched: bool = False
@@ -145,6 +146,9 @@ REFUSALS: tuple[Refusal, ...] = (
             "check the controller's output; 0.5 s later arm() again", lambda f: not f.command_ok),
     Refusal("RAW_MODE_OPEN", "command", "raw() is open", "leave the raw() block",
             lambda f: f.raw_open),
+    Refusal("RUN_STOP", "command", "the cars of the room are stopped, or nobody watches it",
+            "wait 0.5 s after the last stop; start who watches: dart-hal fleet watch",
+            lambda f: f.run_stop),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
     Refusal("GUARD_SILENT", "process", f"the guard process has not answered for {GUARD_ALIVE:g} s",

@@ -46,21 +46,25 @@ class Arming(Recorded, ABC):
         Returns what does not refuse but should be known; the log tells it too
         (``logging``, "dart_hal"), each once per open car.
         """
+        for _ in self.arming(waive=waive):
+            pass
+        return () if self._engine.backend.bus is None else self._caution()
+
+    def arming(self, *, waive: Sequence[str] = ()) -> Iterator[State]:
+        """``arm()`` in steps, one State each, for whoever arms several cars at once."""
         engine = self._engine
         if engine.backend.bus is None:
-            return ()
-        for _ in self._until_good():
-            pass
+            return
+        yield from self._until_good()
         with engine.lock:
             engine.driver.arm(engine.now, tuple(waive))
             if waive and self._recorder is not None:
                 self._recorder.note("waived", {"reasons": ", ".join(waive)})
         try:
-            self._await_armed()
+            yield from self._until_armed()
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
             self.stop()
             raise
-        return self._caution()
 
     def _caution(self) -> tuple[Caution, ...]:
         found = self.cautions
@@ -70,13 +74,14 @@ class Arming(Recorded, ABC):
                 log.warning("%s", caution)
         return found
 
-    def _await_armed(self) -> None:
+    def _until_armed(self) -> Iterator[State]:
         driver = self._engine.driver
-        for _ in self.states(duration=ARM_PATIENCE):
+        for state in self.states(duration=ARM_PATIENCE):
             if driver.mode is ArmState.ARMED:
                 return
             if driver.mode is not ArmState.ARMING:
                 break
+            yield state
         with self._engine.lock:
             raise driver.refused()
 
@@ -122,6 +127,12 @@ class Arming(Recorded, ABC):
             self._engine.driver.event(Event.UNLOCK, self._engine.now)
             if self._recorder is not None:
                 self._recorder.note("unlock", {"reason": reason})
+
+    def run_stop(self, held: bool) -> None:
+        """Press a run-stop: a trip, the throttle neutral at once, and nothing arms while it is
+        held; False lets it go. A car that it has tripped has to be armed again."""
+        with self._engine.lock:
+            self._engine.driver.hold(held, self._engine.now)
 
     def refusals(self) -> tuple[str, ...]:
         """Names of what would keep ``arm()`` from arming now, waiting apart."""

@@ -25,7 +25,7 @@ from dart_hal.car.identity import Hello
 from dart_hal.car.misuse import check_record, check_times, check_url, shut
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
-from dart_hal.car.recorder import keep_old, start_recording
+from dart_hal.car.recorder import Record, keep_old, start_recording
 from dart_hal.car.scans import give_lidar
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
@@ -58,7 +58,7 @@ class Car(Arming, Shown):
 
     raise_on_trip = True
 
-    def __init__(self, backend: Backend, files: CarFiles, record: str | Path | None = None) -> None:
+    def __init__(self, backend: Backend, files: CarFiles, record: Record | None = None) -> None:
         self.files = files
         self.notices = backend.notices
         self.url = backend.url.text
@@ -76,7 +76,7 @@ class Car(Arming, Shown):
 
     @classmethod
     def open(cls, url: str | None = None, *, car: str | None = None,
-             cars: str | Path | None = None, record: str | Path | None = None,
+             cars: str | Path | None = None, record: Record | None = None,
              poses: str | PoseSource | None = None, lidar: str | ScanSource | None = None,
              raise_on_trip: bool = True) -> Car:
         """Open a car and leave it at neutral and disarmed.
@@ -96,7 +96,7 @@ class Car(Arming, Shown):
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
-             record: str | Path | None = None, poses: str | PoseSource | None = None,
+             record: Record | None = None, poses: str | PoseSource | None = None,
              lidar: str | ScanSource | None = None, raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         try:
@@ -332,6 +332,11 @@ class Car(Arming, Shown):
         return self._engine.backend.simulated or self._engine.backend.virtual
 
     @property
+    def waits(self) -> bool:
+        """Whether the car's time stands still while the program computes: virtual time."""
+        return self._engine.backend.virtual
+
+    @property
     def drives(self) -> bool:
         """False where commands go nowhere: a recording, or a port without its I2C bus."""
         return self._engine.backend.bus is not None
@@ -371,6 +376,13 @@ class Car(Arming, Shown):
         """``hook(direction, data, t) -> data``: trace or alter the traffic ("rx", "tx")."""
         self._engine.hooks.add(hook)
 
-    def on_state(self, listener: Callable[[State], None]) -> None:
-        """``listener(state)`` sees every State, also those a slow loop skips; keep it short."""
-        self._engine.listeners.append(listener)
+    def on_state(self, listener: Callable[[State], None]) -> Callable[[], None]:
+        """``listener(state)`` sees every State, also those a slow loop skips; keep it short.
+
+        What is returned takes it away again.
+        """
+        engine = self._engine
+        engine.listeners = [*engine.listeners, listener]  # a new list: one may be read now
+        def leave() -> None:
+            engine.listeners = [one for one in engine.listeners if one is not listener]
+        return leave

@@ -37,6 +37,8 @@ REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
               "GUARD_TRIPPED": "GUARD_SILENT"}
 """A trip during ARMING, as the reason why it did not arm."""
+LIVE_MODES = (ArmState.ARMING, ArmState.ARMED, ArmState.RAW)
+"""Where a run-stop ends something."""
 OWN_NEUTRAL_US = 1500.0
 """The pulse that the Nano itself makes for a multiplexer."""
 
@@ -59,6 +61,7 @@ class Driver:
         if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
+        self.run_stop = False
 
     @property
     def applied(self) -> Applied:
@@ -114,6 +117,13 @@ class Driver:
         self.supervisor.step(now, causes=("LINK_STALE",), bus_ok=self.actuator.fault is None)
         self.actuator.stop()
 
+    def hold(self, held: bool, now: float) -> None:
+        """A run-stop is pressed (neutral at once, nothing arms) or let go."""
+        self.run_stop = held
+        if held and self.mode in LIVE_MODES:
+            self._step(now, ["RUN_STOP"], ())
+            self.actuator.stop()
+
     # -- what happens --------------------------------------------------------------
 
     def seen(self, state: State, now: float) -> None:
@@ -141,6 +151,8 @@ class Driver:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
             causes.append("CUT_OFF")
+        if self.run_stop:
+            causes.append("RUN_STOP")
         return causes
 
     def _cut_off(self, now: float) -> bool:
@@ -200,7 +212,7 @@ class Driver:
         supervisor = self.supervisor
         refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
         facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now))
-        return replace(facts, command_ok=not refused)
+        return replace(facts, command_ok=not refused, run_stop=self.run_stop)
 
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open or a drive is there."""

@@ -11,51 +11,70 @@ from typing import TypeVar
 from urllib.parse import quote
 
 from dart_hal.car.car import Car
+from dart_hal.car.member import Member, join
+from dart_hal.car.misuse import check_record
+from dart_hal.car.recorder import Record, keep_old
 from dart_hal.errors import UsageError
+from dart_hal.fleet.peers import OtherPose
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
-from dart_hal.types import SAMPLE, State
+from dart_hal.recording.run_file import RunFile
+from dart_hal.types import SAMPLE, Contact, State
 
 T = TypeVar("T")
 
 
 class Fleet:
-    """Cars that are driven together; a context manager. ``cars`` in the order of the URLs."""
+    """Cars that are driven together; a context manager. ``cars`` in the order of the URLs.
+
+    ``names``: of each, no two alike; ``members``: each in the room that ``open`` was given.
+    """
 
     def __init__(self, cars: Sequence[Car]) -> None:
         self.cars = tuple(cars)
+        self.names = _names(self.cars)
+        self.members: tuple[Member, ...] = ()
 
     @classmethod
     def open(cls, urls: Sequence[str], *, car: Sequence[str | None] | None = None,
              cars: str | Path | None = None,
-             record: Sequence[str | Path | None] | None = None,
+             record: str | Path | Sequence[str | Path | None] | None = None,
              poses: str | Sequence[str | PoseSource | None] | None = None,
-             raise_on_trip: bool = True) -> Fleet:
+             room: str | None = None, raise_on_trip: bool = True) -> Fleet:
         """Open every URL, or none: what was opened is closed if one fails.
 
         ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
         takes it. Of UDP poses several may name one port, each with its body.
-        ``poses`` as one text: "{car}" in it is the car's name in ``car``.
+        ``record`` as one file: of all cars on one time base, the channels of each
+        with its name; read it as FILE?car=NAME. ``poses`` as one text: "{car}" in it
+        is the car's name in ``car``. ``room``: URL of a room of cars (``dart_hal.fleet``)
+        that all of them enter.
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
-        names, files = _each("car", car, urls), _each("record", record, urls)
+        names = _each("car", car, urls)
         seen = _each("poses", _spelled(poses, names), urls)
         with ExitStack() as stack:
+            files = _records(record, urls, stack)
             sources = _sources(seen, stack)
             opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
                                                    poses=source,
                                                    raise_on_trip=raise_on_trip))
                       for url, name, run, source in zip(urls, names, files, sources, strict=True)]
             _distinct(opened)
+            fleet = cls(opened)
+            if room is not None:
+                fleet.members = tuple(stack.enter_context(join(one, room, name=name))
+                                      for one, name in zip(opened, fleet.names, strict=True))
             stack.pop_all()
-        return cls(opened)
+        return fleet
 
     def arm(self, *, waive: Sequence[str] = ()) -> None:
-        """Arm one after the other; if one refuses, all are stopped. Raises NotArmed."""
+        """Arm all at once; if one refuses, all are stopped. Raises NotArmed."""
         try:
-            for car in self.cars:
-                car.arm(waive=waive)
+            waiting = [car.arming(waive=waive) for car in self.cars]
+            while waiting:
+                waiting = [steps for steps in waiting if next(steps, None) is not None]
         except BaseException:
             self.stop()
             raise
@@ -66,10 +85,16 @@ class Fleet:
         The Nanos' clocks differ by up to half a percent: the States of a tick
         are within half a frame of each other, counted from the first tick. A
         car that is ahead shows its State again, one that is behind skips one.
+        Emulated cars in virtual time are brought to the same time first.
         """
         streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
         try:
             now = [next(stream) for stream in streams]
+            worlds = [n for n, car in enumerate(self.cars) if car.waits and car.drives]
+            latest = max((self.cars[n].now for n in worlds), default=0.0)
+            for n in worlds:
+                while self.cars[n].now < latest - SAMPLE / 2:
+                    now[n] = next(streams[n])
             start = [state.t for state in now]
             while now:
                 yield tuple(now)
@@ -84,15 +109,33 @@ class Fleet:
         except StopIteration:
             return
 
-    def stop(self) -> None:
-        """Stop every car, also when one of them raises."""
+    def other_poses(self, name: str) -> dict[str, OtherPose]:
+        """What the car of this name knows of all others in the room. Raises UsageError."""
+        if name not in self.names or not self.members:
+            raise UsageError(f"no car {name} in a room", found=name,
+                             expected=", ".join(self.names) if self.members else
+                             'Fleet.open(urls, room="local://")')
+        return self.members[self.names.index(name)].other_poses()
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Of emulated cars in one world (``sim://?world=NAME``): who touched whom, in order."""
+        every = dict.fromkeys(c for car in self.cars for c in car.contacts)
+        return tuple(sorted(every, key=lambda c: c.t))
+
+    def stop(self, why: str = "") -> None:
+        """Stop every car, also when one of them raises, and all others in the room."""
         with ExitStack() as stack:
+            if self.members:
+                stack.callback(self.members[0].stop_all, why)
             for car in self.cars:
                 stack.callback(car.stop)
 
     def close(self) -> None:
         """Close every car, also when one of them raises."""
         with ExitStack() as stack:
+            for member in self.members:
+                stack.callback(member.close)
             for car in self.cars:
                 stack.callback(car.close)
 
@@ -112,6 +155,19 @@ def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence
         raise UsageError(f"{name}= of a fleet has one entry for each URL", found=repr(given),
                          expected=f"{len(urls)} entries")
     return list(given)
+
+
+def _records(record: str | Path | Sequence[str | Path | None] | None, urls: Sequence[str],
+             stack: ExitStack) -> Sequence[Record | None]:
+    """A file for each car, or one for all, which closes if opening fails. Raises UsageError."""
+    if not isinstance(record, (str, Path)):
+        return _each("record", record, urls)
+    check_record(record)
+    keep_old(record)
+    Path(record).parent.mkdir(parents=True, exist_ok=True)
+    shared = RunFile(record)
+    stack.callback(shared.close)
+    return [shared] * len(urls)
 
 
 def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Sequence[str | None]
@@ -135,6 +191,17 @@ def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
         if source is not None:
             stack.callback(source.close)
     return sources
+
+
+def _names(cars: Sequence[Car]) -> tuple[str, ...]:
+    """Names of the cars' files; of several with one name the second is NAME-2, and so on."""
+    given: list[str] = []
+    for car in cars:
+        name, number = car.files.config.name, 1
+        while (unique := name if number == 1 else f"{name}-{number}") in given:
+            number += 1
+        given.append(unique)
+    return tuple(given)
 
 
 def _distinct(cars: Sequence[Car]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from dart_hal.errors import LinkLost, UsageError
+from dart_hal.recording.run_file import RunFile
 
 
 def check_url(url: str | None) -> str | None:
@@ -21,8 +22,9 @@ TABLES = (".csv", ".parquet", ".json", ".bag", ".db3")
 """Suffixes of what a recording is not, but can be exported to or be taken for."""
 
 
-def check_record(path: str | Path) -> None:
+def check_record(path: str | Path | RunFile) -> None:
     """Raises UsageError for a file whose name promises another format than MCAP."""
+    path = path.path if isinstance(path, RunFile) else path
     if Path(path).suffix.lower() in TABLES:
         raise UsageError(f"{path}: a recording is an MCAP file", found=Path(path).name,
                          expected="a name that ends in .mcap",

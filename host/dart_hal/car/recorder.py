@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +13,10 @@ from dart_hal.config import CarFiles, left_aside
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
+from dart_hal.recording.run_file import RunFile
 
+Record = str | Path | RunFile
+"""Where a run goes: a file of its own, or one that the cars of a fleet share."""
 FILES = ("car.toml", "calibration.toml", "model.toml")
 
 
@@ -48,11 +52,13 @@ class Recorded:
                 self._recorder.log(self._engine.now, channels)
 
 
-def keep_old(path: str | Path) -> Path | None:
+def keep_old(path: Record) -> Path | None:
     """Move a file that stands in the way of a new recording to run.1.mcap, run.2.mcap, ...
 
     Returns its new name, None when there was none.
     """
+    if isinstance(path, RunFile):
+        return None
     path = Path(path)
     if not path.is_file():
         return None
@@ -62,8 +68,9 @@ def keep_old(path: str | Path) -> Path | None:
     return path.rename(kept)
 
 
-def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWriter:
-    """Begin an MCAP file of this run; ``engine`` writes into it from now on."""
+def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
+    """Begin an MCAP file of this run, or its part in one of several cars; ``engine`` writes into
+    it from now on."""
     backend = engine.backend
     texts = dict(backend.measured)
     if not texts and not left_aside(files):
@@ -71,9 +78,13 @@ def start_recording(engine: Engine, files: CarFiles, path: str | Path) -> RunWri
                  for name in FILES if (files.folder / name).is_file()}
     if backend.car_toml is not None:
         texts["car.toml"] = backend.car_toml
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    shift = 0.0
+    if isinstance(path, RunFile):
+        shift = path.shift_of(None if backend.virtual else time.monotonic() - engine.now)
+    else:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
     writer = RunWriter(path, url=backend.url.text, car=files.config.name, start=engine.now,
-                       files=texts)
+                       files=texts, shift=shift)
     engine.hooks.recorder = writer
     engine.recorder = writer
     engine.listeners.append(writer.state)

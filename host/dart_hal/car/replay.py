@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 from dart_hal.errors import DartHalError, EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
@@ -178,12 +177,16 @@ def missing_hello(recording: RunReader) -> Chunk | None:
 
 
 def open_replay(url: Url) -> Backend:
-    """Open ``replay://FILE``. Raises RecordingError naming the file."""
-    url.known()
+    """Open ``replay://FILE``, of a file of several cars with ``?car=NAME``.
+
+    Raises RecordingError naming the file.
+    """
+    url.known("car")
     if not url.target:
         raise RecordingError("replay:// names no file", found=url.text,
                              remedy="replay://run.mcap")
-    recording = RunReader(Path(url.target))
+    car = url.options.get("car")
+    recording = RunReader(url.target if car is None else f"{url.target}?car={car}")
     first = next(recording.chunks(), None)
     if first is None:
         raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,

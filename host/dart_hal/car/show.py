@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dart_hal.car.engine import Engine
 from dart_hal.config import CarFiles
 from dart_hal.notebook import card
-from dart_hal.types import State
+from dart_hal.types import Contact, State
 
 
 class Shown:
@@ -22,6 +22,11 @@ class Shown:
     def mode(self) -> str:
         """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
         return self._engine.driver.mode.value
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """With the other emulated cars of its world (``sim://?world=NAME``), so far."""
+        return self._engine.backend.contacts()
 
     def __repr__(self) -> str:
         last = f"; {self._state!r}" if self._state is not None else ""

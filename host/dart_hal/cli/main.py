@@ -29,6 +29,7 @@ VERBS = {
     "lane": "drive in the middle of a lane between boards, by the lidar alone",
     "localize": "where the car is in a map, by its lidar: pose, covariance, health",
     "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
+    "fleet": "list the cars of a room, watch them, stop them all",
     "standby": "service on the car: neutral throttle whenever no program drives",
     "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",

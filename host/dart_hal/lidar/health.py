@@ -103,9 +103,13 @@ class Watch:
         return self._both / self._car if self._sum > ENOUGH else None
 
 
+_ROLLED = (np.arange(PROFILE) - np.array(SHIFTS)[:, None]) % PROFILE
+"""Indices (shifts, PROFILE): each row is a profile turned by one of ``SHIFTS``."""
+
+
 def turned(before: FloatArray, after: FloatArray) -> float:
     """Angle [rad] by which the car turned between two profiles, as the scans tell it."""
-    costs = [np.mean(np.fmin(np.abs(np.roll(after, k) - before), APART)) for k in SHIFTS]
+    costs = np.fmin(np.abs(after[_ROLLED] - before), APART).mean(axis=1)
     return radians(float(SHIFTS[int(np.argmin(costs))]))
 
 

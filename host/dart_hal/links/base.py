@@ -16,6 +16,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
 from dart_hal.ports import Bus, Clock, Link, PoseSource, ScanSource, Workshop
+from dart_hal.types import Contact
 
 URLS = "what each option means: docs/reference/urls.md"
 
@@ -72,6 +73,7 @@ class Backend:
     ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
     ``poses``: external poses that come with the backend; ``lidar``: scans that do.
+    ``contacts``: those that a world of several cars has seen.
     """
 
     url: Url
@@ -90,6 +92,7 @@ class Backend:
     workshop: Workshop | None = None
     poses: PoseSource | None = None
     lidar: ScanSource | None = None
+    contacts: Callable[[], tuple[Contact, ...]] = tuple
 
     def close(self) -> None:
         """Close link and bus, each also when another one raises."""

@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from dart_hal.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.poses.reading import Convention, Reading
@@ -71,14 +71,18 @@ class Port:
 
     def read(self) -> list[tuple[bytes, float]]:
         """As ``Datagrams``; at most ``AT_ONCE``."""
-        out: list[tuple[bytes, float]] = []
+        return [(data, age) for data, age, _ in self.receive()]
+
+    def receive(self) -> list[tuple[bytes, float, Any]]:
+        """The same with the address of the sender."""
+        out: list[tuple[bytes, float, Any]] = []
         now = time.time_ns()  # one for all: else the time that reading takes puts them out of order
         for _ in range(AT_ONCE):
             try:
-                data, ancillary, _, _ = self.socket.recvmsg(LARGEST, 64)
+                data, ancillary, _, address = self.socket.recvmsg(LARGEST, 64)
             except (BlockingIOError, ConnectionError):
                 break
-            out.append((data, _age(ancillary, now)))
+            out.append((data, _age(ancillary, now), address))
         return out
 
     def close(self) -> None:
@@ -86,10 +90,10 @@ class Port:
 
 
 class SharedPort:
-    """One port for several readers, each of whom sees every datagram."""
+    """One port for several readers, each of whom sees every datagram; ``closed`` by the last."""
 
     def __init__(self, port: Port) -> None:
-        self.port = port
+        self.port, self.closed = port, False
         self._readers: list[SharedReader] = []
 
     def reader(self) -> SharedReader:
@@ -100,15 +104,16 @@ class SharedPort:
     def take(self) -> None:
         """Hand what has come to every reader."""
         received = time.monotonic()
-        for data, age in self.port.read():
+        for data, age, address in self.port.receive():
             for reader in self._readers:
-                reader.waiting.append((data, received - age))
+                reader.waiting.append((data, received - age, address))
 
     def leave(self, reader: SharedReader) -> None:
         """The last one closes the port."""
         if reader in self._readers:
             self._readers.remove(reader)
             if not self._readers:
+                self.closed = True
                 self.port.close()
 
 
@@ -117,7 +122,7 @@ class SharedReader:
 
     def __init__(self, shared: SharedPort) -> None:
         self._shared = shared
-        self.waiting: deque[tuple[bytes, float]] = deque(maxlen=KEPT)
+        self.waiting: deque[tuple[bytes, float, Any]] = deque(maxlen=KEPT)
 
     @property
     def number(self) -> int:
@@ -126,11 +131,14 @@ class SharedReader:
 
     def read(self) -> list[tuple[bytes, float]]:
         """As ``Datagrams``."""
+        return [(data, age) for data, age, _ in self.receive()]
+
+    def receive(self) -> list[tuple[bytes, float, Any]]:
+        """As ``Port.receive``."""
         self._shared.take()
-        now, out = time.monotonic(), list(self.waiting)[:AT_ONCE]
-        for _ in out:
-            self.waiting.popleft()
-        return [(data, now - received) for data, received in out]
+        now, waiting = time.monotonic(), self.waiting
+        came = [waiting.popleft() for _ in range(min(len(waiting), AT_ONCE))]
+        return [(data, max(now - received, 0.0), address) for data, received, address in came]
 
     def close(self) -> None:
         self._shared.leave(self)

@@ -70,7 +70,7 @@ class McapFile:
 
     ``complete``: the footer and the closing magic are there; ``length``,
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
-    what was skipped before that; ``count`` of messages.
+    what was skipped before that; ``count`` of messages; ``shift`` [ns]: added to all stamps.
     """
 
     path: Path
@@ -83,6 +83,7 @@ class McapFile:
     types: dict[str, str] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
+    shift: int = 0
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[Message]:
         """Messages of these topics (None: all) in file order."""
@@ -92,7 +93,7 @@ class McapFile:
                 if opcode == Opcode.MESSAGE:
                     channel, rest, ns, _ = MESSAGE.unpack_from(block, start)
                     if channel in wanted:
-                        yield Message(wanted[channel], ns, rest,
+                        yield Message(wanted[channel], ns - self.shift, rest,
                                       block[start + MESSAGE.size:end])
 
     def extent(self) -> tuple[Counter[str], int, int]:
@@ -103,10 +104,11 @@ class McapFile:
             for opcode, start, _ in records(block):
                 if opcode == Opcode.MESSAGE:
                     channel, _, ns, _ = MESSAGE.unpack_from(block, start)
-                    counts[channel] += 1
-                    first, last = min(first, ns), max(last, ns)
+                    if channel in self.topics:
+                        counts[channel] += 1
+                        first, last = min(first, ns), max(last, ns)
         return (Counter({topic: counts[n] for n, topic in self.topics.items()}),
-                min(first, last), last)
+                min(first, last) - self.shift, last - self.shift)
 
 
 def read_mcap(path: Path) -> McapFile:

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 
 from dart_hal.errors import RecordingError
 from dart_hal.recording.mcap_records import MESSAGE, PREFIX, McapFile, content, read_mcap, records
-from dart_hal.recording.run import mcap_writer
+from dart_hal.recording.run_file import mcap_writer
 
 
 @dataclass(frozen=True, slots=True)

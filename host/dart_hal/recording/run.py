@@ -14,20 +14,16 @@ All times are host times of the backend's clock in s, >= 0.
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
-from typing import Any, BinaryIO
-
-from mcap.writer import CompressionType, Writer
+from typing import Any
 
 from dart_hal.errors import RecordingError
 from dart_hal.notebook import card
 from dart_hal.ports import Chunk
-from dart_hal.process.forks import private
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.items import AppliedAt as AppliedAt
 from dart_hal.recording.items import Command as Command
@@ -35,15 +31,9 @@ from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
-from dart_hal.recording.schemas import definition
-from dart_hal.types import Applied, ExternalPose, Scan, State
+from dart_hal.recording.run_file import RunFile, named, of_car, split_car
+from dart_hal.types import Applied, ExternalPose, Scan, State, nanoseconds
 from dart_hal.wire.messages import PROTO, SCHEMA
-
-LIBRARY = "dart-hal recording 4"
-"""Fixed: a version of a library here would change the bytes of a run."""
-
-FLUSH = 0.05
-"""s of recording time in a chunk: a kill loses at most that."""
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
 _CHANNELS = (
@@ -58,40 +48,33 @@ _SCANS = ("/scan", "dart_msgs/msg/LidarScan")
 _I2C = Struct("<BHH")
 
 
-def mcap_writer(file: BinaryIO) -> Writer:
-    """mcap's writer as runs use it: nothing compressed, a checksum on everything."""
-    writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
-    writer.start(profile="ros2", library=LIBRARY)
-    return writer
-
-
 class RunWriter:
     """Writes a run; a context manager. Methods may be called in any order, by any thread.
 
-    url, car: what was opened; files: texts of the car's files by name;
-    versions: of the library and what else matters; start [s]: the clock when
-    the backend was opened.
+    path: a file of its own, or one that several cars write: then ``shift`` [s] leads from this
+    car's clock to the time base. url, car: what was opened; files: texts of the car's files by
+    name; versions: of the library and what else matters; start [s]: the clock when the backend
+    was opened.
     """
 
-    def __init__(self, path: Path | str, *, url: str = "", car: str = "", start: float = 0.0,
-                 files: Mapping[str, str] | None = None,
-                 versions: Mapping[str, str] | None = None) -> None:
-        self.path = Path(path)
-        self._lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
-        self._file = private(self.path.open("wb", buffering=1 << 16))
-        self._writer = mcap_writer(self._file)
-        self._now, _ = stamp.split(start)
-        self._schemas: dict[str, int] = {}
+    def __init__(self, path: Path | str | RunFile, *, url: str = "", car: str = "",
+                 start: float = 0.0, files: Mapping[str, str] | None = None,
+                 versions: Mapping[str, str] | None = None, shift: float = 0.0) -> None:
+        self._file = path if isinstance(path, RunFile) else RunFile(path)
+        self._lock, self.path = self._file.lock, self._file.path
+        self._shift = nanoseconds(shift) if isinstance(path, RunFile) else 0
+        self._prefix = path.enter(car, self._shift) if isinstance(path, RunFile) else ""
+        self._file.begin()
+        self._now = stamp.split(start)[0] + self._shift
         for _, kind in _CHANNELS:
-            self._schema(kind)
+            self._file.schema(kind)
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
         self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
             "proto": str(PROTO), **dict(versions or {})})
         for name, text in (files or {}).items():
             self._attach(name, TOML, text)
-        self._writer.flush()  # type: ignore[no-untyped-call]
-        self._flushed = float("-inf")
+        self._file.flush()
         self._closed = False
 
     def rx(self, data: bytes, t: float) -> None:
@@ -156,17 +139,11 @@ class RunWriter:
         """Facts about the run; the newest of a name counts."""
         self._attach(name, JSON, json.dumps(dict(values)))
 
-    def _schema(self, kind: str) -> int:
-        if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
-        return self._schemas[kind]
-
     def _channel(self, topic: str, kind: str) -> int:
-        return int(self._writer.register_channel(topic, "cdr", self._schema(kind)))
+        return self._file.channel(named(self._prefix, topic), kind)
 
     def _attach(self, name: str, kind: str, text: str) -> None:
-        with self._lock:
-            self._writer.add_attachment(self._now, self._now, name, kind, text.encode())
+        self._file.attach(self._prefix + name, kind, text, self._now)
 
     def _add_to(self, topic: str, kind: str, data: bytes, t: float) -> None:
         """To a channel that comes into being with its first message; the lock is held."""
@@ -177,19 +154,15 @@ class RunWriter:
     def _add(self, topic: str, data: bytes, t: float) -> None:
         ns, rest = stamp.split(t)
         with self._lock:
-            self._now = ns
-            self._writer.add_message(self._channels[topic], ns, data, ns, rest)
-            if abs(t - self._flushed) >= FLUSH:  # stamps of host and car are not quite in order
-                self._writer.flush()  # type: ignore[no-untyped-call]
-                self._flushed = t
+            self._now = ns + self._shift
+            self._file.add(self._channels[topic], self._now, rest, data)
 
     def close(self) -> None:
-        """Write the index; idempotent."""
+        """Write the index, of a file of several cars the last one; idempotent."""
         with self._lock:
             if not self._closed:
                 self._closed = True
-                self._writer.finish()  # type: ignore[no-untyped-call]
-                self._file.close()
+                self._file.leave()
 
     def __enter__(self) -> RunWriter:
         return self
@@ -200,7 +173,9 @@ class RunWriter:
 
 
 class RunReader:
-    """Reads a run. Raises RecordingError naming the file.
+    """Reads a run; of a file of several cars that of one: ``fleet.mcap?car=red``.
+
+    Raises RecordingError naming the file.
 
     meta: the facts "run" (url, car, start, schema, versions); files: texts
     of the car's files; complete: False when the end is missing; damaged: True
@@ -209,8 +184,8 @@ class RunReader:
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        self._mcap = found = read_mcap(self.path)
+        self.path, car = split_car(path)
+        self._mcap = found = of_car(read_mcap(self.path), car)
         self.damaged = bool(found.damages)
         if "rx" not in found.topics.values():
             self._refuse(found)

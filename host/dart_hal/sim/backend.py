@@ -14,7 +14,8 @@ shipped set that the car really is, ``effect`` what it has beyond it, such as
 1 or, for example, ``rate=50,lock=2``: a motion capture sees the car
 (``dart_hal.sim.mocap``), ``lidar`` 1 or, for example, ``rate=8,noise=0.01``: a lidar on the car
 (``dart_hal.sim.lidar``), in the room ``map``, ``pace`` 1: real time, the world does not wait
-for its program.
+for its program, ``world`` a name: cars of this process that name the same one see each other's
+bodies (``dart_hal.sim.arena``), ``at`` X,Y,YAW: where in the room the car begins.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
 from dart_hal.links.paced import PacedBus, PacedLink, PacedPoses, PacedScans
+from dart_hal.sim.arena import contacts_of, enter, room_seed, start_of
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
@@ -45,7 +47,7 @@ from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot", "fail",
-           "tick", "vehicle", "effect", "mocap", "lidar", "map", "pace")
+           "tick", "vehicle", "effect", "mocap", "lidar", "map", "pace", "world", "at")
 
 
 def open_sim(url: Url) -> Backend:
@@ -74,6 +76,8 @@ def open_sim(url: Url) -> Backend:
     link = SimLink(world, *world.lines)
     mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
     lidar = lidar_in_room(url, car.seed)
+    pace = choice(url, "pace", "1")
+    place = enter(url, car.name)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name,
                       car_toml=car_toml(drawn.base, drawn.body, rings),
@@ -81,7 +85,12 @@ def open_sim(url: Url) -> Backend:
                       poses=None if mocap is None else SimMocap(world, mocap),
                       lidar=None if lidar is None else SimLidar(
                           Unit(world.poses, lidar[1], lidar[0], car.seed)))
-    return _in_real_time(backend, link, world) if choice(url, "pace", "1") else backend
+    if place is not None:
+        world.trail = place.trail
+        backend.contacts, backend.closers = contacts_of(place), (place.leave,)
+        if isinstance(backend.lidar, SimLidar):
+            backend.lidar.unit.others.append(place.others)
+    return _in_real_time(backend, link, world) if pace else backend
 
 
 def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
@@ -91,8 +100,12 @@ def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
         if name is not None:
             raise UsageError("a map without a lidar that sees it", found=url.text,
                              expected=f"lidar=1&map={name}")
+        if start_of(url) is not None and "world" not in url.options:
+            raise UsageError("a place in a room that nobody sees", found=url.text,
+                             expected="at=X,Y,YAW with lidar=1, or with world=NAME")
         return None
-    return params, room_of(name or "room", seed)
+    room, start = room_of(name or "room", room_seed(url, seed)), start_of(url)
+    return params, room if start is None else replace(room, start=start)
 
 
 def _in_real_time(backend: Backend, link: SimLink, world: World) -> Backend:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 from dart_hal.vehicle import (
+    Namespace,
     Vehicle,
     make_dynamic,
     make_dynamic_step,
@@ -13,6 +16,22 @@ from dart_hal.vehicle import (
     make_kinematic_step,
     make_motor_gains,
 )
+from dart_hal.vehicle.straight import straight
+
+DYNAMIC = ("x", "y", "eta", "v_x", "v_y", "omega", "k0", "k1", "brake", "cos_d", "sin_d")
+KINEMATIC = ("x", "y", "eta", "v", "k0", "k1", "brake", "tan_d")
+"""State, and what is held over a tick."""
+
+
+def _dynamic(p: Vehicle, dt: float, xp: Namespace) -> Callable[..., Any]:
+    """A tick with its inputs held."""
+    step = make_dynamic_step(make_dynamic(p, xp))
+    return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
+
+
+def _kinematic(p: Vehicle, dt: float, xp: Namespace) -> Callable[..., Any]:
+    step = make_kinematic_step(make_kinematic(p, xp))
+    return lambda *a: step(*a[:4], dt, a[4:], a[4:], a[4:])
 
 
 class Felt(NamedTuple):
@@ -67,8 +86,8 @@ class DynamicMotion:
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
         self.x, self.y, self.eta = vehicle.body.l_r, 0.0, 0.0
         self.v_x = self.v_y = self.omega = 0.0
-        self._dt, self._per_dt = dt, 1.0 / dt
-        self._advance = make_dynamic_step(make_dynamic(vehicle))
+        self._per_dt = 1.0 / dt
+        self._advance = straight(partial(_dynamic, vehicle, dt), DYNAMIC)
         self.drive = Drive(vehicle)
         self._angle, self._cos, self._sin = 0.0, 1.0, 0.0
 
@@ -78,9 +97,8 @@ class DynamicMotion:
         if angle != self._angle:
             self._angle, self._cos, self._sin = angle, math.cos(angle), math.sin(angle)
         u, v, r, f = self.v_x, self.v_y, self.omega, self._per_dt
-        held = (drive.k0, drive.k1, brake, self._cos, self._sin)
         self.x, self.y, self.eta, vx, vy, om = self._advance(
-            self.x, self.y, self.eta, u, v, r, self._dt, held, held, held)
+            self.x, self.y, self.eta, u, v, r, drive.k0, drive.k1, brake, self._cos, self._sin)
         self.v_x, self.v_y, self.omega = vx, vy, om
         mean_u, mean_v, mean_r = 0.5 * (u + vx), 0.5 * (v + vy), 0.5 * (r + om)
         return Felt(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
@@ -93,18 +111,17 @@ class KinematicMotion:
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
         self.x, self.y, self.eta = vehicle.body.l_r, 0.0, 0.0
         self.v_x = self.v_y = self.omega = 0.0
-        self._dt, self._per_dt = dt, 1.0 / dt
+        self._per_dt = 1.0 / dt
         self._l_r, self._wheelbase = vehicle.body.l_r, vehicle.body.wheelbase
-        self._advance = make_kinematic_step(make_kinematic(vehicle))
+        self._advance = straight(partial(_kinematic, vehicle, dt), KINEMATIC)
         self.drive = Drive(vehicle)
 
     def step(self, throttle: float, brake: float, angle: float) -> Felt:
         drive, f, tan = self.drive, self._per_dt, math.tan(angle)
         drive.set(throttle)
         u, v, r = self.v_x, self.v_y, self.omega
-        held = (drive.k0, drive.k1, brake, tan)
         self.x, self.y, self.eta, vx = self._advance(
-            self.x, self.y, self.eta, u, self._dt, held, held, held)
+            self.x, self.y, self.eta, u, drive.k0, drive.k1, brake, tan)
         om = vx * tan / self._wheelbase
         vy = self._l_r * om
         self.v_x, self.v_y, self.omega = vx, vy, om

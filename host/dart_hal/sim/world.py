@@ -71,6 +71,7 @@ class Truth:
 class World:
     """One simulated car with its Nano; ``t`` is the world time reached [s].
 
+    ``trail``: called with t [s], x, y [m], yaw [rad] of the rear axle each 5 ms;
     ``turned``: which way the wheels turned last, 1 forward, -1 backward; ``blocked``: something
     holds a wheel; ``stand_holds`` False: a car that was lifted stands on the floor all the same.
     Effects act through ``car``, see ``dart_hal.sim.true_car``.
@@ -100,6 +101,7 @@ class World:
         self.distance = 0.0
         self.lines: tuple[Line, ...] = ()
         self.watchers: list[Callable[[int, Pulse], None]] = []
+        self.trail: Callable[[float, float, float, float], None] | None = None
         self._agenda: list[tuple[float, int, Callable[[World], None]]] = []
         self._pin_edges: list[tuple[float, bool]] = []
         self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
@@ -237,8 +239,10 @@ class World:
             return
         m, l_r = self.motion, self.car.vehicle.body.l_r
         c, s = math.cos(m.eta), math.sin(m.eta)
+        x, y = m.x - l_r * c, m.y - l_r * s
         self._times.append(t)
-        self._rows.extend((m.x - l_r * c, m.y - l_r * s, m.eta, m.v_x, m.v_y, m.omega,
-                           self.servo.angle, self.distance))
+        self._rows.extend((x, y, m.eta, m.v_x, m.v_y, m.omega, self.servo.angle, self.distance))
+        if self.trail is not None:
+            self.trail(t, x, y, m.eta)
         if len(self._times) > _KEEP:
             del self._times[:_KEEP // 2], self._rows[:_ROW * (_KEEP // 2)]

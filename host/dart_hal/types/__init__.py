@@ -364,6 +364,16 @@ class State:
         return card("State", self.rows())
 
 
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Two emulated cars of one world began to touch at t [s], half way between them at x, y [m]."""
+
+    t: float
+    cars: tuple[str, str]
+    x: float
+    y: float
+
+
 NINETY = 1.645
 """Half width of a 90 % interval of the normal distribution, in standard errors."""
 

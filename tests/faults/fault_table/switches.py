@@ -21,6 +21,7 @@ from dart_hal.car.pump import ThreadPump
 from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
+from dart_hal.fleet.stopping import StopRule
 from dart_hal.wire.blocks import BlockReader
 from dart_hal.wire.frame import Frame
 from fault_table.layers import FOREVER, host
@@ -119,6 +120,11 @@ def deaf(driver: Driver, now: float) -> list[str]:
     return [name for name in _CAUSES(driver, now) if name != "LINK_STALE"]
 
 
+def unwatched(rule: StopRule, now: float) -> str:
+    """A silence is never too long."""
+    return "stopped" if now < rule._until else ""
+
+
 def for_ever(pump: ThreadPump) -> None:
     """End the thread, however long it takes."""
     pump._ended.set()
@@ -190,3 +196,6 @@ host("hold_pace", "without a link neutral is repeated at 50 Hz, not in a busy lo
      "dart_hal.car.pump.AWAY", 0.0)
 host("stop_patience", "closing does not wait for a listener that blocks",
      "dart_hal.car.pump.ThreadPump.stop", for_ever)
+host("run_stop", "a stop of all cars of a room trips", "dart_hal.car.driver.Driver.hold", nothing)
+host("beat_within", "a car drives only while its room is watched",
+     "dart_hal.fleet.stopping.StopRule.held", unwatched)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fault_table import (
+    rows_fleet,
     rows_nano,
     rows_owner,
     rows_pins,
@@ -21,7 +22,7 @@ from fault_table.row import Row
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
 ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_processes,
-         rows_soak)
+         rows_soak, rows_fleet)
 
 
 def joined() -> tuple[Row, ...]:

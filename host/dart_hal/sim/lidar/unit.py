@@ -131,6 +131,8 @@ class Unit:
         for a in range(0, len(t), PER_PACKET) if self.others else ():
             part = slice(a, a + PER_PACKET)
             moving = np.vstack([other(float(t[part].mean())) for other in self.others])
+            if not len(moving):
+                continue
             reach[part] = np.minimum(reach[part], self._cast(moving, laser[part], line[part]))
         if len(self._room.glass):
             reach[self._cast(self._room.glass, laser, line) < reach] = np.inf

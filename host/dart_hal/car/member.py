@@ -1,0 +1,204 @@
+"""A car in a room of cars: tells where it is, hears where the others are, obeys a stop.
+
+All of it happens when a State of the car comes, in the thread that reads its link: a program
+that hangs is stopped all the same. Whoever is in the room informs, or stops; nothing that comes
+from the network arms a car or moves it.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Sequence
+from math import inf
+from types import TracebackType
+from typing import Any
+
+from dart_hal.car.car import Car
+from dart_hal.errors import UsageError
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import Counters, encode
+from dart_hal.fleet.discovery import Announcement
+from dart_hal.fleet.messages import NOTE
+from dart_hal.fleet.peers import OtherPose, Peers, values_of_pose
+from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
+from dart_hal.fleet.transports import Transport, open_transport
+from dart_hal.types import FloatArray, State
+
+EVERY = 5
+"""States from one message to the next: 20 Hz."""
+KNOWN = 5.0
+"""s within which a car was heard that is waited for when all are stopped."""
+
+
+def join(car: Car, room: str | Transport, *, name: str | None = None,
+         beat_within: float = inf, announce: bool = False) -> Member:
+    """Let a car enter a room, a transport or its URL; it leaves with ``close``.
+
+    name: what the others call it, None: that of its files. beat_within [s]: it may drive only
+    while somebody watches the room (``dart-hal fleet watch``), and stops when nothing was heard
+    of that for so long. announce: tell the network by mDNS (needs zeroconf), so that
+    ``dart-hal fleet`` finds the room. Raises UsageError and what opening the transport raises.
+    """
+    name = name or car.files.config.name
+    transport = open_transport(room) if isinstance(room, str) else room
+    try:
+        told = (Announcement(name, transport.url),) if announce else ()
+        return Member(car, transport, name, beat_within, told)
+    except BaseException:
+        transport.close()
+        raise
+
+
+class Member:
+    """One car in a room; a context manager. Made by ``join``."""
+
+    def __init__(self, car: Car, transport: Transport, name: str, beat_within: float = inf,
+                 announced: Sequence[Announcement] = ()) -> None:
+        self.car, self.name, self.transport = car, name, transport
+        self._lock = threading.RLock()
+        self._announced = announced
+        self.peers = Peers(name, secrets.randbits(32))
+        self.rule = StopRule(beat_within)
+        self.peers.on_stop = self._stop
+        self.peers.on_stopped = self._stopped
+        self.peers.on_beat = lambda who: self.rule.beat(self.car.now)
+        self._call: StopCall | None = None
+        self._plan: tuple[float, str, float, tuple[tuple[float, ...], ...]] | None = None
+        self._seq = self._count = self.unsaid = 0
+        self._held, self._closed = "", False
+        self._leave = car.on_state(self._step)
+        if beat_within < inf:
+            self._obey(car.now)
+
+    # -- what is known ---------------------------------------------------------------
+
+    def other_poses(self) -> dict[str, OtherPose]:
+        """The last known pose of each other car by name, as old as it is now."""
+        with self._lock:
+            return self.peers.other_poses(self.car.now)
+
+    @property
+    def held(self) -> str:
+        """Who stopped this car, and why, or what keeps it from driving now; "": nothing does."""
+        with self._lock:
+            return self.rule.held(self.car.now)
+
+    @property
+    def counters(self) -> Counters:
+        """Datagrams that came: good ones, and those that were refused by what was wrong."""
+        return self.peers.decoder.counters
+
+    # -- what is told ------------------------------------------------------------------
+
+    def tell_plan(self, points: FloatArray | Sequence[Sequence[float]], *, step: float,
+                  frame: str = "start", t: float | None = None) -> None:
+        """Tell the others where this car means to be, from now on at 20 Hz.
+
+        points (n <= 64, 4): x, y [m], yaw [rad], speed [m/s], step [s] apart, the first at t [s]
+        of the car's clock, None: now. No points: there is no plan any more. Raises UsageError.
+        """
+        rows = tuple(tuple(float(v) for v in row) for row in points)
+        encode(m.PLAN, 0, 0, 0.0, (self.name, 0.0, frame, step, rows))
+        with self._lock:
+            self._plan = (self.car.now if t is None else t, frame, step, rows) if rows else None
+
+    def stop_all(self, why: str = "") -> StopCall:
+        """Stop every car of the room, this one first.
+
+        STOP goes out now and, until all that are known have answered, with each State of this
+        car. In real time this call waits for that, for 2 s at most: see ``silent``.
+        """
+        self.car.stop()
+        with self._lock:
+            now = self.car.now
+            known = [name for name, sender in self.peers.senders.items()
+                     if now - sender.heard < KNOWN and m.HEALTH.id in sender.told]
+            self._call = call = StopCall(secrets.randbits(32) or 1, why, known, now)
+            self._repeat(now)
+        while not (self.car.waits or call.over(self.car.now)):
+            time.sleep(REPEAT)
+            with self._lock:
+                self._hear(self.car.now)
+        return call
+
+    def close(self) -> None:
+        """Leave the room; the car stays open."""
+        self._leave()
+        for told in self._announced:
+            told.close()
+        with self._lock:
+            self._closed = True
+            self.transport.close()
+
+    def __enter__(self) -> Member:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    # -- with each State ---------------------------------------------------------------
+
+    def _step(self, state: State) -> None:
+        with self._lock:
+            if self._closed:  # while this State was on its way
+                return
+            now = self.car.now
+            self._hear(now)
+            self._count += 1
+            if self._count % EVERY == 1:
+                self._tell(state, now)
+
+    def _hear(self, now: float) -> None:
+        try:
+            self.peers.take(self.transport, now)
+        except OSError as why:  # the network is gone: the car goes by what it knows
+            self.transport.trouble = str(why)
+        self._obey(now)
+        self._repeat(now)
+
+    def _obey(self, now: float) -> None:
+        held = self.rule.held(now)
+        if held or self._held:
+            self.car.run_stop(bool(held))
+        self._held = held
+
+    def _repeat(self, now: float) -> None:
+        if self._call is not None and self._call.due(now):
+            self._send(m.STOP, (self._call.number, self._call.why), now)
+
+    def _stop(self, number: int, who: str, why: str) -> None:
+        now = self.car.now
+        self.rule.stop(number, who, why, now)
+        self._obey(now)
+        self._send(m.STOPPED, (number,), now)
+
+    def _stopped(self, number: int, who: str) -> None:
+        if self._call is not None:
+            self._call.answer(number, who)
+
+    def _tell(self, state: State, now: float) -> None:
+        estimate = state.estimate
+        pose = values_of_pose("", now - estimate.t, estimate.frame, estimate.pose,
+                              estimate.speed, estimate.yaw_rate, estimate.tracking)
+        self._send(m.POSE, pose[1:], now)
+        health = state.health
+        self._send(m.HEALTH, (self.car.mode, health.lost, " ".join(sorted(health.doubts)),
+                              self._held[:NOTE // 4]), now)
+        if self._plan is not None:
+            t, *rest = self._plan
+            self._send(m.PLAN, (max(now - t, 0.0), *rest), now)
+
+    def _send(self, kind: m.Kind, values: tuple[Any, ...], now: float) -> None:
+        """One frame to everybody. What cannot be told, such as a pose that is not finite, is
+        counted rather than raised in the car's loop."""
+        self._seq += 1
+        try:
+            data = encode(kind, self.peers.boot, self._seq, self.transport.stamp(now),
+                          (self.name, *values))
+        except UsageError:
+            self.unsaid += 1
+            return
+        self.transport.send(data, now)

@@ -1,0 +1,92 @@
+"""Rooms that announce themselves by mDNS (zeroconf), or those of a list.
+
+A room is a service ``_dart-hal._udp.local.`` of the name of a car in it; its record ``room``
+holds the URL by which others enter. Without the package zeroconf only lists are found.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from contextlib import suppress
+from typing import Any
+
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Url
+
+SERVICE = "_dart-hal._udp.local."
+ROOM = "DART_HAL_ROOM"
+"""Environment variable: URLs of rooms, by spaces."""
+
+
+def listed(rooms: tuple[str, ...]) -> tuple[str, ...]:
+    """The rooms given, else those of $DART_HAL_ROOM."""
+    return rooms or tuple(os.environ.get(ROOM, "").split())
+
+
+class Announcement:
+    """Tells the network of a car in a room until ``close``. Raises UsageError without zeroconf."""
+
+    def __init__(self, name: str, room: str) -> None:
+        zeroconf = _zeroconf()
+        url = Url.parse(room)
+        port = int(url.target.rpartition(":")[2]) if url.scheme == "udp" else 0
+        self._network = zeroconf.Zeroconf()
+        address = [socket.inet_aton(own_address())]
+        self._info = zeroconf.ServiceInfo(SERVICE, f"{name}.{SERVICE}", addresses=address,
+                                          port=port, properties={"room": room, "car": name})
+        self._network.register_service(self._info, allow_name_change=True)
+
+    def close(self) -> None:
+        """Take it back; idempotent."""
+        with suppress(Exception):  # the network may be gone
+            self._network.unregister_service(self._info)
+        self._network.close()
+
+
+def found(seconds: float) -> dict[str, str]:
+    """Car: room of the announcements heard within ``seconds`` s. Raises UsageError."""
+    zeroconf = _zeroconf()
+    network = zeroconf.Zeroconf()
+    rooms: dict[str, str] = {}
+
+    class Listener(zeroconf.ServiceListener):  # type: ignore[misc, name-defined]
+        def add_service(self, net: Any, kind: str, name: str) -> None:
+            info = net.get_service_info(kind, name, 1000)
+            told = {} if info is None else info.properties
+            car, room = told.get(b"car"), told.get(b"room")
+            if car and room:
+                rooms[car.decode("utf-8", "replace")] = room.decode("utf-8", "replace")
+
+        update_service = add_service
+
+        def remove_service(self, net: Any, kind: str, name: str) -> None:
+            """What was there a second ago may be asked all the same."""
+
+    browser = zeroconf.ServiceBrowser(network, SERVICE, Listener())
+    time.sleep(seconds)
+    browser.cancel()
+    network.close()
+    return dict(sorted(rooms.items()))
+
+
+def own_address() -> str:
+    """Of the interface that leads outside; 127.0.0.1 without a network. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1"
+
+
+def _zeroconf() -> Any:
+    try:
+        import zeroconf
+    except ImportError as why:
+        raise UsageError("cars are found by mDNS with the package zeroconf", found=str(why),
+                         expected="it is installed, or a room is named",
+                         remedy="pip install 'dart-hal[fleet]', or --room "
+                                "udp://239.255.42.99:7447") from why
+    return zeroconf

@@ -1,0 +1,120 @@
+"""What the cars of a room tell each other, defined once.
+
+A datagram is one frame, little-endian:
+
+    "DF" | version u8 | kind u8 | boot u32 | seq u32 | sent u64 [us] | body | CRC-32
+
+``boot``: drawn by the sender when it joins; ``seq``: counts its frames of every kind; ``sent``:
+its line's clock, on which transits are compared; body: the fields of the kind in their order.
+As on the wire of the Nano the CRC begins with the hash of the definition, so that two programs
+that disagree about a message cannot misread each other. A changed kind gets a new id.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from struct import Struct
+from zlib import crc32
+
+MAGIC, VERSION = b"DF", 1
+HEAD = Struct("<2sBBIIQ")
+LARGEST = 1400
+"""Bytes of a frame: one Ethernet frame of 1500 with the heads of IP, UDP and zenoh."""
+TEXT = 32
+"""Bytes of a name in UTF-8."""
+NOTE = 200
+"""Bytes of a longer text."""
+POINTS = 64
+"""Points of a plan: 3.2 s in steps of 50 ms."""
+FORMATS = {"u8": "B", "u32": "I", "f32": "f", "f64": "d"}
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field. type: of ``FORMATS``, or text (u8 length, UTF-8, at most ``count`` bytes), or
+    rows (u8 number of rows, at most ``POINTS``, of ``count`` f32). low, high: what is possible."""
+
+    name: str
+    type: str
+    doc: str
+    count: int = 1
+    low: float = -inf
+    high: float = inf
+
+    @property
+    def text(self) -> str:
+        """Canonical text that enters the hash."""
+        return f"{self.name}:{self.type}:{self.count}"
+
+    @cached_property
+    def struct(self) -> Struct:
+        """Of one row for ``rows``."""
+        return Struct(f"<{self.count}{FORMATS.get(self.type, 'f')}")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of message: its values come as tuples in the order of ``fields``."""
+
+    name: str
+    id: int
+    doc: str
+    fields: tuple[Field, ...] = field(repr=False)
+
+    @cached_property
+    def seed(self) -> int:
+        """Start value of the CRC: hash of version and definition."""
+        body = "; ".join(f.text for f in self.fields)
+        return crc32(f"{VERSION} {self.name} {self.id}; {body}".encode("ascii"))
+
+
+def _kind(name: str, id: int, doc: str, *fields: Field) -> Kind:
+    return Kind(name, id, doc, fields)
+
+
+_F = Field
+FAR = 1e5
+"""m; no room is larger."""
+_NAME = _F("name", "text", "of the car that tells", count=TEXT)
+_AGE = _F("age", "f32", "s from what is told to ``sent``, by the sender's car", low=0.0, high=1e6)
+
+POSE = _kind(
+    "POSE", 1, "where the rear axle is and how it moves, 20 Hz", _NAME, _AGE,
+    _F("frame", "text", "of the pose: the room's, or ``start``", count=TEXT),
+    _F("x", "f64", "m", low=-FAR, high=FAR), _F("y", "f64", "m", low=-FAR, high=FAR),
+    _F("yaw", "f64", "rad, not wrapped", low=-1e6, high=1e6),
+    _F("var", "f32", "variances of x, y, yaw", count=3, low=0.0, high=1e12),
+    _F("cov", "f32", "covariances xy, x yaw, y yaw", count=3, low=-1e12, high=1e12),
+    _F("speed", "f32", "m/s, signed", low=-100.0, high=100.0),
+    _F("yaw_rate", "f32", "rad/s", low=-100.0, high=100.0),
+    _F("tracking", "u8", "TRACKING, DEAD_RECKONING, JUMPED, LOST", high=3),
+)
+PLAN = _kind(
+    "PLAN", 2, "where the car means to be, 20 Hz while it has a plan", _NAME, _AGE,
+    _F("frame", "text", "of the points", count=TEXT),
+    _F("step", "f32", "s from point to point; the first is at the plan's time", low=2.0**-10,
+       high=10.0),
+    _F("points", "rows", "x, y [m], yaw [rad], speed [m/s]", count=4, low=-FAR, high=FAR),
+)
+HEALTH = _kind(
+    "HEALTH", 3, "how the car is, 20 Hz", _NAME,
+    _F("mode", "text", "of its supervisor: ARMED, TRIPPED, ...", count=TEXT),
+    _F("lost", "u32", "frames lost since it was opened"),
+    _F("doubts", "text", "names of what is doubted, by spaces", count=NOTE),
+    _F("held", "text", "what keeps it from driving, empty = nothing", count=NOTE),
+)
+STOP = _kind(
+    "STOP", 4, "every car: throttle neutral, disarmed; repeated until each has answered", _NAME,
+    _F("number", "u32", "of this stop, drawn by who stops; not 0", low=1),
+    _F("why", "text", "for the one who reads the log", count=NOTE),
+)
+STOPPED = _kind(
+    "STOPPED", 5, "the answer to each STOP that is heard", _NAME,
+    _F("number", "u32", "of the stop", low=1),
+)
+BEAT = _kind("BEAT", 6, "who watches the room is there, 20 Hz", _NAME)
+
+KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT)
+BY_ID = {kind.id: kind for kind in KINDS}

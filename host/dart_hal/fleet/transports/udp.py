@@ -1,0 +1,134 @@
+"""``udp://ADDRESS:PORT``: a multicast group, or a list of addresses; the standard library alone.
+
+    udp://239.255.42.99:7447                       everybody who has joined the group
+    udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447   listens at 7447, sends to each of the list
+
+``via``: address of the interface whose network multicast shall take; ``hops``: routers that it
+may pass, 0 by default: it stays in its network (1 hop is the network itself).
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from dart_hal.errors import UsageError
+from dart_hal.fleet.transports import Datagram
+from dart_hal.links.base import Url
+from dart_hal.poses.udp import Port, SharedPort
+
+EXPECTED = "udp://239.255.42.99:7447, or udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447"
+GUESTS = 64
+"""Addresses beyond the list that are answered."""
+STAYS = 10.0
+"""s that one is, after its last good frame."""
+
+Address = tuple[str, int]
+
+
+def open_udp(url: Url) -> UdpTransport:
+    """Listen at a port, and know whom to send to. Raises UsageError, PortBusy, PortMissing."""
+    url.known("to", "via", "hops")
+    host, port = _address(url, url.target)
+    group = bool(host) and _is_group(url, host)
+    to = [_address(url, part) for part in url.options.get("to", "").split(",") if part]
+    if group == bool(to):
+        raise UsageError(f"{url.text} does not say to whom", found=url.text, expected=EXPECTED)
+    hops = url.options.get("hops", "0")
+    if not (hops.isascii() and hops.isdigit() and int(hops) < 255):
+        raise UsageError(f"hops={hops!r} of a room", found=url.text, expected="0 to 254")
+    if not group:
+        return UdpTransport(url, SharedPort(Port(host, port, url.text)), to)
+    via = url.options.get("via", "0.0.0.0")
+    key = host, port, via, int(hops)
+    with _doors:
+        if key not in _groups or _groups[key].closed:
+            _groups[key] = _joined(url, *key)
+        return UdpTransport(url, _groups[key], [(host, port)])
+
+
+_groups: dict[tuple[str, int, str, int], SharedPort] = {}
+"""Groups that cars of this process are in: one socket for all of them, not a copy of every frame
+for each."""
+_doors = threading.Lock()
+
+
+def _joined(url: Url, group: str, port: int, via: str, hops: int) -> SharedPort:
+    """A port of the group. Raises UsageError and what opening it raises."""
+    listening = Port("", port, url.text, shared=True)
+    try:
+        _join(listening.socket, group, via, hops + 1)
+    except OSError as why:
+        listening.close()
+        raise UsageError(f"{url.text}: cannot join the group", found=str(why),
+                         expected="a network interface that does multicast",
+                         remedy="via=ADDRESS of this computer, or a list: " + EXPECTED) from why
+    return SharedPort(listening)
+
+
+class UdpTransport:
+    """A socket, and the addresses that are sent to."""
+
+    def __init__(self, url: Url, shared: SharedPort, to: Sequence[Address]) -> None:
+        self.url, self.trouble = url.text, ""
+        self._port, self._reader, self._to = shared.port, shared.reader(), tuple(to)
+        self._group = _is_group(url, to[0][0])
+        self._guests: dict[Address, float] = {}
+
+    @property
+    def number(self) -> int:
+        """The port that is listened at."""
+        return self._port.number
+
+    def stamp(self, now: float) -> float:
+        """The computer's clock that nobody sets."""
+        return time.monotonic()
+
+    def send(self, data: bytes, now: float) -> None:
+        self.trouble = ""
+        for address in (*self._to, *self._guests):
+            try:
+                self._port.socket.sendto(data, address)
+            except OSError as why:  # no network yet, a full queue: the next one comes in 50 ms
+                self.trouble = f"{address[0]}:{address[1]}: {why}"
+        if self._guests:
+            old = time.monotonic() - STAYS
+            self._guests = {a: t for a, t in self._guests.items() if t > old}
+
+    def poll(self, now: float) -> Sequence[Datagram]:
+        return [Datagram(*came) for came in self._reader.receive()]
+
+    def answer(self, source: Any) -> None:
+        if not self._group and source not in self._to and (
+                source in self._guests or len(self._guests) < GUESTS):
+            self._guests[source] = time.monotonic()
+
+    def close(self) -> None:
+        with _doors:
+            self._reader.close()
+
+
+def _address(url: Url, text: str) -> Address:
+    host, _, port = text.rstrip("/").rpartition(":")
+    if not (port.isascii() and port.isdigit() and int(port) < 65536):
+        raise UsageError(f"{text!r} names no port", found=url.text, expected=EXPECTED)
+    return host, int(port)
+
+
+def _is_group(url: Url, host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_multicast
+    except ValueError:
+        return False  # a name
+
+
+def _join(socket_: socket.socket, group: str, via: str, hops: int) -> None:
+    member = socket.inet_aton(group) + socket.inet_aton(via)
+    socket_.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+    socket_.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, hops)
+    if via != "0.0.0.0":
+        socket_.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(via))

@@ -1,0 +1,84 @@
+"""``zenoh://ROOM``: over Eclipse zenoh (pip install 'dart-hal[fleet]').
+
+Options: ``connect`` and ``listen``, each a zenoh end point such as tcp/10.0.0.11:7447; without
+them zenoh scouts its network for peers. Frames go to the key dart-hal/fleet/ROOM.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from dart_hal.errors import UsageError
+from dart_hal.fleet.transports import Datagram
+from dart_hal.links.base import Url
+
+KEPT = 4096
+"""Frames that wait: 10 s of 20 cars."""
+
+
+def open_zenoh(url: Url) -> ZenohTransport:
+    """Join a session. Raises UsageError, also where zenoh is not installed."""
+    url.known("connect", "listen")
+    try:
+        import zenoh
+    except ImportError as why:
+        raise UsageError("zenoh:// needs the package eclipse-zenoh", found=str(why),
+                         expected="it is installed", remedy="pip install 'dart-hal[fleet]'"
+                         ) from why
+    config = zenoh.Config()
+    for name in ("connect", "listen"):
+        if name in url.options:
+            config.insert_json5(f"{name}/endpoints", json.dumps([url.options[name]]))
+    if "connect" in url.options or "listen" in url.options:
+        config.insert_json5("scouting/multicast/enabled", "false")
+    try:
+        return ZenohTransport(url, zenoh.open(config))
+    except zenoh.ZError as why:
+        raise UsageError(f"{url.text}: zenoh does not open", found=str(why),
+                         expected="connect=tcp/HOST:PORT that answers, or listen=tcp/0.0.0.0:PORT"
+                         ) from why
+
+
+class ZenohTransport:
+    """One session; a thread of zenoh puts what comes into a queue."""
+
+    def __init__(self, url: Url, session: Any) -> None:
+        self.url, self.trouble = url.text, ""
+        self._session = session
+        self._came: deque[tuple[bytes, float]] = deque(maxlen=KEPT)
+        key = f"dart-hal/fleet/{url.target.strip('/') or 'room'}"
+        self._subscriber = session.declare_subscriber(key, self._take)
+        self._publisher = session.declare_publisher(key)
+
+    def _take(self, sample: Any) -> None:
+        self._came.append((sample.payload.to_bytes(), time.monotonic()))
+
+    def stamp(self, now: float) -> float:
+        """The computer's clock that nobody sets."""
+        return time.monotonic()
+
+    def send(self, data: bytes, now: float) -> None:
+        try:
+            self._publisher.put(data)
+            self.trouble = ""
+        except Exception as why:  # noqa: BLE001 - what zenoh raises must not stop a car's loop
+            self.trouble = str(why)
+
+    def poll(self, now: float) -> Sequence[Datagram]:
+        out, line = [], time.monotonic()
+        while self._came:
+            data, t = self._came.popleft()
+            out.append(Datagram(data, max(line - t, 0.0)))
+        return out
+
+    def answer(self, source: object) -> None:
+        """Whoever subscribes gets everything."""
+
+    def close(self) -> None:
+        if self._session is not None:
+            self._session.close()
+            self._session = None

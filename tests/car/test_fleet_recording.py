@@ -1,0 +1,105 @@
+"""One file of all cars: each is read back as if it had a file of its own, on one time base."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car, Fleet
+from dart_hal.car.table import read_table
+from dart_hal.errors import RecordingError, UsageError
+from dart_hal.recording.mcap_records import read_mcap
+from dart_hal.recording.run import RunReader
+from dart_hal.recording.run_file import RunFile, of_car
+
+URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """(file of both, files of each, States of each) of one drive, recorded in both ways."""
+    folder = tmp_path_factory.mktemp("fleet")
+    both, single = folder / "both.mcap", [folder / "a.mcap", folder / "b.mcap"]
+    states = [[], []]
+    for record in (both, single):
+        with Fleet.open(URLS, record=record) as fleet:
+            for car, seen in zip(fleet.cars, states, strict=True):
+                seen.clear()
+                car.on_state(seen.append)
+            for n, now in enumerate(fleet.states(duration=0.5)):
+                for car, state in zip(fleet.cars, now, strict=True):
+                    car.drive(steering=0.1)
+                    if n % 10 == 0:
+                        car.log("speed", state.speed)
+    return both, single, states
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_each_car_is_read_back_as_from_its_own_file(drive, n):
+    both, single, _ = drive
+    one, alone = RunReader(f"{both}?car=sim-{n + 1}"), RunReader(single[n])
+    assert one.meta == alone.meta
+    assert one.files == alone.files
+    assert one.hello == alone.hello
+    for read in ("chunks", "sent", "commands", "applied", "logged", "i2c"):
+        mine, own = list(getattr(one, read)()), list(getattr(alone, read)())
+        assert mine == own
+        assert mine or read == "i2c"
+
+
+def test_a_replay_sees_the_states_of_the_drive(drive):
+    both, _, states = drive
+    with Car.open(f"replay://{both}?car=sim-2") as car:
+        replayed = list(car.states())
+    assert [s.t for s in replayed[-40:]] == [s.t for s in states[1][-40:]]
+    assert [s.pose.x for s in replayed[-40:]] == [s.pose.x for s in states[1][-40:]]
+    assert len(read_table(f"{both}?car=sim-2")) == len(replayed)
+
+
+def test_channels_begin_with_the_name_and_share_a_time_base(drive):
+    found = read_mcap(drive[0])
+    assert {"sim_1/rx", "/sim_1/odom", "sim_2/rx", "/sim_2/odom"} <= set(found.topics.values())
+    ends = [of_car(found, name).extent()[2] for name in ("sim-1", "sim-2")]
+    assert abs(ends[0] - ends[1]) < 0.02e9
+    stamps = np.array([m.ns for m in found.messages({"/sim_1/odom", "/sim_2/odom"})])
+    assert np.diff(stamps).min() > -0.02e9, "in the order of time, but for a tick"
+
+
+def test_who_names_no_car_or_another_is_told_those_that_are_there(drive):
+    both, single, _ = drive
+    for name in (both, f"{both}?car=blue"):
+        with pytest.raises(RecordingError, match="sim-1, sim-2"):
+            RunReader(name)
+    with pytest.raises(RecordingError, match="one car"):
+        RunReader(f"{single[0]}?car=sim-1")
+
+
+def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path):
+    """Exactly: a replay sees the car's own stamps again."""
+    from dart_hal.recording.run import RunWriter
+
+    shared = RunFile(tmp_path / "run.mcap")
+    shifts = [shared.shift_of(zero) for zero in (100.25, 103.5)]
+    assert shifts == [0.0, 3.25]
+    t = 1.0 / 3.0
+    for name, shift in zip(("red", "red"), shifts, strict=True):
+        with RunWriter(shared, car=name, start=0.1, shift=shift) as writer:
+            writer.rx(b"x", t)
+            if shift == 0.0:
+                first, keep = writer, RunWriter(shared, car="keep")
+    keep.close()
+    assert first.path == tmp_path / "run.mcap"
+    found = read_mcap(tmp_path / "run.mcap")
+    raw = [m.ns for m in found.messages({"red/rx", "red_2/rx"})]
+    assert raw[1] - raw[0] == 3_250_000_000
+    for name in ("red", "red-2"):
+        assert [c.t for c in RunReader(f"{tmp_path / 'run.mcap'}?car={name}").chunks()] == [t]
+
+
+def test_an_old_file_is_kept_and_a_fleet_that_does_not_open_leaves_a_whole_one(tmp_path):
+    run = tmp_path / "run.mcap"
+    run.write_bytes(b"old")
+    with pytest.raises(UsageError):
+        Fleet.open([URLS[0], "sim://?colour=red"], record=run)
+    assert (tmp_path / "run.1.mcap").read_bytes() == b"old"
+    assert read_mcap(run).complete

@@ -1,0 +1,139 @@
+"""``dart-hal fleet`` in a room of this computer: who is there, and one command that stops them."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from importlib.util import find_spec
+
+import pytest
+
+from dart_hal.car import Car, join
+from dart_hal.cli.main import main
+from dart_hal.errors import Disarmed
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Driven:
+    """An emulated car that drives in a thread, no faster than real time, in a room over UDP.
+
+    It waits for its program: a busy computer makes it slow and trips nothing.
+    """
+
+    def __init__(self, *, arm):
+        port = free_port()
+        backend = open_backend("sim://?nano=mock&seed=1")
+        self.pulses, self.world, self.disarmed = [], world_of(backend), None
+        self.world.watchers.append(
+            lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
+        self.room = f"udp://127.0.0.1:{free_port()}?to=127.0.0.1:{port}"
+        self.car = Car.over(backend)
+        self.member = join(self.car, f"udp://127.0.0.1:{port}?to=127.0.0.1:9", name="red")
+        if arm:
+            self.car.arm()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        begin = time.monotonic() - self.car.now
+        for _ in self.car.states():
+            if self._ended.wait(max(begin + self.car.now - time.monotonic(), 0.0)):
+                return
+            try:
+                self.car.drive(throttle=0.25)
+            except Disarmed as why:
+                self.disarmed = self.disarmed or (self.world.t, why)
+
+    def last_driving(self):
+        return max((fall for rise, fall in self.pulses if abs(fall - rise - 1.5e-3) > 5e-6),
+                   default=0.0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._ended.set()
+        self._thread.join()
+        self.member.close()
+        self.car.close()
+
+
+def told(capsys, *args):
+    with pytest.raises(SystemExit) as status:
+        main(list(args))
+    return status.value.code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.realtime
+def test_a_car_is_listed(capsys):
+    with Driven(arm=False) as driven:
+        code, said = told(capsys, "fleet", "--room", driven.room, "--json")
+    assert code == 0
+    (car,) = said["cars"]
+    assert (car["name"], car["state"], car["url"]) == ("red", "DISARMED", driven.room)
+    assert car["pose"]["frame"] == "start"
+
+
+@pytest.mark.realtime
+@pytest.mark.more
+def test_one_command_stops_it_at_the_pin(capsys):
+    with Driven(arm=True) as driven:
+        time.sleep(0.5)
+        before = driven.world.t
+        assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is seen"
+        code, said = told(capsys, "fleet", "stop", "--room", driven.room, "--json")
+        time.sleep(0.3)
+        assert driven.disarmed is not None
+        at, why = driven.disarmed
+        assert why.causes == ("RUN_STOP",)
+        assert driven.last_driving() <= at + 0.05
+    assert code == 0
+    assert said == {"stopped": ["red"], "silent": []}
+
+
+@pytest.mark.realtime
+@pytest.mark.more
+def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
+    with Driven(arm=False) as driven:
+        _, said = told(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
+                       "--json")
+    assert [car["name"] for car in said["cars"]] == ["red"]
+
+
+def test_an_empty_room_is_an_answer(capsys, monkeypatch):
+    monkeypatch.setattr("dart_hal.cli.fleet.HEARD", 0.05)
+    code, said = told(capsys, "fleet", "--room", f"udp://:{free_port()}?to=127.0.0.1:9", "--json")
+    assert (code, said) == (1, {"cars": []})
+
+
+@pytest.mark.skipif(find_spec("zeroconf") is not None, reason="zeroconf is installed")
+def test_without_zeroconf_a_room_must_be_named(capsys, monkeypatch):
+    monkeypatch.delenv("DART_HAL_ROOM", raising=False)
+    code, said = told(capsys, "fleet", "--json")
+    assert code == 2
+    assert "zeroconf" in said["error"]["what"]
+
+
+@pytest.mark.realtime
+@pytest.mark.more
+@pytest.mark.skipif(find_spec("zeroconf") is None,
+                    reason="needs zeroconf: pip install 'dart-hal[fleet]'")
+def test_a_room_that_announces_itself_is_found():
+    from dart_hal.fleet.discovery import Announcement, found
+
+    room = f"udp://127.0.0.1:{free_port()}?to=127.0.0.1:9"
+    announcement = Announcement("red", room)
+    try:
+        assert found(2.0).get("red") == room
+    finally:
+        announcement.close()

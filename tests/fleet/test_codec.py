@@ -1,0 +1,118 @@
+"""Frames between cars: what is told arrives, and whatever else comes is counted, never raised."""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rooms import pose_frame
+
+from dart_hal.errors import UsageError
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import Decoder, encode
+
+
+def numbers(f):
+    if f.type == "u8":
+        return st.integers(0, int(min(f.high, 255)))
+    if f.type == "u32":
+        return st.integers(int(max(f.low, 0)), 2**32 - 1)
+    low, high = max(f.low, -1e6), min(f.high, 1e6)
+    return st.floats(low, high, width=32 if f.type in ("f32", "rows") else 64)
+
+
+def values(f):
+    if f.type == "text":
+        return st.text(st.characters(codec="ascii", min_codepoint=32, max_codepoint=126),
+                       min_size=1, max_size=f.count)
+    row = st.tuples(*[numbers(m.Field(f.name, f.type, "", 1, f.low, f.high))] * f.count)
+    if f.type == "rows":
+        return st.lists(row, max_size=m.POINTS).map(tuple)
+    return row if f.count > 1 else numbers(f)
+
+
+frames = st.sampled_from(m.KINDS).flatmap(lambda kind: st.tuples(
+    st.just(kind), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1),
+    st.integers(0, 10**12).map(lambda us: us * 1e-6), st.tuples(*map(values, kind.fields))))
+
+
+@given(frames)
+def test_what_is_told_arrives(frame):
+    kind, boot, seq, sent, told = frame
+    data = encode(kind, boot, seq, sent, told)
+    assert len(data) <= m.LARGEST
+    heard = Decoder().decode(data)
+    assert (heard.kind, heard.boot, heard.seq, heard.values) == (kind, boot, seq, told)
+    assert heard.sent == pytest.approx(sent, abs=1e-6)
+
+
+def accounted(decoder, tries):
+    c = decoder.counters
+    return c.ok + c.refused == tries
+
+
+@given(st.lists(st.binary(max_size=300), max_size=20))
+def test_junk_is_counted(junk):
+    decoder = Decoder()
+    assert [decoder.decode(data) for data in junk] == [None] * len(junk)
+    assert accounted(decoder, len(junk))
+    assert decoder.counters.ok == 0
+
+
+@given(frames, st.data())
+def test_a_damaged_frame_is_refused(frame, data):
+    good = encode(*frame)
+    at, bit = data.draw(st.integers(0, len(good) - 1)), data.draw(st.integers(0, 7))
+    bad = bytearray(good)
+    bad[at] ^= 1 << bit
+    decoder = Decoder()
+    assert decoder.decode(bytes(bad)) is None, "CRC-32 finds every single bit"
+    assert decoder.decode(good[:data.draw(st.integers(0, len(good) - 1))]) is None
+    assert decoder.decode(good + b"x") is None
+    assert decoder.decode(good) is not None
+    assert accounted(decoder, 4)
+
+
+@given(st.sampled_from(m.KINDS), st.binary(max_size=200))
+def test_a_body_that_lies_under_a_good_checksum_is_refused_or_possible(kind, body):
+    """Whoever can send can also compute the CRC: lengths and numbers are checked all the same."""
+    head = m.HEAD.pack(m.MAGIC, m.VERSION, kind.id, 1, 2, 3) + body
+    decoder = Decoder()
+    heard = decoder.decode(head + crc32(head, kind.seed).to_bytes(4, "little"))
+    assert accounted(decoder, 1)
+    if heard is not None:
+        assert heard.name.isprintable()
+        for f, v in zip(kind.fields, heard.values, strict=True):
+            if f.type in m.FORMATS:
+                assert all(f.low <= x <= f.high for x in (v if f.count > 1 else (v,)))
+
+
+def test_each_fault_has_its_counter():
+    good = pose_frame(1)
+    decoder = Decoder()
+    for data in (good[:10], b"\0" * 5000, b"XX" + good[2:], good[:2] + b"\x02" + good[3:],
+                 good[:3] + b"\xee" + good[4:], good[:-1] + bytes((good[-1] ^ 1,))):
+        assert decoder.decode(data) is None
+    c = decoder.counters
+    assert (c.short, c.huge, c.foreign, c.version, c.unknown, c.crc) == (1,) * 6
+
+
+def test_another_definition_of_a_message_is_refused():
+    changed = m.Kind(m.STOP.name, m.STOP.id, "", (*m.STOP.fields, m.Field("x", "u8", "")))
+    assert changed.seed != m.STOP.seed
+    decoder = Decoder()
+    assert decoder.decode(encode(changed, 1, 1, 0.0, ("red", 1, "why", 1))) is None
+    assert decoder.counters.crc == 1
+
+
+@pytest.mark.parametrize("told", [("red", 0, "why"), ("", 1, "why"), ("r" * 33, 1, ""),
+                                  ("red\n", 1, ""), ("red", 1)])
+def test_what_is_no_value_cannot_be_told(told):
+    with pytest.raises(UsageError, match="STOP"):
+        encode(m.STOP, 1, 1, 0.0, told)
+
+
+def test_seeds_and_ids_differ():
+    assert len({k.seed for k in m.KINDS}) == len(m.BY_ID) == len(m.KINDS)

@@ -1,0 +1,35 @@
+"""Emulated cars of a fleet live in one time, whatever each of them did before."""
+
+from __future__ import annotations
+
+import pytest
+from rooms import Pins
+
+from dart_hal.car import Fleet
+from dart_hal.types import SAMPLE
+
+URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
+
+
+def test_a_fleet_brings_its_cars_to_one_time():
+    with Fleet.open(URLS, room="local://time") as fleet:
+        for _ in fleet.cars[0].states(duration=0.5):
+            pass
+        apart = abs(fleet.cars[0].now - fleet.cars[1].now)
+        ages = []
+        for _ in fleet.states(duration=0.3):
+            ages += [other.age for name in fleet.names
+                     for other in fleet.other_poses(name).values()]
+        assert apart > 0.4, "control"
+        assert abs(fleet.cars[0].now - fleet.cars[1].now) <= 1.1 * SAMPLE
+        assert len(ages) > 50
+        assert max(ages[10:]) < 0.05 + 3 * SAMPLE, "a period, a look, and a tick between the cars"
+
+
+@pytest.mark.more
+def test_all_arm_at_once():
+    with Pins("local://arm", seeds=(1, 2, 3)) as pins:
+        pins.fleet.arm()
+        assert {car.mode for car in pins.fleet.cars} == {"ARMED"}
+        assert max(pins.now()) < 4.0, "one after the other takes 3 s each"
+        assert max(pins.now()) - min(pins.now()) < 0.2

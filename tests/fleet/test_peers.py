@@ -1,0 +1,243 @@
+"""The table of the others: age, loss, overtaking, copies, late joining, restarts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rooms import pose_frame
+
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import encode
+from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
+from dart_hal.fleet.transports import Datagram
+from dart_hal.fleet.transports.local import open_local
+from dart_hal.links.base import Url
+
+STEP = 0.05
+
+
+class Fed:
+    """A line whose datagrams the test hands over, with its own clock."""
+
+    url, trouble = "fed://", ""
+
+    def __init__(self):
+        self.came, self.line = [], 0.0
+
+    def stamp(self, now):
+        return self.line
+
+    def poll(self, now):
+        came, self.came = self.came, []
+        return came
+
+    def answer(self, source):
+        pass
+
+
+@pytest.fixture
+def fed():
+    return Fed()
+
+
+def hears(peers, fed, now, *frames, line=None, age=0.0):
+    fed.line = now if line is None else line
+    fed.came = [Datagram(data, age) for data in frames]
+    peers.take(fed, now)
+    return peers.other_poses(now)
+
+
+def test_a_pose_ages_by_this_cars_clock(fed):
+    peers = Peers("blue", 1)
+    seen = hears(peers, fed, 10.0, pose_frame(1, x=3.0, age=0.02, sent=10.0))["red"]
+    assert (seen.pose.x, seen.lost) == (3.0, False)
+    assert seen.age == pytest.approx(0.02)
+    assert peers.other_poses(10.4)["red"].age == pytest.approx(0.42)
+    assert not peers.other_poses(10.0 + LOST_AFTER - 0.03)["red"].lost
+    assert peers.other_poses(10.01 + LOST_AFTER)["red"].lost
+
+
+def test_the_covariance_grows_by_how_far_it_may_have_gone(fed):
+    peers = Peers("blue", 1)
+    hears(peers, fed, 0.0, pose_frame(1, speed=2.0, yaw_rate=1.5))
+    for age in (0.1, 0.5, 2.0):
+        cov = peers.other_poses(age)["red"].pose.cov
+        assert cov[0, 0] == pytest.approx(0.01**2 + (2.0 * age + age**2) ** 2)
+        assert cov[2, 2] == pytest.approx(0.02**2 + (1.5 * age + 2.5 * age**2) ** 2)
+        assert np.all(np.linalg.eigvalsh(cov) > 0.0)
+        assert not cov.flags.writeable
+
+
+def test_a_frame_that_travelled_longer_than_others_is_as_old_as_it_is(fed):
+    """The quickest frame needs 30 ms; clocks differ by 1000 s; the third is 200 ms later."""
+    peers = Peers("blue", 1)
+    for n, late in enumerate((0.0, 0.0, 0.2)):
+        sent = STEP * n
+        seen = hears(peers, fed, 5.0 + sent + late, pose_frame(n, sent=sent),
+                     line=1000.0 + sent + 0.03 + late)["red"]
+        assert seen.age == pytest.approx(late)
+
+
+@pytest.mark.parametrize("rate", [0.25, 4.0])
+def test_a_car_slower_or_quicker_than_its_computer_sees_right_ages(fed, rate):
+    """A car's second lasts 1/rate of the computer's; a frame leaves each 0.05 s of the
+    computer's, and is taken at the next look, each 0.01 s of the car's."""
+    peers = Peers("blue", 1)
+    car, n = 0.0, 0
+    for _ in range(400):
+        car += 0.01
+        line = car / rate
+        frames = []
+        while n * STEP <= line:
+            frames.append(Datagram(pose_frame(n, sent=n * STEP), line - n * STEP))
+            n += 1
+        fed.line, fed.came = line, frames
+        peers.take(fed, car)
+        if n > 1:
+            oldest = rate * STEP + 0.0101  # the car's seconds since the newest frame, and a look
+            assert peers.other_poses(car)["red"].age <= oldest
+    assert not peers.other_poses(car)["red"].lost
+    assert peers.other_poses(car + 1.0)["red"].age == pytest.approx(1.0, abs=oldest)
+
+
+def test_overtaken_and_repeated_frames_change_nothing(fed):
+    peers = Peers("blue", 1)
+    order = (0, 1, 3, 3, 2, 5, 1, 4)
+    for k, n in enumerate(order):
+        seen = hears(peers, fed, STEP * k, pose_frame(n, x=float(n), sent=STEP * n))["red"]
+        assert seen.pose.x == max(order[:k + 1])
+    red = peers.senders["red"]
+    assert (red.taken, red.late, red.twice, red.lost) == (6, 2, 2, 0)
+
+
+def test_lost_frames_are_counted(fed):
+    peers = Peers("blue", 1)
+    for n in (0, 1, 4, 5, 9):
+        hears(peers, fed, STEP * n, pose_frame(n, sent=STEP * n))
+    assert peers.senders["red"].lost == 5
+
+
+def test_a_restarted_car_counts_from_its_new_session(fed):
+    """Its numbers and its line's clock begin anew; frames of the old session come after it."""
+    peers = Peers("blue", 1)
+    hears(peers, fed, 10.0, pose_frame(5000, x=1.0, boot=7, sent=10.0))
+    seen = hears(peers, fed, 12.0, pose_frame(0, x=2.0, boot=8, sent=0.3))["red"]
+    assert (seen.pose.x, seen.age) == (2.0, pytest.approx(0.0))
+    seen = hears(peers, fed, 12.1, pose_frame(5001, x=1.0, boot=7, sent=10.1))["red"]
+    assert seen.pose.x == 2.0
+    assert peers.retired == 1
+    assert not peers.namesakes
+
+
+def test_two_programs_of_one_name_are_told(fed):
+    peers = Peers("blue", 1)
+    for n in range(60):
+        hears(peers, fed, STEP * n, pose_frame(n, boot=7), pose_frame(n, boot=8))
+    assert 60 * STEP > LATEST
+    assert peers.namesakes == {"red"}
+    hears(peers, fed, 4.0, pose_frame(1, boot=9, name="blue"))
+    assert "blue" in peers.namesakes
+
+
+def test_the_own_frames_that_come_back_are_nobody(fed):
+    peers = Peers("blue", 7)
+    assert hears(peers, fed, 1.0, pose_frame(1, boot=7)) == {}
+
+
+def test_a_flood_of_names_does_not_fill_the_memory(fed):
+    peers = Peers("blue", 1)
+    for n in range(3 * MOST):
+        fed.came = [Datagram(pose_frame(1, name=f"n{n}"), 0.0)]
+        peers.take(fed, 0.001 * n)
+    assert len(peers.senders) == MOST
+    assert f"n{3 * MOST - 1}" in peers.senders
+
+
+def test_junk_moves_nobody(fed):
+    peers = Peers("blue", 1)
+    before = hears(peers, fed, 1.0, pose_frame(1, x=1.0))["red"]
+    after = hears(peers, fed, 1.0, b"", b"\0" * 4000, pose_frame(2, x=9.0)[:-3])["red"]
+    assert after.pose.x == before.pose.x
+    assert peers.decoder.counters.refused == 3
+
+
+@given(st.lists(st.tuples(st.integers(0, 12), st.sampled_from([7, 8]), st.booleans()),
+                max_size=40))
+def test_in_any_order_the_newest_frame_of_the_newest_session_counts(told):
+    """Frames of two sessions, overtaking each other, again, and damaged."""
+    fed, peers = Fed(), Peers("blue", 1)
+    session, newest, over = None, -1, set()
+    for k, (seq, boot, good) in enumerate(told):
+        data = pose_frame(seq, x=float(seq + 100 * boot), boot=boot)
+        seen = hears(peers, fed, 0.01 * k, data if good else data[:-1] + bytes((data[-1] ^ 1,)))
+        if good and boot == session:
+            newest = max(newest, seq)
+        elif good and boot not in over:
+            over.add(session)
+            session, newest = boot, seq
+        assert not seen if session is None else seen["red"].pose.x == newest + 100 * session
+    assert peers.decoder.counters.refused == sum(not good for _, _, good in told)
+
+
+def run(room, seconds=4.0, alive=lambda n: True):
+    """Pairs (true age, age told) of a sender at 20 Hz, looked at 100 Hz through ``room``."""
+    out = open_local(Url.parse(room))
+    into = open_local(Url.parse(room))
+    peers, pairs, sent_at = Peers("blue", 1), [], {}
+    for k in range(round(seconds * 100)):
+        now = k * 0.01
+        if k % 5 == 0 and alive(k // 5):
+            sent_at[k // 5] = now
+            out.send(pose_frame(k // 5, x=float(k // 5), sent=out.stamp(now)), now)
+        peers.take(into, now)
+        seen = peers.other_poses(now).get("red")
+        if seen is not None:
+            pairs.append((now - sent_at[int(seen.pose.x)], seen.age))
+    out.close()
+    into.close()
+    return np.array(pairs).T, peers
+
+
+@pytest.mark.parametrize("faults", ["loss=0.5", "jitter=0.3", "loss=0.3&jitter=0.2&twice=0.5"])
+def test_ages_are_right_through_loss_delay_and_copies(faults):
+    (true, told), peers = run(f"local://x?seed=3&{faults}")
+    assert true.max() > 0.1
+    true, told = true[100:], told[100:]  # the first second: no quick frame has come yet
+    # what the quickest frame of the last 10 s took, and a look of 10 ms, cannot be seen
+    assert np.abs(true - told).max() < 0.035
+    assert peers.senders["red"].taken > 30
+
+
+def test_a_car_that_goes_silent_is_lost_and_found():
+    (true, told), _ = run("local://x", alive=lambda n: not 20 <= n < 50)
+    assert told.max() == pytest.approx(1.54, abs=0.02)
+    assert np.abs(true - told).max() < 0.011
+
+
+def test_who_joins_late_knows_all_after_one_message():
+    out, early = (open_local(Url.parse("local://late")) for _ in range(2))
+    for n in range(10):
+        out.send(pose_frame(n), STEP * n)
+    late = open_local(Url.parse("local://late"))
+    peers = Peers("blue", 1)
+    peers.take(late, 0.5)
+    assert peers.other_poses(0.5) == {}
+    out.send(pose_frame(10, x=1.0), 0.5)
+    peers.take(late, 0.51)
+    assert peers.other_poses(0.51)["red"].pose.x == 1.0
+    assert peers.senders["red"].lost == 0, "what was sent before it came is no loss"
+    for end in (out, early, late):
+        end.close()
+
+
+def test_a_plan_and_a_health_come_with_the_pose(fed):
+    peers = Peers("blue", 1)
+    plan = encode(m.PLAN, 7, 2, 0.0, ("red", 0.1, "room", 0.05, ((1.0, 2.0, 0.5, 1.5),) * 3))
+    health = encode(m.HEALTH, 7, 3, 0.0, ("red", "ARMED", 4, "IMU_STEP CAR_SLIDES", ""))
+    seen = hears(peers, fed, 0.0, pose_frame(1), plan, health)["red"]
+    assert seen.plan.points.tolist() == [[1.0, 2.0, 0.5, 1.5]] * 3
+    assert (seen.plan.step, seen.plan.age) == (pytest.approx(0.05), pytest.approx(0.1))
+    assert (seen.health.mode, seen.health.lost) == ("ARMED", 4)
+    assert seen.health.doubts == {"IMU_STEP", "CAR_SLIDES"}
