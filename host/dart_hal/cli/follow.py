@@ -20,6 +20,7 @@ from dart_hal.cli.options import (
     Number,
     car_options,
     json_option,
+    lidar_option,
     poses_option,
     waive_option,
 )
@@ -67,11 +68,13 @@ SOURCE = "follow"
               help="write a picture of the path and the driven line")
 @waive_option
 @poses_option
+@lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str, laps: int, half_width: float | None, here: bool,
             odometry: bool, lane: float, duration: float | None, record: Path | None,
-            plot: Path | None, waive: tuple[str, ...], poses: str | None, as_json: bool) -> int:
+            plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
+            as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     The path lies in the frame of the poses (motion capture); the car starts within 1 m of it,
@@ -83,7 +86,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
                          remedy=f"dart-hal follow {path} --speed 1")
     track = path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
-    with opened(url, car_name, cars, record, poses) as car:
+    with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, tracker, rules, half_width)
         summary = Summary(car)
         follow(car, follower, waive)

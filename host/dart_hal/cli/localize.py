@@ -13,13 +13,18 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.cli.localize_picture import draw
-from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
+from dart_hal.cli.options import (
+    NamedFile,
+    Number,
+    car_options,
+    json_option,
+    lidar_option,
+    map_option,
+    waive_option,
+)
 from dart_hal.cli.output import notices, print_json, results
-from dart_hal.cli.session import with_progress
-from dart_hal.errors import UsageError
+from dart_hal.cli.session import map_of, say_trouble, with_progress
 from dart_hal.links.base import Backend
-from dart_hal.localisation.field import Map, map_of_grid
-from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.localiser import Located
 from dart_hal.localisation.source import LidarPoses, start_of
 from dart_hal.report.figures import FORMATS
@@ -28,8 +33,7 @@ from dart_hal.types import FloatArray, Pose
 
 @click.command("localize")
 @car_options
-@click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="YAML file of a map as ROS's map_server keeps it (default: of sim://, its room)")
+@map_option
 @click.option("--start", default=None, metavar="X,Y,YAW",
               help="where the car is, m and rad (default: it is searched)")
 @click.option("--duration", type=Number(min=0.1), default=20.0, show_default=True,
@@ -42,20 +46,23 @@ from dart_hal.types import FloatArray, Pose
               help="write the run to this MCAP file")
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the path over the map")
+@lidar_option
 @waive_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, chart: Path | None,
             start: str | None, duration: float, speed: float, steering: float,
-            record: Path | None, plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+            record: Path | None, plot: Path | None, lidar: str | None, waive: tuple[str, ...],
+            as_json: bool) -> int:
     """Localise the car, or a recording of it with its scans, in a map.
 
     Prints the last pose with its standard errors, and how well the map explains the last scan; of
     a simulated car also how far it was off. Exits 1 where the car is lost at the end.
     """
     backend = backend_of(url)
-    source = LidarPoses(_map(backend, chart), start_of(start) if start else None)
+    source = LidarPoses(map_of(backend, chart), start_of(start) if start else None)
     told: list[Located] = []
-    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record) as car:
+    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record,
+                  lidar=lidar) as car:
         notices(car.notices)
         if speed and car.drives:
             car.arm(waive=waive)
@@ -65,6 +72,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
             if source.newest is not None and (not told or told[-1] is not source.newest):
                 told.append(source.newest)
         car.stop()
+        say_trouble(car)
     truth = _truth(backend, told) if chart is None else None
     found = figures(told, truth)
     if plot:
@@ -74,15 +82,6 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
     else:
         results.print(sentence(found), markup=False, highlight=False)
     return 0 if found["status"] in ("TRACKING", "MAP_STALE") else 1
-
-
-def _map(backend: Backend, chart: Path | None) -> Map:
-    if chart is not None:
-        return map_of_grid(read_grid(chart))
-    if backend.url.scheme != "sim":
-        raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
-    from dart_hal.cli.localize_truth import map_of_room
-    return map_of_room(backend)
 
 
 def _truth(backend: Backend, told: list[Located]) -> FloatArray | None:

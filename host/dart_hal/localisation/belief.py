@@ -29,6 +29,8 @@ STD = np.array((0.05, 0.05, 0.03, 0.03, 0.015, 0.02, 0.016, 0.010, 0.008))
 the published sets (0.011 and 0.034 rad per m/s2); 1.5 % of a bare X4's distances at 2 sigma."""
 SLIP, LATE = 0.0225, 0.01
 """rad per m/s2 and s: means of the same. Half of a packet, its way, and 5 ms of odometry."""
+UNLEARNT = np.array((0.0, 0.0, 0.0, SLIP))
+"""k, b, g, s of a car of which nothing is known."""
 WANDER = np.array((1e-4, 1e-4, 1e-4, 1e-3, 1e-4, 3e-5))**2
 """Variance per s of k, b, g, s, tau, scale: a bias goes by 0.001 rad/s in 100 s, the slip by the
 tyres' being no line."""

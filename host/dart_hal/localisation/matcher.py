@@ -39,11 +39,12 @@ class Match:
 
 
 def match(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-          known: FloatArray) -> Match:
+          known: FloatArray, small: float = SMALL) -> Match:
     """The best pose for one scan, from ``start`` (4,) on, which has the information ``known``.
 
     points (n, 2) [m]: end points in the axes of the car at one time; rays (n, 2) [m]: how they go
-    with the relative error ``scale`` of the distances, which is in them already at scale 0.
+    with the relative error ``scale`` of the distances, which is in them already at scale 0. small
+    [m, rad, share]: a step that is the last.
     """
     (px, py), (qx, qy) = np.ascontiguousarray(points.T), np.ascontiguousarray(rays.T)
     pose, jacobian = start.copy(), np.empty((4, len(points)))
@@ -62,6 +63,6 @@ def match(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
         info = weighted @ jacobian.T
         step = np.linalg.solve(info + known, -(weighted @ d) - known @ (pose - start))
         pose = pose + step
-        if np.abs(step).max() < SMALL:
+        if np.abs(step).max() < small:
             break
     return Match(pose, info)
