@@ -11,7 +11,10 @@ import pytest
 from tests.localisation.world import drive, hidden
 
 from dart_hal import Car
+from dart_hal.car import poses
+from dart_hal.config import load_car
 from dart_hal.errors import UsageError
+from dart_hal.estimation.odometry import Odometry
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.health import FRESH, STALE, Judge, Status
@@ -56,6 +59,24 @@ def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
 def test_a_map_needs_a_lidar():
     with pytest.raises(UsageError, match="no lidar"):
         Car.open("sim://?nano=mock", poses=LidarPoses(map_of_lines(box(0, 0, 0, 4, 3))))
+
+
+def test_poses_made_on_board_need_no_marker(monkeypatch):
+    """By what the source says of itself, whatever its class."""
+    class Source:
+        name = "another localiser"
+
+        def poll(self, now):
+            return []
+
+        def close(self):
+            pass
+
+    made = []
+    monkeypatch.setattr(poses, "RoomEstimator", lambda _, *marker, **how: made.append(marker))
+    for Source.on_board in (False, True):
+        poses.room_of(load_car("dart-01", ["cars"]), Odometry(), Source())
+    assert made == [(), (poses.AXLE,)]
 
 
 @pytest.mark.parametrize("text", ["lidar:", "lidar:map.yaml?begin=1", "lidar:m.yaml?start=1,2",

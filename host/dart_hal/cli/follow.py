@@ -19,6 +19,7 @@ from dart_hal.cli.options import (
     NamedFile,
     Number,
     car_options,
+    drive_options,
     json_option,
     lidar_option,
     poses_option,
@@ -27,7 +28,8 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
-from dart_hal.control.follow import LANE, Follower, Phase, Rules
+from dart_hal.control.ending import Phase
+from dart_hal.control.follow import LANE, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
@@ -61,9 +63,7 @@ SOURCE = "follow"
               help="by wheels and gyro alone, from where the car stands; drifts")
 @click.option("--lane", type=Number(0.05, 5.0), default=LANE, show_default=True,
               help="m beside the path at which the car is stopped")
-@click.option("--duration", type=Number(min=0.1), default=None, help="s after which it is stopped")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="write the run to this MCAP file")
+@drive_options
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the path and the driven line")
 @waive_option

@@ -16,6 +16,7 @@ from dart_hal.cli.options import (
     NamedFile,
     Number,
     car_options,
+    drive_options,
     json_option,
     lidar_option,
     waive_option,
@@ -23,7 +24,7 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
-from dart_hal.control.follow import Phase
+from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.errors import UsageError
@@ -39,9 +40,7 @@ SOURCE = "lane"
               "keys + and - change it")
 @click.option("--distance", type=Number(min=0.1), default=None,
               help="m after which it is stopped")
-@click.option("--duration", type=Number(min=0.1), default=None, help="s after which it is stopped")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="write the run to this MCAP file")
+@drive_options
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the lane and the driven line")
 @lidar_option

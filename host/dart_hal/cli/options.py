@@ -74,6 +74,14 @@ def waive_option(command: F) -> F:
                         help="arm although this is missing")(command)
 
 
+def drive_options(command: F) -> F:
+    """``--duration`` and ``--record`` of a drive that ends by itself."""
+    command = click.option("--record", type=click.Path(path_type=Path, dir_okay=False),
+                           default=None, help="write the run to this MCAP file")(command)
+    return click.option("--duration", type=Number(min=0.1), default=None,
+                        help="s after which it is stopped")(command)
+
+
 def json_option(command: F) -> F:
     """``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,

@@ -35,6 +35,8 @@ class LidarPoses:
     ``newest``: what the last scan told, None before it; ``dropped``: scans that were too many.
     """
 
+    on_board = True
+
     def __init__(self, chart: Map, start: tuple[float, float, float] | None = None,
                  name: str = "lidar") -> None:
         self.name, self.chart, self.dropped = name, chart, 0
