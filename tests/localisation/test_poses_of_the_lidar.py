@@ -131,8 +131,8 @@ def test_one_bad_scan_gives_no_pose(quiet_drive):
 def quiet_drive():
     d = drive(2003, hidden(2003, seconds=2.0))
     local = Localiser(d.chart, tuple(d.true(float(d.scans[5].t[-1]) - 0.01).tolist()))
-    for t, pose in zip(d.t, d.told, strict=True):
-        local.moved(float(t), *pose.tolist())
+    for k in range(len(d.t)):
+        d.tell(local, k)
     return local, d.scans[5:]
 
 
@@ -165,3 +165,4 @@ class Moment(NamedTuple):
 
     t: float
     pose: Pose
+    accel_x: float | None = None

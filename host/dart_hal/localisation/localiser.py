@@ -57,9 +57,9 @@ class Localiser:
         self._judge, self._proven = Judge(1.0), 0
         self._learnt: Belief | None = None
 
-    def moved(self, t: float, x: float, y: float, yaw: float) -> None:
-        """Dead reckoning of the State at t [s]."""
-        self._steps.moved(t, x, y, yaw)
+    def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
+        """Dead reckoning of the State at t [s], acceleration [m/s2] along the nose."""
+        self._steps.moved(t, x, y, yaw, accel)
         self._yaw = yaw
 
     def add(self, scan: Scan) -> Located | None:
