@@ -18,7 +18,7 @@ import numpy as np
 from tests.localisation.world import Drive, Hidden, Result, drive, hidden, run
 
 from dart_hal.localisation.belief import begun
-from dart_hal.localisation.health import STALE, Judge, Status
+from dart_hal.localisation.health import Judge, Status
 from dart_hal.localisation.localiser import PROVEN, Localiser
 from dart_hal.localisation.search import search
 
@@ -162,7 +162,7 @@ def starts(first: int, seeds: int) -> None:
                 begin = time.process_time()
                 best = search(chart, beams.points, beams.rays, beams.origin)
                 spent.append(time.process_time() - begin)
-                if not best.sure or best.agreement < STALE:
+                if not (best.sure and best.fits):
                     flagged += 1
                     continue
                 true = d.true(float(beams.way.t[-1]))

@@ -17,7 +17,7 @@ from dart_hal.errors import UsageError
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.health import FRESH, STALE, Judge, Status
+from dart_hal.localisation.health import FRESH, Agreement, Judge, Status
 from dart_hal.localisation.localiser import Localiser
 from dart_hal.localisation.rays import best
 from dart_hal.localisation.search import search
@@ -98,7 +98,7 @@ def looked(lines, at=(2.0, 1.5, 0.4)):
 def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
     bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
     found = search(map_of_lines(bare), *looked(bare))
-    assert found.agreement > STALE
+    assert found.fits
     assert not found.sure
     room = room_of("room", 3)
     found = search(map_of_lines(room.lines), *looked(room.lines, at=room.start))
@@ -108,15 +108,17 @@ def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
 
 def test_three_bad_scans_are_a_loss_and_two_are_none():
     judge = Judge(0.95)
-    assert [judge.add(a) for a in (0.3, 0.3, 0.9, 0.3, 0.3)] == [Status.TRACKING] * 5
-    assert judge.add(0.3) is Status.LOST
+    good, bad = Agreement(0.9, 0.0), Agreement(0.3, 0.1)
+    assert [judge.add(a) for a in (bad, bad, good, bad, bad)] == [Status.TRACKING] * 5
+    assert judge.add(bad) is Status.LOST
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
     told, searched = Judge(0.95), Judge(0.8, searched=True)
-    assert {told.add(0.65) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
-    assert told.add(0.5) is Status.MAP_STALE  # the threshold is lower there
-    assert Status.LOST in [searched.add(0.65) for _ in range(FRESH)]
+    much, half = Agreement(0.65, 0.0), Agreement(0.5, 0.0)
+    assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
+    assert told.add(half) is Status.MAP_STALE  # the threshold is lower there
+    assert Status.LOST in [searched.add(much) for _ in range(FRESH)]
 
 
 def test_one_bad_scan_gives_no_pose(quiet_drive):

@@ -16,7 +16,7 @@ from dart_hal.localisation.belief import ERRORS, POSE, TAU, UNLEARNT, Belief, ag
 from dart_hal.localisation.field import Map
 from dart_hal.localisation.health import STALE, Judge, Status, agreement
 from dart_hal.localisation.path import Steps
-from dart_hal.localisation.search import Found, search
+from dart_hal.localisation.search import search
 from dart_hal.types import Pose, Scan
 
 PROVEN = 5
@@ -98,12 +98,12 @@ class Localiser:
             return False
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
-            self._agreed = found.agreement
-            if found.agreement < STALE or not found.sure:
-                self._nowhere = _why(found)
+            self._agreed = found.agreement.share
+            if not (found.fits and found.sure):
+                self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
                 return False
             pose = found.pose[:3]
-            self._judge = Judge(found.agreement, searched=True)
+            self._judge = Judge(found.agreement.share, searched=True)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -115,19 +115,17 @@ class Localiser:
         belief, found = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)
         agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
-        if status is Status.LOST or self._mirrored or (self._proven < PROVEN and agreed < STALE):
-            self.belief, self._agreed = None, agreed
-            return Located(t, arrival, Status.LOST, None, agreed, self._mirrored)
+        if status is Status.LOST or self._mirrored or (self._proven < PROVEN
+                                                            and agreed.proof < STALE):
+            self.belief, self._agreed = None, agreed.share
+            return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief
         self._proven += 1
         if self._proven <= PROVEN or self._judge.doubted:
-            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None, agreed)
+            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None,
+                           agreed.share)
         self._learnt = belief
         cov = belief.cov[POSE, POSE].copy()
         cov.setflags(write=False)
         x, y, yaw = belief.mean[POSE].tolist()
-        return Located(t, arrival, status, Pose(x, y, yaw, cov), agreed)
-
-
-def _why(found: Found) -> Status:
-    return Status.LOST if found.agreement < STALE else Status.AMBIGUOUS
+        return Located(t, arrival, status, Pose(x, y, yaw, cov), agreed.share)
