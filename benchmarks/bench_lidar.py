@@ -1,4 +1,5 @@
-"""The simulated lidar: rays against lines, whole scans down to their bytes, and their decoding.
+"""The simulated lidar: rays against lines, whole scans down to their bytes, and their decoding;
+and how many scans a second are laid on a map.
 
     python benchmarks/bench_lidar.py
 """
@@ -11,6 +12,8 @@ import numpy as np
 from figures import Figure, best_cpu
 
 from dart_hal.lidar.scan import Stream
+from dart_hal.localisation import matcher
+from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.rays import Cast, cast_numpy, native
 from dart_hal.sim.lidar.maps import room_of
 from dart_hal.sim.lidar.params import LidarParams
@@ -43,6 +46,26 @@ def scans_per_s(cast: Cast, name: str, scans: int) -> float:
     return scans / best_cpu(work, ROUNDS)
 
 
+def matches_per_s(match: matcher.Matcher, scans: int) -> float:
+    """Scans of a room per CPU second, with noise of 1.5 cm, from 3 cm and 1 deg aside."""
+    room, rng = room_of("room", SEED), np.random.default_rng(SEED)
+    chart, (x, y, _) = map_of_lines(room.lines), room.start
+    turn = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
+    direction = np.column_stack((np.cos(turn), np.sin(turn)))
+    reach = cast_numpy(room.lines, np.tile((x, y), (BEAMS, 1)), direction)
+    seen = reach < 10.0
+    known = np.diag(1.0 / np.array((0.02, 0.02, 0.01, 0.002))**2)
+    start = np.array((x + 0.02, y - 0.02, 0.02, 0.0))
+    each = [((reach + 0.015 * rng.normal(size=BEAMS))[:, None] * direction)[seen]
+            for _ in range(scans)]
+
+    def work() -> None:
+        for points in each:
+            match(chart, points, points, start, known, matcher.SMALL)
+
+    return scans / best_cpu(work, ROUNDS)
+
+
 def figures(scale: float = 1.0) -> list[Figure]:
     """Rows for the table of all figures."""
     many, rows = max(int(100 * scale), 20), []
@@ -56,6 +79,12 @@ def figures(scale: float = 1.0) -> list[Figure]:
             rows.append(Figure(f"lidar: {name} of {lines} lines, kernel",
                                scans_per_s(compiled, name, many), "scans/s",
                                15e3 if name == "room" else None))
+    matched = [matches_per_s(m, many) for m in (matcher.match_numpy, matcher.native()) if m]
+    rows += [Figure(f"lidar: scans laid on a map, {name}", rate, "scans/s", wanted)
+             for name, rate, wanted in zip(("numpy", "kernel"), matched, (1e3, 5e3), strict=False)]
+    if len(matched) == 2:
+        rows.append(Figure("lidar: scans laid on a map, kernel over numpy", matched[1] / matched[0],
+                           "times", 3.0))
     made, read = _per_second(10.0 * max(scale, 0.3))
     return [*rows, Figure("lidar: packets made, per second of the car", made, "ms"),
             Figure("lidar: packets into scans, per second of the car", read, "ms")]

@@ -54,6 +54,8 @@ STDS = {"encoder.metres_per_edge": 1.2e-6, "imu.gyro_bias": 9e-5, "imu.gyro_scal
 class Gaps:
     """A source that tells nothing in the last ``GAP`` s of every ``EVERY`` s."""
 
+    on_board = False
+
     def __init__(self, source: PoseSource) -> None:
         self.name, self._source = source.name, source
 

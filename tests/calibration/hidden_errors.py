@@ -15,6 +15,7 @@ from dart_hal.calibration.encoder import calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import calibrate_imu
 from dart_hal.calibration.latency import calibrate_latency
+from dart_hal.calibration.lidar import calibrate_lidar
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.calibration.result import SteeringResult
@@ -24,6 +25,7 @@ from dart_hal.car import Car
 from dart_hal.cli.calibrate_all import write
 from dart_hal.config import CarFiles, DriveTable
 from dart_hal.links.base import Url, open_backend
+from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.ports import Workshop
 from dart_hal.sim.truth import reveal, reveal_url
 from dart_hal.vehicle.motor import make_drive
@@ -37,14 +39,20 @@ VERBS: dict[str, Callable[[Car, Workshop], Measured | SteeringResult]] = {
     "throttle": calibrate_throttle,
     "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0),
     "latency": calibrate_latency,
-    "mocap": lambda car, workshop: calibrate_mocap(car)}
+    "mocap": lambda car, workshop: calibrate_mocap(car),
+    "lidar": lambda car, workshop: calibrate_lidar(car, room_map(car.url))}
 LATE = ("latency", "lagging")
 """Verbs whose car has a delay and a lag of its motor."""
 
 
-def url_of(seed: int, mocap: bool = False, late: bool = True) -> str:
+def room_map(url: str) -> Map:
+    """Of the room of a simulated car, as who owns one has it."""
+    return map_of_lines(np.array(reveal_url(Url.parse(url))["room"]["lines"]))
+
+
+def url_of(seed: int, mocap: bool = False, late: bool = True, lidar: bool = False) -> str:
     """The hidden car of a seed; ``late``: with a delay and a lag of its motor."""
-    url = f"sim://?seed={seed}&nano=mock&mocap={int(mocap)}"
+    url = f"sim://?seed={seed}&nano=mock&mocap={int(mocap)}&lidar={int(lidar)}"
     if not late:
         return url
     rng = np.random.default_rng([seed, 500])
@@ -77,7 +85,7 @@ Errors = dict[str, list[tuple[float, float]]]
 
 def errors(verb: str, seed: int) -> Errors:
     """What one procedure found on one hidden car, "all": every one, each by what came before."""
-    url = url_of(seed, verb in ("mocap", "all"), verb in LATE)
+    url = url_of(seed, verb in ("mocap", "all"), verb in LATE, verb in ("lidar", "all"))
     with tempfile.TemporaryDirectory() as folder:
         if verb == "all":
             return all_errors(seed, url, folder)
@@ -97,7 +105,7 @@ def worst(rows: Errors) -> dict[str, float]:
 def all_errors(seed: int, url: str, folder: str) -> Errors:
     """As ``dart-hal calibrate all`` in a folder of cars."""
     with Car.open(url, cars=folder) as car:
-        steps = order.steps_of(car.files, poses=True)
+        steps = order.steps_of(car.files, poses=True, chart=room_map(url))
     rows: Errors = {}
     for step in steps:
         backend = open_backend(url)

@@ -22,7 +22,7 @@ URL = "sim://?seed=4&nano=mock"
 class Told:
     """The poses of another source, told otherwise."""
 
-    name = "a source told otherwise"
+    name, on_board = "a source told otherwise", False
 
     def __init__(self, source, change) -> None:
         self._source, self._change = source, change

@@ -1,11 +1,16 @@
-"""What ``doctor`` and ``find`` say of a lidar."""
+"""What ``doctor`` and ``find`` say of a lidar, and verbs of one that --lidar names."""
 
 from __future__ import annotations
 
+import os
+import threading
+import tty
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
 
+from dart_hal.lidar import port
 from dart_hal.links import attached
 
 URL = "sim://?nano=mock&physics=kinematic&seed=1"
@@ -43,3 +48,53 @@ def test_its_adapter_is_known_by_its_bridge(verb, monkeypatch):
     told = verb("find", "--json").json
     assert "YDLidar" in told["ports"][0]["bridge"]
     assert any("DART_HAL_LIDAR=serial:///dev/ttyUSB1" in hint for hint in told["hints"])
+
+
+@pytest.mark.parametrize(("lidar", "words"), [
+    ("/dev/ttyUSB0", "is no lidar"), ("serial://", "is no lidar"),
+    ("serial:///dev/null-and-void", "null-and-void"),
+    ("serial:///dev/ttyUSB0?baud=fast", "is not a line rate"),
+    ("serial:///dev/ttyUSB0?baud=0", "is not a line rate"),
+    ("serial:///dev/ttyUSB0?speed=128000", "options of a lidar")])
+def test_a_lidar_that_cannot_be_is_named(verb, lidar, words):
+    told = verb("record", "--url", URL, "--lidar", lidar, "--json").error
+    assert words in told["what"]
+
+
+@pytest.mark.cpu(4)  # imports of calibrate
+@pytest.mark.parametrize("words", ["lane", "localize", "follow circle --speed 1 --odometry",
+                                   "calibrate lidar", "calibrate all"])
+def test_every_verb_that_looks_through_it_names_it(verb, words):
+    told = verb(*words.split(), "--url", f"{URL}&lidar=1", "--lidar", "serial:///dev/null-and-void",
+                "--json").error
+    assert "null-and-void" in told["what"]
+
+
+@pytest.fixture
+def babbler():
+    """Path of a port on which bytes come that are no packets, as with a wrong line rate."""
+    far, near = os.openpty()
+    tty.setraw(near)
+    os.set_blocking(far, False)
+    done = threading.Event()
+
+    def babble():
+        while not done.wait(0.005):
+            with suppress(BlockingIOError):
+                os.write(far, bytes(range(1, 129)))
+
+    talking = threading.Thread(target=babble)
+    talking.start()
+    yield os.ttyname(near)
+    done.set()
+    talking.join()
+    os.close(far)
+    os.close(near)
+
+
+@pytest.mark.parametrize("words_of_verb", [("record",), ("localize",)])
+def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
+    monkeypatch.setattr(port, "PATIENCE", 0.0)
+    told = verb(*words_of_verb, "--url", f"{URL}&lidar=1", "--lidar",
+                f"serial://{babbler}?baud=115200", "--duration", 2, "--json")
+    assert "at 115200 baud that are no packets" in told.err

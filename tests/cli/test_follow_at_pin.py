@@ -31,6 +31,8 @@ class NeverEnds(Exception):
 class Until:
     """Poses of another source up to a time [s]."""
 
+    on_board = False
+
     def __init__(self, source, end):
         self.name, self._source, self._end = source.name, source, end
 

@@ -18,7 +18,7 @@ import numpy as np
 from tests.localisation.world import Drive, Hidden, Result, drive, hidden, run
 
 from dart_hal.localisation.belief import begun
-from dart_hal.localisation.health import STALE, Judge, Status
+from dart_hal.localisation.health import Judge, Status
 from dart_hal.localisation.localiser import PROVEN, Localiser
 from dart_hal.localisation.search import search
 
@@ -80,7 +80,7 @@ def cpu(first: int, seeds: int) -> None:
         local, k = Localiser(d.chart, tuple(d.true(float(d.scans[0].t[-1])).tolist())), 0
         for scan in d.scans:
             while k < len(d.t) and d.t[k] <= scan.arrival:
-                local.moved(float(d.t[k]), *d.told[k].tolist())
+                d.tell(local, k)
                 k += 1
             begin = time.process_time()
             local.add(scan)
@@ -119,7 +119,7 @@ def _warmed(d: Drive, k: int) -> Localiser:
     """A localiser that has the odometry around scan k, and its agreement there."""
     local = Localiser(d.chart, tuple(d.true(float(d.scans[k].t[-1]) - 0.01).tolist()))
     for j in np.flatnonzero((d.t > d.scans[k].t[0] - 0.5) & (d.t <= d.scans[k].arrival)):
-        local.moved(float(d.t[j]), *d.told[j].tolist())
+        d.tell(local, int(j))
     seen = local.add(d.scans[k])
     assert seen is not None
     local._judge = Judge(seen.agreement)
@@ -130,7 +130,7 @@ def judge_wrong(d: Drive, local: Localiser, k: int, seen: list[int]) -> None:
     """Count: 0 the pose was pulled right within 3 scans, 1 said to be lost, 2 neither."""
     for scan in d.scans[k + 1:k + 4]:
         for j in np.flatnonzero((d.t > d.scans[k].arrival) & (d.t <= scan.arrival)):
-            local.moved(float(d.t[j]), *d.told[j].tolist())
+            d.tell(local, int(j))
         told = local.add(scan)
         if told is None or told.status is Status.LOST:
             seen[1] += 1
@@ -162,7 +162,7 @@ def starts(first: int, seeds: int) -> None:
                 begin = time.process_time()
                 best = search(chart, beams.points, beams.rays, beams.origin)
                 spent.append(time.process_time() - begin)
-                if not best.sure or best.agreement < STALE:
+                if not (best.sure and best.fits):
                     flagged += 1
                     continue
                 true = d.true(float(beams.way.t[-1]))
@@ -214,7 +214,8 @@ def kidnapped(d: Drive) -> Drive:
     c, s = np.cos(turn), np.sin(turn)
     xy = later[:, :2] @ np.array(((c, s), (-s, c)))
     told = np.vstack((d.told[:cut], d.told[cut - 1] + np.column_stack((xy, later[:, 2]))))
-    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved)
+    accel = np.concatenate((d.accel[:cut], d.accel[back:back + length]))
+    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved, accel)
 
 
 ALL = {"track": track, "control": control, "cpu": cpu, "flags": flags, "starts": starts,

@@ -11,10 +11,13 @@ import pytest
 from tests.localisation.world import drive, hidden
 
 from dart_hal import Car
+from dart_hal.car import poses
+from dart_hal.config import load_car
 from dart_hal.errors import UsageError
+from dart_hal.estimation.odometry import Odometry
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.health import FRESH, STALE, Judge, Status
+from dart_hal.localisation.health import FRESH, Agreement, Judge, Status
 from dart_hal.localisation.localiser import Localiser
 from dart_hal.localisation.rays import best
 from dart_hal.localisation.search import search
@@ -58,6 +61,24 @@ def test_a_map_needs_a_lidar():
         Car.open("sim://?nano=mock", poses=LidarPoses(map_of_lines(box(0, 0, 0, 4, 3))))
 
 
+def test_poses_made_on_board_need_no_marker(monkeypatch):
+    """By what the source says of itself, whatever its class."""
+    class Source:
+        name = "another localiser"
+
+        def poll(self, now):
+            return []
+
+        def close(self):
+            pass
+
+    made = []
+    monkeypatch.setattr(poses, "RoomEstimator", lambda _, *marker, **how: made.append(marker))
+    for Source.on_board in (False, True):
+        poses.room_of(load_car("dart-01", ["cars"]), Odometry(), Source())
+    assert made == [(), (poses.AXLE,)]
+
+
 @pytest.mark.parametrize("text", ["lidar:", "lidar:map.yaml?begin=1", "lidar:m.yaml?start=1,2",
                                   "lidar:m.yaml?start=1,2,nan"])
 def test_a_source_that_makes_no_sense_is_refused(text):
@@ -77,7 +98,7 @@ def looked(lines, at=(2.0, 1.5, 0.4)):
 def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
     bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
     found = search(map_of_lines(bare), *looked(bare))
-    assert found.agreement > STALE
+    assert found.fits
     assert not found.sure
     room = room_of("room", 3)
     found = search(map_of_lines(room.lines), *looked(room.lines, at=room.start))
@@ -87,15 +108,17 @@ def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
 
 def test_three_bad_scans_are_a_loss_and_two_are_none():
     judge = Judge(0.95)
-    assert [judge.add(a) for a in (0.3, 0.3, 0.9, 0.3, 0.3)] == [Status.TRACKING] * 5
-    assert judge.add(0.3) is Status.LOST
+    good, bad = Agreement(0.9, 0.0), Agreement(0.3, 0.1)
+    assert [judge.add(a) for a in (bad, bad, good, bad, bad)] == [Status.TRACKING] * 5
+    assert judge.add(bad) is Status.LOST
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
     told, searched = Judge(0.95), Judge(0.8, searched=True)
-    assert {told.add(0.65) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
-    assert told.add(0.5) is Status.MAP_STALE  # the threshold is lower there
-    assert Status.LOST in [searched.add(0.65) for _ in range(FRESH)]
+    much, half = Agreement(0.65, 0.0), Agreement(0.5, 0.0)
+    assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
+    assert told.add(half) is Status.MAP_STALE  # the threshold is lower there
+    assert Status.LOST in [searched.add(much) for _ in range(FRESH)]
 
 
 def test_one_bad_scan_gives_no_pose(quiet_drive):
@@ -110,8 +133,8 @@ def test_one_bad_scan_gives_no_pose(quiet_drive):
 def quiet_drive():
     d = drive(2003, hidden(2003, seconds=2.0))
     local = Localiser(d.chart, tuple(d.true(float(d.scans[5].t[-1]) - 0.01).tolist()))
-    for t, pose in zip(d.t, d.told, strict=True):
-        local.moved(float(t), *pose.tolist())
+    for k in range(len(d.t)):
+        d.tell(local, k)
     return local, d.scans[5:]
 
 
@@ -144,3 +167,4 @@ class Moment(NamedTuple):
 
     t: float
     pose: Pose
+    accel_x: float | None = None

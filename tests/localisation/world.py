@@ -8,6 +8,7 @@ wrong what no localiser is told, another car drives about, and boxes stand that 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 
@@ -55,8 +56,8 @@ def hidden(seed: int, **fixed: float) -> Hidden:
 
 @dataclass(frozen=True)
 class Drive:
-    """truth (n, 3) at t (n,); told (n, 3): dead reckoning then; scans with the times that they
-    tell; lines: what the lidar sees beside the map."""
+    """truth (n, 3) at t (n,); told (n, 3), accel (n,): dead reckoning and acceleration (NaN: none);
+    scans with the times that they tell; lines: what the lidar sees beside the map."""
 
     chart: Map
     room: Room
@@ -64,6 +65,12 @@ class Drive:
     truth: FloatArray
     told: FloatArray
     scans: list[Scan]
+    accel: FloatArray
+
+    def tell(self, local: Localiser, k: int) -> None:
+        """What the State k says."""
+        accel = float(self.accel[k])
+        local.moved(float(self.t[k]), *self.told[k].tolist(), accel if isfinite(accel) else None)
 
     def true(self, t: float) -> FloatArray:
         return np.array([np.interp(t, self.t, column) for column in self.truth.T])
@@ -122,7 +129,14 @@ def drive(seed: int, hid: Hidden) -> Drive:
     told = _told(t, truth, np.cos(hid.slip * lateral), hid, rng)
     lines = np.vstack((room.lines, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
-                 list(_scans(lines, room.glass, t, truth, hid, rng, n)))
+                 list(_scans(lines, room.glass, t, truth, hid, rng, n)), _felt(speed, seed))
+
+
+def _felt(speed: FloatArray, seed: int) -> FloatArray:
+    """Acceleration [m/s2] of a BNO055: noise, and a bias that its tilt on the floor makes."""
+    rng = np.random.default_rng([seed, 10])
+    true = np.gradient(speed, DT)
+    return true + rng.uniform(-0.1, 0.1) + 0.1 * rng.normal(size=len(speed))
 
 
 def _resampled(way: FloatArray, at: FloatArray) -> FloatArray:
@@ -212,7 +226,7 @@ def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 
     rows, told, k = [], [], 0
     for scan in found.scans:
         while k < len(found.t) and found.t[k] <= scan.arrival:
-            local.moved(float(found.t[k]), *found.told[k].tolist())
+            found.tell(local, k)
             k += 1
         told.append(seen := local.add(scan))
         if seen is None or seen.pose is None:

@@ -25,6 +25,7 @@ UNITS = {
     "latency.pulse_to_wheel_lag": "s", "latency.pulse_to_yaw": "s",
     "latency.pulse_to_yaw_lag": "s", "latency.sensor_to_host": "s", "steering.slew_us_s": "us/s",
     "mocap.marker_x": "m", "mocap.marker_y": "m", "mocap.marker_yaw": "rad", "mocap.latency": "s",
+    "lidar.mount_x": "m", "lidar.mount_y": "m", "lidar.mount_yaw": "rad", "lidar.scale": "-",
 }
 """Of the quantities that these procedures measure."""
 

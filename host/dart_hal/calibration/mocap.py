@@ -8,7 +8,7 @@ tells of this car, and in our conventions.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,6 +27,8 @@ from .straight import rest
 ROUNDS, SPEEDS = 2, (0.4, 0.8)
 """m/s: a lateral acceleration of 0.3 and 1.3 m/s2 tells the slip, which grows with its square."""
 LOCK = 0.9
+LEGS = [(speed, left) for _ in range(ROUNDS) for speed in SPEEDS for left in (True, False)]
+"""m/s, and whether to the left: each a full turn."""
 LONGEST = 40.0
 """s for one turn; the slow one takes 8 s at full lock."""
 FLOOR = (3.5, 3.0)
@@ -82,26 +84,33 @@ def calibrate_mocap(car: AskingCar, *, progress: Progress = silent, ask: Ask = a
 
 
 def drive(runner: Runner, files: CarFiles, progress: Progress,
-          watch: Callable[[list[State]], None]) -> None:
-    """Full circles to either side, slow and fast; every State is shown to ``watch``."""
+          watch: Callable[[list[State]], None], legs: Sequence[tuple[float, bool]] = LEGS,
+          lock: float = LOCK, *, whole: bool = False) -> None:
+    """Full circles at a share ``lock`` of the steering; every State is shown to ``watch``.
+
+    whole: the start is part of the first turn, so that the car comes back to where it stood.
+    """
     steering = files.config.steering
-    side = LOCK * steering.span_us * steering.direction
-    legs = [(speed, left) for _ in range(ROUNDS) for speed in SPEEDS for left in (True, False)]
+    side = lock * steering.span_us * steering.direction
     rest(runner, steering.center_us)
     for k, (speed, left) in enumerate(legs):
         progress(k / len(legs), f"{'left' if left else 'right'} at {speed} m/s")
         pulse = steering.center_us + (side if left else -side)
+        first = None
         if k == 0:
-            watch(runner.start_moving(pulse, speed, 0.0, left))
-        _circle(runner, pulse, speed, watch)
+            some = runner.start_moving(pulse, speed, 0.0, left)
+            watch(some)
+            first = some[0] if whole else None
+        _circle(runner, pulse, speed, watch, first)
     watch(runner.hold(0.5, steering.center_us, 0.0))
 
 
-def _circle(runner: Runner, pulse: float, speed: float,
-            watch: Callable[[list[State]], None]) -> None:
+def _circle(runner: Runner, pulse: float, speed: float, watch: Callable[[list[State]], None],
+            first: State | None) -> None:
+    """A full turn since ``first``, else from now on."""
     some = runner.hold(0.0, pulse, speed)
     watch(some)
-    first = some[-1]
+    first = first or some[-1]
     while abs(some[-1].pose.yaw - first.pose.yaw) < 2.0 * math.pi:
         some = runner.hold(0.1, pulse, speed)
         watch(some)

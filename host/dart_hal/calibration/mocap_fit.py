@@ -24,7 +24,7 @@ from dart_hal.types import Estimate, FloatArray, IntArray
 
 STRETCH = 3.0
 """s: by the gyro's 0.001 rad/s the car is 2 mm off its place then."""
-PLACE, YAW = 1e-3, 2e-3
+NOISE = (1e-3, 2e-3)
 """m, rad: one sigma of a pose of an optical system; only their ratio counts."""
 ROBUST = 3.0
 NAMES = ("marker_x", "marker_y", "marker_yaw", "latency")
@@ -49,7 +49,8 @@ class Track:
     """What car and source told of one drive.
 
     t (n,) [s], car (n, 3): x, y [m], yaw [rad] by dead reckoning, v (n,) [m/s] of the wheels;
-    t_seen (m,) [s] by the source's stamps on the car's clock, seen (m, 3), yaw unwrapped.
+    t_seen (m,) [s] by the source's stamps on the car's clock, seen (m, 3), yaw unwrapped; noise:
+    one sigma of its places [m] and yaws [rad].
     """
 
     t: FloatArray
@@ -57,6 +58,7 @@ class Track:
     v: FloatArray
     t_seen: FloatArray
     seen: FloatArray
+    noise: tuple[float, float] = NOISE
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +118,8 @@ class _Problem:
         """(3 m + 4,): x, y, yaw, and the priors of bias, scales and slip."""
         place, yaw = self._difference(x)
         prior = np.array([x[4] / BIAS, x[5] / LOOSE, x[6] / LOOSE, (x[7] - SLIP[0]) / SLIP[1]])
-        return np.concatenate([place.real / PLACE, place.imag / PLACE, yaw / YAW, prior])
+        at, turned = self.track.noise
+        return np.concatenate([place.real / at, place.imag / at, yaw / turned, prior])
 
     def rms(self, x: FloatArray) -> float:
         """Of the places [m], without the worst two of a hundred."""
@@ -142,14 +145,14 @@ class _Problem:
     def _laid(self, driven: FloatArray, turned: FloatArray, seen: FloatArray
               ) -> tuple[FloatArray, FloatArray]:
         """The rigid motion of each stretch that both places and yaws ask for, taken out."""
-        b, n = self.index, self._count
+        b, n, (at, turn) = self.index, self._count, self.track.noise
         yaw_off = self._mean(self.seen[:, 2] - turned)
         driven = driven * np.exp(1j * yaw_off)[b]
         driven = driven - self._mean(driven)[b]
         seen = seen - self._mean(seen)[b]
         across = np.bincount(b, (np.conj(driven) * seen).imag)
         spread = np.bincount(b, np.abs(driven)**2)
-        more = across / PLACE**2 / (spread / PLACE**2 + n / YAW**2)
+        more = across / at**2 / (spread / at**2 + n / turn**2)
         place = seen - driven * np.exp(1j * more)[b]
         return place, self.seen[:, 2] - turned - (yaw_off + more)[b]
 

@@ -12,7 +12,17 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
-from dart_hal.calibration import clock, encoder, esc, imu, latency, mocap, steering, throttle
+from dart_hal.calibration import (
+    clock,
+    encoder,
+    esc,
+    imu,
+    latency,
+    lidar,
+    mocap,
+    steering,
+    throttle,
+)
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap_fit import NAMES
@@ -20,6 +30,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.car import Car
 from dart_hal.config import Calibration, CarFiles
 from dart_hal.errors import CalibrationFailed
+from dart_hal.localisation.field import Map
 from dart_hal.ports import Workshop
 
 FRESH = timedelta(hours=12)
@@ -29,7 +40,8 @@ ROLL_OUT = 1.0
 
 Found = Measured | SteeringResult
 Run = Callable[[Car, Workshop, Progress, Ask], Found]
-VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "latency", "mocap")
+VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "latency", "mocap",
+         "lidar")
 """All there are, in the order in which they are run."""
 
 
@@ -51,10 +63,11 @@ class Step:
 
 
 def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Sequence[str] = (),
-             poses: bool = False) -> tuple[Step, ...]:
+             poses: bool = False, chart: Map | None = None) -> tuple[Step, ...]:
     """The procedures for this car but ``skip``, in order, within ``floor`` (length, width) [m].
 
-    poses: there is a source of poses from outside, whose marker is to be measured.
+    poses: there is a source of poses from outside, whose marker is to be measured; chart: the map
+    of the room, of a car whose lidar is to be measured.
 
     Errors: CalibrationFailed where one has no room, naming each that has none.
     """
@@ -81,6 +94,10 @@ def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Se
              ("clock", "esc", "encoder", "imu", "steering"), latency.FLOOR),
         Step("mocap", mocap.plan(files), _mocap, tuple(f"mocap.{n}" for n in NAMES),
              ("clock", "encoder", "imu"), mocap.FLOOR),
+        *(() if chart is None else (
+            Step("lidar", lidar.plan(files), _lidar(chart),
+                 tuple(f"lidar.{n}" for n in lidar.KEYS.values()), ("clock", "encoder", "imu"),
+                 lidar.FLOOR),)),
     )
     left_out = {*skip, *(() if poses else ("mocap",))}
     steps = tuple(s for s in every if s.verb not in left_out)
@@ -170,6 +187,12 @@ def _latency(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Foun
 
 def _mocap(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
     return mocap.calibrate_mocap(car, progress=progress, ask=ask, source=car.url)
+
+
+def _lidar(chart: Map) -> Run:
+    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
+        return lidar.calibrate_lidar(car, chart, progress=progress, ask=ask, source=car.url)
+    return run
 
 
 def to_json(steps: Sequence[Step], left: Sequence[Step]) -> list[dict[str, Any]]:

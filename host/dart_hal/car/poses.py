@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.car.replay import ReplayPoses
 from dart_hal.car.scans import ScanFeed
 from dart_hal.config import CarFiles
 from dart_hal.errors import UsageError
@@ -56,7 +55,7 @@ AXLE = Marker(std=(0.001, 0.001, 0.002, 0.002))
 
 def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> RoomEstimator:
     """For a car of these files: its marker as ``calibrate mocap`` has measured it, else unknown."""
-    if isinstance(source, LidarPoses) or (isinstance(source, ReplayPoses) and source.on_board):
+    if source.on_board:
         return RoomEstimator(odometry, AXLE, own_clock=True)
     table = files.calibration.mocap if files.calibration else None
     if table is None:

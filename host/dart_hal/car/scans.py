@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dart_hal.config import CarFiles
+from dart_hal.config.calibration import LidarCalibration
 from dart_hal.lidar import open_lidar
 from dart_hal.lidar.health import Watch
 from dart_hal.links.base import Backend
@@ -58,9 +59,13 @@ class ScanFeed:
 
 
 def mount_of(files: CarFiles) -> Mount:
-    """How the lidar of a car sits, by its car.toml."""
+    """How the lidar of a car sits, by ``calibrate lidar``, else by its car.toml."""
     told, x = files.config.lidar, files.config.geometry.lidar_x
-    return Mount(AXIS_X if x is None else x, told.y, told.mount_yaw, told.inverted, told.scale)
+    given = (AXIS_X if x is None else x, told.y, told.mount_yaw, told.scale)
+    table = files.calibration.lidar if files.calibration else LidarCalibration()
+    measured = (table.mount_x, table.mount_y, table.mount_yaw, table.scale)
+    x, y, yaw, scale = (m.value if m else g for m, g in zip(measured, given, strict=True))
+    return Mount(x, y, yaw, told.inverted, scale)
 
 
 def give_lidar(backend: Backend, lidar: str | ScanSource | None) -> None:

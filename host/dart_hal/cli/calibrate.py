@@ -13,7 +13,16 @@ from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.cli.bench import agreed, say_where_used
 from dart_hal.cli.calibrate_all import everything
-from dart_hal.cli.calibrate_measured import clock, encoder, esc, imu, latency, mocap, throttle
+from dart_hal.cli.calibrate_measured import (
+    clock,
+    encoder,
+    esc,
+    imu,
+    latency,
+    lidar,
+    mocap,
+    throttle,
+)
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import print_json, progress_bar
 from dart_hal.cli.session import opened
@@ -29,7 +38,7 @@ def command() -> None:
     """Measure this car and write calibration.toml."""
 
 
-for verb in (everything, clock, esc, throttle, encoder, imu, latency, mocap):
+for verb in (everything, clock, esc, throttle, encoder, imu, latency, mocap, lidar):
     command.add_command(verb)
 
 

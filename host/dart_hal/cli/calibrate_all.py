@@ -20,13 +20,15 @@ from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import say_where_used
 from dart_hal.cli.calibrate_measured import may_write, measuring, run
 from dart_hal.cli.calibrate_measured import show as show_measured
-from dart_hal.cli.options import Number
+from dart_hal.cli.options import Number, lidar_option, map_option
 from dart_hal.cli.output import console, notices, print_json, results
+from dart_hal.cli.session import map_of
 from dart_hal.cli.steering_table import show as show_steering
 from dart_hal.config import CarFiles
 from dart_hal.config.folders import calibration_in
 from dart_hal.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
+from dart_hal.localisation.field import Map
 
 
 @click.command("all")
@@ -34,23 +36,26 @@ from dart_hal.links.base import open_backend
 @click.option("--floor", nargs=2, type=Number(1.0, 100.0), default=None, metavar="LENGTH WIDTH",
               help="m of free floor; what has no room in it is said before anything moves")
 @click.option("--skip", multiple=True, type=click.Choice(order.VERBS), help="leave this one out")
+@map_option
+@lidar_option
 @click.option("--again", is_flag=True, help="measure also what was measured in the last 12 hours")
 def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
-               floor: tuple[float, float] | None, skip: tuple[str, ...], again: bool,
-               as_json: bool) -> None:
+               floor: tuple[float, float] | None, skip: tuple[str, ...], chart: Path | None,
+               lidar: str | None, again: bool, as_json: bool) -> None:
     """Every procedure, in the order in which each needs the others.
 
     What one measures is written as it ends, and the next one uses it. Broken off, or stopped
-    by something to mend, the same command goes on where it was left.
+    by something to mend, the same command goes on where it was left. The lidar, if there is one, is
+    measured in --map.
     """
     url = url or DEFAULT_URL
     found: dict[str, order.Found] = {}
-    with _home(url, car_name, cars, dry_run) as (files, home, poses):
-        steps = order.steps_of(files, floor, skip, poses)
+    with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
+        steps = order.steps_of(files, floor, skip, poses, room)
         left = steps if again else order.due(steps, calibration_in(files.folder, files.config.name))
         announce(steps, left)
         for step in left:
-            result = _measured(step, url, car_name, home, yes, dry_run, as_json)
+            result = _measured(step, url, car_name, home, yes, dry_run, as_json, lidar)
             if result is not None:
                 found[step.verb] = result
     if as_json:
@@ -64,15 +69,17 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
 
 
 @contextmanager
-def _home(url: str, car_name: str, cars: Path | None, dry_run: bool
-          ) -> Iterator[tuple[CarFiles, Path, bool]]:
+def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path | None,
+          lidar: str | None) -> Iterator[tuple[CarFiles, Path, bool, Map | None]]:
     """(files of the car, folder of cars in which each step finds what the one before wrote,
-    whether something outside tells its pose)."""
+    whether something outside tells its pose, the map of its room if it has a lidar)."""
     backend = open_backend(url)
-    with Car.over(backend, car=car_name, cars=cars) as car:
+    with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
         files, poses = car.files, backend.poses is not None
+        mapped = chart is not None or backend.url.scheme == "sim"
+        room = map_of(backend, chart) if car.has_lidar and mapped else None
     if not dry_run:
-        yield files, files.folder.parent, poses
+        yield files, files.folder.parent, poses, room
         return
     with tempfile.TemporaryDirectory() as folder:
         mine = Path(folder) / files.config.name
@@ -82,7 +89,7 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool
                 shutil.copy(files.folder / name, mine)
         if Path(files.origin).is_file():  # the example's car.toml lies in the package
             shutil.copy(files.origin, mine / "car.toml")
-        yield files, Path(folder), poses
+        yield files, Path(folder), poses, room
 
 
 def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
@@ -93,13 +100,13 @@ def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
 
 
 def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
-              as_json: bool) -> order.Found | None:
+              as_json: bool, lidar: str | None) -> order.Found | None:
     """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
     backend = open_backend(url)
     simulated = backend.workshop is not None
     console.print(f"\n{step.verb}", style="bold")
     try:
-        found, files = run(step.run, backend, car_name, home, yes)
+        found, files = run(step.run, backend, car_name, home, yes, lidar)
     except CalibrationFailed as error:
         if not step.optional:
             console.print("what was measured before this is written: once it is mended, the same "

@@ -1,4 +1,4 @@
-"""``dart-hal calibrate clock | esc | throttle | encoder | imu | latency | mocap``: quantities."""
+"""The verbs of ``dart-hal calibrate`` that measure quantities: all but steering."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from dart_hal.calibration.encoder import DISTANCE, RUNS, calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
 from dart_hal.calibration.imu import TURNS, calibrate_imu
 from dart_hal.calibration.latency import calibrate_latency
+from dart_hal.calibration.lidar import calibrate_lidar
 from dart_hal.calibration.measured import UNITS, Measured, write
 from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.calibration.plot_throttle import plot_throttle
@@ -22,8 +23,9 @@ from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
-from dart_hal.cli.options import F, Number, car_options, json_option
+from dart_hal.cli.options import F, Number, car_options, json_option, lidar_option, map_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.session import map_of
 from dart_hal.config import CarFiles, DriveTable, Quantity
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, open_backend
@@ -141,6 +143,27 @@ def mocap(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes:
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
 
+@click.command("lidar")
+@measuring
+@map_option
+@lidar_option
+def lidar(url: str | None, car_name: str, cars: Path | None, chart: Path | None,
+          lidar: str | None, dry_run: bool, yes: bool, as_json: bool) -> None:
+    """How the lidar sits on the car, and how true its distances are.
+
+    Slow and fast circles to both sides, about a minute, in a room of which there is a map. A lidar
+    that is upside down or turns the other way than car.toml says, and a map of another room are
+    named. Measure encoder and imu first.
+    """
+    backend = open_backend(url or DEFAULT_URL)
+    room = map_of(backend, chart)
+
+    def procedure(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Measured:
+        return calibrate_lidar(car, room, progress=progress, ask=ask, source=car.url)
+
+    measure(procedure, backend, car_name, cars, dry_run, yes, as_json, lidar)
+
+
 @click.command("esc")
 @measuring
 def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
@@ -182,12 +205,14 @@ def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, y
     measure(procedure, url, car_name, cars, dry_run, yes, as_json)
 
 
-def measure(procedure: Procedure[Measured], url: str | None, car_name: str, cars: Path | None,
-            dry_run: bool, yes: bool, as_json: bool) -> None:
-    """Run a procedure, show what it found, ask, write."""
-    backend = open_backend(url or DEFAULT_URL)
+def measure(procedure: Procedure[Measured], where: str | Backend | None, car_name: str,
+            cars: Path | None, dry_run: bool, yes: bool, as_json: bool, lidar: str | None = None
+            ) -> None:
+    """Run a procedure on the car of a URL, or of an open backend, show what it found, ask, write.
+    """
+    backend = where if isinstance(where, Backend) else open_backend(where or DEFAULT_URL)
     simulated = backend.workshop is not None
-    found, files = run(procedure, backend, car_name, cars, yes)
+    found, files = run(procedure, backend, car_name, cars, yes, lidar)
     if not as_json:
         show(found)
     if not dry_run and may_write(files, yes, simulated):
@@ -200,11 +225,11 @@ def measure(procedure: Procedure[Measured], url: str | None, car_name: str, cars
                   markup=False)
 
 
-def run(procedure: Procedure[T], backend: Backend, car_name: str, cars: Path | None, yes: bool
-        ) -> tuple[T, CarFiles]:
+def run(procedure: Procedure[T], backend: Backend, car_name: str, cars: Path | None, yes: bool,
+        lidar: str | None = None) -> tuple[T, CarFiles]:
     """(what a procedure found, the car's files) with a bar; the person beside the car is asked."""
     simulated = backend.workshop is not None
-    with Car.over(backend, car=car_name, cars=cars) as car:
+    with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
         notices(car.notices)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)

@@ -19,14 +19,17 @@ from dart_hal.cli.options import (
     NamedFile,
     Number,
     car_options,
+    drive_options,
     json_option,
+    lidar_option,
     poses_option,
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
-from dart_hal.control.follow import LANE, Follower, Phase, Rules
+from dart_hal.control.ending import Phase
+from dart_hal.control.follow import LANE, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
@@ -60,18 +63,18 @@ SOURCE = "follow"
               help="by wheels and gyro alone, from where the car stands; drifts")
 @click.option("--lane", type=Number(0.05, 5.0), default=LANE, show_default=True,
               help="m beside the path at which the car is stopped")
-@click.option("--duration", type=Number(min=0.1), default=None, help="s after which it is stopped")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="write the run to this MCAP file")
+@drive_options
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the path and the driven line")
 @waive_option
 @poses_option
+@lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str, laps: int, half_width: float | None, here: bool,
             odometry: bool, lane: float, duration: float | None, record: Path | None,
-            plot: Path | None, waive: tuple[str, ...], poses: str | None, as_json: bool) -> int:
+            plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
+            as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     The path lies in the frame of the poses (motion capture); the car starts within 1 m of it,
@@ -83,7 +86,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
                          remedy=f"dart-hal follow {path} --speed 1")
     track = path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
-    with opened(url, car_name, cars, record, poses) as car:
+    with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, tracker, rules, half_width)
         summary = Summary(car)
         follow(car, follower, waive)

@@ -12,11 +12,19 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.cli.follow import listen, typed
 from dart_hal.cli.follow_picture import draw_lane
-from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
+from dart_hal.cli.options import (
+    NamedFile,
+    Number,
+    car_options,
+    drive_options,
+    json_option,
+    lidar_option,
+    waive_option,
+)
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
-from dart_hal.control.follow import Phase
+from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.errors import UsageError
@@ -32,29 +40,26 @@ SOURCE = "lane"
               "keys + and - change it")
 @click.option("--distance", type=Number(min=0.1), default=None,
               help="m after which it is stopped")
-@click.option("--duration", type=Number(min=0.1), default=None, help="s after which it is stopped")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="write the run to this MCAP file")
+@drive_options
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the lane and the driven line")
+@lidar_option
 @waive_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, speed: float,
             distance: float | None, duration: float | None, record: Path | None,
-            plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+            plot: Path | None, lidar: str | None, waive: tuple[str, ...], as_json: bool) -> int:
     """Drive in the middle of a lane between two boards or walls, by the lidar alone.
 
     The car stands in the lane and looks along it (within 30 degrees). It slows down to rest where
     the lane ends; and when it sees no board, one board only, or the lidar is silent, which
     exits 1.
     """
-    with opened(url, car_name, cars, record) as car:
+    with opened(url, car_name, cars, record, lidar=lidar) as car:
         follower = follower_of(car, speed, distance or inf, duration or inf)
         summary = Summary(car)
         drive(car, follower, waive)
         car.stop()
-        if not follower.good and car.lidar_trouble is not None:
-            notices((str(car.lidar_trouble),))
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw_lane(follower, plot)
@@ -74,7 +79,7 @@ def follower_of(car: Car, speed: float, distance: float, duration: float) -> Lan
     if not car.has_lidar:
         raise UsageError(f"{car.url} has no lidar", expected="one that sees the lane",
                          remedy="sim://?lidar=1&map=lane, or "
-                         "export DART_HAL_LIDAR=serial:///dev/dart-lidar")
+                         "--lidar serial:///dev/dart-lidar")
     notices(() if car.files.model else
             ("the car has no model.toml: bends and delays by the paper's",))
     most = car.files.config.limits.max_speed

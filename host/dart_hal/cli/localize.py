@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from math import degrees, remainder, tau
+from math import degrees, inf, remainder, tau
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,20 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.cli.localize_picture import draw
-from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
-from dart_hal.cli.output import notices, print_json, results
-from dart_hal.cli.session import with_progress
-from dart_hal.errors import UsageError
+from dart_hal.cli.options import (
+    NamedFile,
+    Number,
+    car_options,
+    json_option,
+    lidar_option,
+    map_option,
+    waive_option,
+)
+from dart_hal.cli.output import notices, print_json, progress_bar, results
+from dart_hal.cli.session import map_of, say_trouble, with_progress
+from dart_hal.control.ending import Phase
+from dart_hal.control.while_located import WhileLocated
 from dart_hal.links.base import Backend
-from dart_hal.localisation.field import Map, map_of_grid
-from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.localiser import Located
 from dart_hal.localisation.source import LidarPoses, start_of
 from dart_hal.report.figures import FORMATS
@@ -28,61 +35,85 @@ from dart_hal.types import FloatArray, Pose
 
 @click.command("localize")
 @car_options
-@click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="YAML file of a map as ROS's map_server keeps it (default: of sim://, its room)")
+@map_option
 @click.option("--start", default=None, metavar="X,Y,YAW",
               help="where the car is, m and rad (default: it is searched)")
 @click.option("--duration", type=Number(min=0.1), default=20.0, show_default=True,
               help="seconds of the car's time")
 @click.option("--speed", type=Number(0.0, 10.0), default=0.0, show_default=True,
-              help="m/s at which the car drives meanwhile; 0: it is not armed")
+              help="m/s at which the car drives while it is located; 0: it is not armed")
 @click.option("--steering", type=Number(-0.5, 0.5), default=0.0, show_default=True,
               help="rad, left positive")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write the run to this MCAP file")
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of the path over the map")
+@lidar_option
 @waive_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, chart: Path | None,
             start: str | None, duration: float, speed: float, steering: float,
-            record: Path | None, plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+            record: Path | None, plot: Path | None, lidar: str | None, waive: tuple[str, ...],
+            as_json: bool) -> int:
     """Localise the car, or a recording of it with its scans, in a map.
 
     Prints the last pose with its standard errors, and how well the map explains the last scan; of
-    a simulated car also how far it was off. Exits 1 where the car is lost at the end.
+    a simulated car also how far it was off. With --speed the car waits until it is found, and slows
+    down to rest once it is lost. Exits 1 where the car is lost at the end, or was.
     """
     backend = backend_of(url)
-    source = LidarPoses(_map(backend, chart), start_of(start) if start else None)
+    source = LidarPoses(map_of(backend, chart), start_of(start) if start else None)
     told: list[Located] = []
-    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record) as car:
+    ended: WhileLocated | None = None
+    with Car.over(backend, car=car_name, cars=cars, poses=source, record=record,
+                  lidar=lidar) as car:
         notices(car.notices)
         if speed and car.drives:
-            car.arm(waive=waive)
-        for _ in with_progress(car.states(duration=duration), duration, "localising"):
-            if speed and car.drives:
-                car.drive_speed(steering=steering, speed=speed, source="localize")
-            if source.newest is not None and (not told or told[-1] is not source.newest):
-                told.append(source.newest)
+            ended = WhileLocated(speed, duration)
+            drive(car, source, ended, steering, waive, told)
+        else:
+            for _ in with_progress(car.states(duration=duration), duration, "localising"):
+                note(source, told)
         car.stop()
+        say_trouble(car)
     truth = _truth(backend, told) if chart is None else None
-    found = figures(told, truth)
+    found = {**figures(told, truth), "ended": ended and ended.why}
     if plot:
         found["files"] = {"plot": str(draw(source.chart, told, truth, plot))}
     if as_json:
         print_json(found)
     else:
         results.print(sentence(found), markup=False, highlight=False)
-    return 0 if found["status"] in ("TRACKING", "MAP_STALE") else 1
+    tracked = found["status"] in ("TRACKING", "MAP_STALE")
+    return 0 if tracked and (ended is None or ended.good) else 1
 
 
-def _map(backend: Backend, chart: Path | None) -> Map:
-    if chart is not None:
-        return map_of_grid(read_grid(chart))
-    if backend.url.scheme != "sim":
-        raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
-    from dart_hal.cli.localize_truth import map_of_room
-    return map_of_room(backend)
+def note(source: LidarPoses, told: list[Located]) -> None:
+    """What the newest scan told, once."""
+    if source.newest is not None and (not told or told[-1] is not source.newest):
+        told.append(source.newest)
+
+
+def drive(car: Car, source: LidarPoses, ended: WhileLocated, steering: float,
+          waive: tuple[str, ...], told: list[Located]) -> None:
+    """At a steering angle [rad] until it has ended; the car stands while it is not located."""
+    placed, armed = -inf, False
+    with progress_bar() as bar:
+        bar.add_task("localising", total=None)
+        for state in car.states():
+            note(source, told)
+            if told and told[-1].pose is not None:
+                placed = told[-1].arrival
+            wanted = ended.answer(state.estimate.at(car.now), placed)
+            if ended.phase is Phase.ENDED:
+                return
+            if ended.phase is Phase.WAITING:
+                continue
+            if not armed:
+                armed = True
+                car.arm(waive=waive)
+                continue
+            car.drive_speed(steering=steering, speed=wanted, source="localize")
 
 
 def _truth(backend: Backend, told: list[Located]) -> FloatArray | None:
@@ -116,12 +147,13 @@ def _pose(at: Pose) -> dict[str, Any]:
 
 def sentence(found: dict[str, Any]) -> str:
     """The same to be read."""
+    ended = f"ended: {found['ended']}; " if found["ended"] else ""
     if found["pose"] is None:
         why = "; the scans turn against the gyro: inverted in [lidar]" if found["mirrored"] else ""
-        return f"{found['status']}: no pose after {found['scans']} scans{why}"
+        return f"{ended}{found['status']}: no pose after {found['scans']} scans{why}"
     at, cov = found["pose"], np.array(found["pose"]["cov"])
     std = np.sqrt(np.diag(cov))
-    text = (f"{found['status']}: x {at['x']:.3f} m, y {at['y']:.3f} m, "
+    text = (f"{ended}{found['status']}: x {at['x']:.3f} m, y {at['y']:.3f} m, "
             f"yaw {degrees(at['yaw']):.2f} deg; standard errors {1e3 * std[0]:.1f} mm, "
             f"{1e3 * std[1]:.1f} mm, {degrees(std[2]):.2f} deg; the map explains "
             f"{100.0 * found['agreement']:.0f} % of the last scan")

@@ -50,6 +50,21 @@ def poses_option(command: F) -> F:
                         )(command)
 
 
+def lidar_option(command: F) -> F:
+    """``--lidar``: where the car's lidar is."""
+    return click.option("--lidar", default=None, metavar="URL",
+                        help="the car's lidar: serial:///dev/dart-lidar or hwgrep://10C4:EA60 "
+                        "(default: $DART_HAL_LIDAR; sim:// and recordings bring their own)"
+                        )(command)
+
+
+def map_option(command: F) -> F:
+    """``--map``: of the room in which the lidar looks around."""
+    return click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False),
+                        default=None, help="YAML file of a map as ROS's map_server keeps it "
+                        "(default: of sim://, its room)")(command)
+
+
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
@@ -57,6 +72,14 @@ def waive_option(command: F) -> F:
     """``--waive``: what may be missing."""
     return click.option("--waive", multiple=True, type=click.Choice(WAIVE),
                         help="arm although this is missing")(command)
+
+
+def drive_options(command: F) -> F:
+    """``--duration`` and ``--record`` of a drive that ends by itself."""
+    command = click.option("--record", type=click.Path(path_type=Path, dir_okay=False),
+                           default=None, help="write the run to this MCAP file")(command)
+    return click.option("--duration", type=Number(min=0.1), default=None,
+                        help="s after which it is stopped")(command)
 
 
 def json_option(command: F) -> F:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.options import Number, car_options, json_option, lidar_option, poses_option
 from dart_hal.cli.output import print_json, results
 from dart_hal.cli.session import opened, with_progress
 from dart_hal.cli.summary import Summary
@@ -19,11 +19,12 @@ from dart_hal.cli.summary import Summary
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
               default=Path("runs/run.mcap"), show_default=True, help="file to write")
 @poses_option
+@lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float, out: Path,
-            poses: str | None, as_json: bool) -> None:
+            poses: str | None, lidar: str | None, as_json: bool) -> None:
     """Record the car's sensors without driving it (to drive: `dart-hal drive --record`)."""
-    with opened(url, car_name, cars, record=out, poses=poses) as car:
+    with opened(url, car_name, cars, record=out, poses=poses, lidar=lidar) as car:
         summary = Summary(car)
         for _ in with_progress(car.states(duration=duration), duration, "recording"):
             pass

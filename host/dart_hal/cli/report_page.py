@@ -22,7 +22,8 @@ from dart_hal.report.numbers import significant
 from dart_hal.types import NINETY
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
-         "imu": "imu", "latency": "latency", "mocap": "mocap", "steering.slew_us_s": "latency"}
+         "imu": "imu", "latency": "latency", "mocap": "mocap", "lidar": "lidar",
+         "steering.slew_us_s": "latency"}
 """Of ``dart-hal calibrate``, by table of calibration.toml, or by name."""
 SELDOM = "latency.pulse_to_yaw_lag"
 """Shows where it is long alone, so that nobody is asked for it."""
@@ -45,12 +46,12 @@ class About:
     now: datetime
 
     def missing(self) -> list[str]:
-        """What a verb measures and was never measured on this car; of a motion capture, which
-        few have, only where some is."""
+        """What a verb measures and was never measured on this car; of a motion capture and a lidar,
+        which not all have, only where some is."""
         have = self.files.calibration.quantities() if self.files.calibration else {}
-        seen = any(name.startswith("mocap.") for name in have)
+        absent = {verb for verb in ("mocap", "lidar") if verb not in map(verb_of, have)}
         out = [name for name in QUANTITIES if name not in have and name != SELDOM
-               and (seen or verb_of(name) != "mocap")]
+               and verb_of(name) not in absent]
         mapped = self.files.calibration is not None and self.files.calibration.steering.map
         return out if mapped else ["steering.map", *out]
 

@@ -10,35 +10,60 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.cli.output import notices, progress_bar
-from dart_hal.errors import DartHalError
+from dart_hal.errors import DartHalError, UsageError
+from dart_hal.links.base import Backend
+from dart_hal.localisation.field import Map, map_of_grid
+from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.source import open_source
 from dart_hal.types import State
 
 
 @contextmanager
 def opened(url: str | None, car_name: str, cars: Path | None,
-           record: Path | None = None, poses: str | None = None) -> Iterator[Car]:
+           record: Path | None = None, poses: str | None = None, lidar: str | None = None
+           ) -> Iterator[Car]:
     """An open car whose notices have been shown; closed at neutral afterwards.
 
     poses "lidar", "lidar?start=X,Y,YAW": of a simulated car, by its lidar in the map of its room.
     """
-    with (_by_lidar(url, car_name, cars, record, poses)
+    with (_by_lidar(url, car_name, cars, record, poses, lidar)
           if poses is not None and poses.partition("?")[0] == "lidar" else
-          Car.open(url, car=car_name, cars=cars, record=record, poses=poses)) as car:
+          Car.open(url, car=car_name, cars=cars, record=record, poses=poses, lidar=lidar)) as car:
         notices(car.notices)
         yield car
+        say_trouble(car)
+
+
+def say_trouble(car: Car) -> None:
+    """Why no scans came of a lidar that was named."""
+    if car.lidar_trouble is not None:
+        notices((str(car.lidar_trouble),))
 
 
 def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
-              poses: str) -> Car:
-    from dart_hal.cli.localize_truth import map_of_room
+              poses: str, lidar: str | None) -> Car:
     backend = backend_of(url)
     try:
-        source = open_source(poses, map_of_room(backend))
+        source = open_source(poses, map_of(backend))
     except DartHalError:
         backend.close()
         raise
-    return Car.over(backend, car=car_name, cars=cars, record=record, poses=source)
+    return Car.over(backend, car=car_name, cars=cars, record=record, poses=source, lidar=lidar)
+
+
+def map_of(backend: Backend, chart: Path | None = None) -> Map:
+    """The map in a file; without one that of a simulated car's room. Raises UsageError, and the
+    backend is closed then."""
+    try:
+        if chart is not None:
+            return map_of_grid(read_grid(chart))
+        if backend.url.scheme != "sim":
+            raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
+        from dart_hal.cli.localize_truth import map_of_room
+        return map_of_room(backend)
+    except DartHalError:
+        backend.close()
+        raise
 
 
 def with_progress(states: Iterator[State], duration: float, title: str) -> Iterator[State]:

@@ -132,6 +132,16 @@ class MocapCalibration(Table, frozen=True, kw_only=True):
     latency: Quantity | None = None
 
 
+class LidarCalibration(Table, frozen=True, kw_only=True):
+    """How the lidar sits: axis mount_x, mount_y [m] from the rear axle, mount_yaw [rad] of its zero
+    against the car's nose; scale: true distance over the one that it tells."""
+
+    mount_x: Quantity | None = None
+    mount_y: Quantity | None = None
+    mount_yaw: Quantity | None = None
+    scale: Quantity | None = None
+
+
 class Calibration(Table, frozen=True, kw_only=True):
     """All that was measured on the car ``car``; ``provenance`` is free text and hashes."""
 
@@ -144,6 +154,7 @@ class Calibration(Table, frozen=True, kw_only=True):
     imu: ImuCalibration = ImuCalibration()
     latency: LatencyCalibration = LatencyCalibration()
     mocap: MocapCalibration = MocapCalibration()
+    lidar: LidarCalibration = LidarCalibration()
     provenance: dict[str, Any] = msgspec.field(default_factory=dict)
 
     def with_quantities(self, values: dict[str, Quantity | Quantities]) -> Calibration:
@@ -184,7 +195,7 @@ class Calibration(Table, frozen=True, kw_only=True):
         return tuple(names)
 
 
-TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency", "mocap")
+TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency", "mocap", "lidar")
 QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
               "throttle.saturation_us", "throttle.reverse_rest", "throttle.signal_loss",
@@ -193,7 +204,7 @@ QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "t
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
               "latency.pulse_to_wheel_lag", "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag",
               "latency.sensor_to_host", "mocap.marker_x", "mocap.marker_y", "mocap.marker_yaw",
-              "mocap.latency")
+              "mocap.latency", "lidar.mount_x", "lidar.mount_y", "lidar.mount_yaw", "lidar.scale")
 """Names of the measured quantities, as the verbs print them."""
 
 MAX_ANGLE = 0.8
@@ -201,7 +212,7 @@ MAX_ANGLE = 0.8
 
 _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
              "throttle.reverse_rest", "throttle.signal_loss",
-             "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale"}
+             "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale", "lidar.scale"}
 
 
 def parse_calibration(text: str, origin: str, car: str | None = None) -> Calibration:
@@ -230,6 +241,9 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> 
     require(ring is None or abs(sum(ring.value) - len(ring.value)) < 1e-3 * len(ring.value),
             origin, "encoder.ring.value", ring and sum(ring.value),
             f"the sum {len(ring.value) if ring else 0} (mean 1)")
+    scale = cal.lidar.scale
+    require(scale is None or 0.9 <= scale.value <= 1.1, origin, "lidar.scale.value",
+            scale and scale.value, "0.9 to 1.1")
     neutral = cal.throttle.neutral_us
     require(neutral is None or 1000 <= neutral.value <= 2000, origin, "throttle.neutral_us.value",
             neutral and neutral.value, "1000 to 2000 us")

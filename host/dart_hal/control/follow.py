@@ -11,16 +11,16 @@ not come to rest in time is given up at neutral.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.control.ending import PATIENCE, WAIT, Ending, Phase
 from dart_hal.control.lap import CRAWL, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
-from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK, Standing, Stopping
+from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK
 from dart_hal.control.trackers import TRACKERS, Tracker
 from dart_hal.errors import UsageError
 from dart_hal.types import START, FloatArray, MotionEstimate, Pose, Tracking
@@ -33,25 +33,8 @@ STARTS = 0.1
 """m; a room that has not seen the car move yet does not know where its marker sits."""
 JOIN = 6.0
 """m of way to come into the lane: from 1 m beside it at 35 deg to the path 2 m, and a turn."""
-PATIENCE = 0.5
-"""s without a believed pose; at 2 m/s dead reckoning is 2 cm off by then."""
-WAIT = 5.0
-"""s for the first pose."""
 MOST = 5.0
 """m/s; [limits] max_speed of a car that has none of its own."""
-
-
-class Phase(str, Enum):
-    """Where the drive is; see the drawing above."""
-
-    WAITING = "WAITING"
-    JOINING = "JOINING"
-    FOLLOWING = "FOLLOWING"
-    STOPPING = "STOPPING"
-    ENDED = "ENDED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class Command(NamedTuple):
@@ -88,7 +71,7 @@ class Driven:
         return np.array(self.rows).reshape(-1, 7)
 
 
-class Follower:
+class Follower(Ending):
     """One drive. ``answer`` once per State, until ``phase`` is ENDED; ``why`` then tells the end,
     ``good`` whether it was the one that was asked for.
 
@@ -99,6 +82,7 @@ class Follower:
                  rules: Rules | None = None, most: float = MOST) -> None:
         """most [m/s]: of the profile, whatever the cap. Raises UsageError as ``speed_profile``, and
         for laps of an open path."""
+        super().__init__()
         self.rules = rules or Rules()
         if self.rules.laps > 1.0 and not path.closed:
             raise UsageError("the path is not closed, so it has no laps",
@@ -108,17 +92,13 @@ class Follower:
         self.cap = cap
         self.path, self.profile = path, speed_profile(path, plant, most)
         self.tracker: Tracker = TRACKERS[tracker](path, plant)
-        self.phase, self.why, self.good = Phase.WAITING, "", False
         self.begun_at = 0.0
         self.joined = 0
         """Rows of ``driven`` before it was in the lane and under way."""
         self.driven = Driven()
         self._t0: float | None = None
         self._moves = False
-        self._seen = self._lap_t = self._before = 0.0
-        self._speed = self._joining = 0.0
-        self._standing = Standing()
-        self._stopping: Stopping | None = None
+        self._seen = self._lap_t = self._joining = 0.0
 
     def answer(self, motion: MotionEstimate) -> Command:
         """What to command at ``motion.t``. Raises UsageError for a start that is too far away."""
@@ -164,10 +144,6 @@ class Follower:
         end = self.begun_at + self.rules.laps * length if self.path.closed else length
         return end - self.tracker.s
 
-    def stop(self, why: str, *, good: bool = True) -> None:
-        """Slow down and end, at somebody's wish."""
-        self._end(why, Phase.STOPPING, good=good)
-
     def _known(self, motion: MotionEstimate) -> bool:
         return self.rules.odometry or (motion.frame != START
                                        and motion.tracking is Tracking.TRACKING)
@@ -208,11 +184,6 @@ class Follower:
         elif self.remaining <= 0.0:
             self._end("the path is driven", good=True)
 
-    def _end(self, why: str, phase: Phase = Phase.STOPPING, *, good: bool = False) -> None:
-        if not self.why:
-            self.why, self.good = why, good
-            self.phase = phase
-
     def _count_laps(self, t: float) -> None:
         laps = len(self.driven.lap_times) + 1
         if self.path.closed and self.tracker.s >= self.begun_at + laps * self.path.length:
@@ -231,16 +202,6 @@ class Follower:
                 return 0.0
             self._speed = min(self._speed, max(sqrt(2.0 * SLOWS * left), CRAWL))
         return self._speed
-
-    def _stops(self, motion: MotionEstimate) -> float:
-        """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
-        self._stopping = self._stopping or Stopping(self._speed, self._before)
-        speed = self._stopping.speed(motion)
-        if self._stopping.over:
-            self.phase = Phase.ENDED
-        if self._stopping.rolls:
-            self.why, self.good = f"{self.why}, but {self._stopping.rolls}", False
-        return speed
 
 
 def start_of(path: Path, pose: Pose) -> float:

@@ -15,14 +15,15 @@ from math import inf, sqrt
 
 import numpy as np
 
-from dart_hal.control.follow import Command, Driven, Phase
+from dart_hal.control.ending import PATIENCE, WAIT, Ending, Phase
+from dart_hal.control.follow import Command, Driven
 from dart_hal.control.lane import Sight, look
 from dart_hal.control.lane_model import Reckoning
 from dart_hal.control.lap import CRAWL, GRIP
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
-from dart_hal.control.stopping import ROLLS, SLOWS, STUCK, Standing, Stopping
+from dart_hal.control.stopping import ROLLS, SLOWS, STUCK
 from dart_hal.types import FloatArray, Scan
 
 NEAR, PER_SPEED = 0.1, 0.2
@@ -30,15 +31,11 @@ NEAR, PER_SPEED = 0.1, 0.2
 2 deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old."""
 FRONT = 0.3
 """m of the car before the rear axle, and some."""
-PATIENCE = 0.5
-"""s without a lane, four scans; at 2 m/s the car then stops within the 2.5 m that it saw."""
-WAIT = 5.0
-"""s for the first lane; the motor of an X4 takes 1 to 2 s to its pace."""
 BENDS = 0.6
 """m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m."""
 
 
-class LaneFollower:
+class LaneFollower(Ending):
     """One drive. ``answer`` once per State, with the scans since, until ``phase`` is ENDED; ``why``
     then tells the end, ``good`` whether it was one that was asked for.
 
@@ -49,21 +46,18 @@ class LaneFollower:
 
     def __init__(self, plant: Plant, cap: float, distance: float = inf,
                  duration: float = inf) -> None:
+        super().__init__()
         self.plant, self.cap = plant, cap
         self.distance, self.duration = distance, duration
         self.model = Reckoning(plant)
         self._most = plant.steady.fastest  # its tables are made here, not while the car drives
         self.path: Path | None = None
         self.half = self.s = self.offset = 0.0
-        self.phase, self.why, self.good = Phase.WAITING, "", False
         self.driven = Driven()
         self.seen: list[tuple[float, float, float, float]] = []
         """x, y [m], heading [rad] of the lane beside the car and its half width [m], each scan."""
         self._sight: Sight | None = None
         self._begun = self._whole = self._scanned = -inf
-        self._before = self._speed = 0.0
-        self._standing = Standing()
-        self._stopping: Stopping | None = None
 
     def answer(self, t: float, speed: float, scans: Sequence[Scan] = ()) -> Command:
         """What to command at t [s], with the speed [m/s] of the wheels and what came of scans."""
@@ -93,10 +87,6 @@ class LaneFollower:
     def fastest(self) -> float:
         """m/s that may be asked for anywhere."""
         return self.cap
-
-    def stop(self, why: str, *, good: bool = True) -> None:
-        """Slow down and end, at somebody's wish."""
-        self._end(why, good=good)
 
     def _see(self, scan: Scan) -> None:
         """The lane that a scan shows."""
@@ -144,14 +134,10 @@ class LaneFollower:
             return f"only the {'left' if sight.left else 'right'} board is seen"
         return "no boards are seen"
 
-    def _end(self, why: str, phase: Phase = Phase.STOPPING, *, good: bool = False) -> None:
-        if not self.why:
-            self.why, self.good, self.phase = why, good, phase
-
     def _wanted(self, speed: float) -> float:
         """Speed to ask for [m/s]."""
         if self.phase is Phase.STOPPING:
-            return self._stops()
+            return self._stops(self.model.now)
         assert self.path is not None
         left = max(self.path.length - self.s - FRONT, 0.0)
         if left <= speed**2 / (2.0 * ROLLS) and speed < 2.0 * CRAWL:
@@ -165,13 +151,3 @@ class LaneFollower:
         n = max(round(BENDS / path.spacing), 1)
         bends: FloatArray = (path.heading[n:] - path.heading[:-n]) / BENDS
         return GRIP * float(np.min(self._most(bends, self.plant.lock), initial=inf))
-
-    def _stops(self) -> float:
-        """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
-        self._stopping = self._stopping or Stopping(self._speed, self._before)
-        speed = self._stopping.speed(self.model.now)
-        if self._stopping.over:
-            self.phase = Phase.ENDED
-        if self._stopping.rolls:
-            self.why, self.good = f"{self.why}, but {self._stopping.rolls}", False
-        return speed

@@ -103,6 +103,7 @@ class PacedPoses:
 
     def __init__(self, source: PoseSource, link: PacedLink) -> None:
         self.name, self._source, self._link = source.name, source, link
+        self.on_board = source.on_board
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
         with self._link.lock:

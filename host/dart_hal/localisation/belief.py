@@ -29,6 +29,8 @@ STD = np.array((0.05, 0.05, 0.03, 0.03, 0.015, 0.02, 0.016, 0.010, 0.008))
 the published sets (0.011 and 0.034 rad per m/s2); 1.5 % of a bare X4's distances at 2 sigma."""
 SLIP, LATE = 0.0225, 0.01
 """rad per m/s2 and s: means of the same. Half of a packet, its way, and 5 ms of odometry."""
+UNLEARNT = np.array((0.0, 0.0, 0.0, SLIP))
+"""k, b, g, s of a car of which nothing is known."""
 WANDER = np.array((1e-4, 1e-4, 1e-4, 1e-3, 1e-4, 3e-5))**2
 """Variance per s of k, b, g, s, tau, scale: a bias goes by 0.001 rad/s in 100 s, the slip by the
 tyres' being no line."""
@@ -36,9 +38,15 @@ ALONG, ASIDE, TURN = 0.004, 0.004, 0.002
 """m, m, rad per sqrt(m): random errors of the way, of the slip, of the heading."""
 SURPRISE = 25.0
 """Squared deviation of four numbers, 1 in 20 000: a wheel spun, or the car was pushed."""
+LOOSE = 0.15
+"""m/s, one sigma of the speed over ground while the wheels spin: half a second of a bias of 0.1
+m/s2, and 0.1 of when it began."""
 BENT = 0.5
 """Of what the way from the middle of a scan to its end may be wrong by, as an error of the match:
 beams before and after the middle are off to opposite sides, and walls are not seen alike."""
+SPREAD = 0.4
+"""Of the surprise, one sigma of what it bends the scan itself by: what moved the car between two
+middles of scans goes on from the middle to the end, or ended there."""
 PUSHED = np.diag(np.array((0.15, 0.15, 0.06))**2)
 """m, m, rad by which it may have gone then between two scans: a wheel 60 % too quick at 2 m/s."""
 
@@ -63,6 +71,7 @@ class Belief:
         by[POSE, ERRORS] = turn @ way.by
         cov = by @ self.cov @ by.T
         noise = np.diag((ALONG**2, ASIDE**2, TURN**2)) * way.way
+        noise += LOOSE**2 * np.outer(way.loose, way.loose)
         cov[POSE, POSE] += turn @ noise @ turn.T
         index = np.arange(3, len(STD))
         cov[index, index] += WANDER * (way.t[-1] - way.t[0])
@@ -87,14 +96,15 @@ class Belief:
         pushed = replace(self, cov=_pushed(self.cov))
         known = np.linalg.inv(sees @ pushed.cov @ sees.T)
         found = match(chart, points, rays, start, known)
-        return pushed._corrected(sees, known, found, found.pose - start), found
+        return pushed._corrected(sees, known, found, found.pose - start, SPREAD), found
 
-    def _corrected(self, sees: FloatArray, known: FloatArray, found: Match, off: FloatArray
-                   ) -> Belief:
+    def _corrected(self, sees: FloatArray, known: FloatArray, found: Match, off: FloatArray,
+                   spread: float = 0.0) -> Belief:
         """By a match that is ``off`` what was ``known``; its beams were placed by a bent way."""
         bent = np.zeros((4, 4))
         shape = sees[:3, ERRORS]
         bent[:3, :3] = BENT**2 * shape @ self.cov[ERRORS, ERRORS] @ shape.T
+        bent[:3, :3] += spread**2 * np.outer(off[:3], off[:3])
         weaker = np.linalg.inv(np.eye(4) + found.info @ bent)
         pull = weaker @ (known + found.info) @ off
         after = np.linalg.inv(known + weaker @ found.info)

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.lidar.health import Watch
-from dart_hal.localisation.belief import ERRORS, POSE, SLIP, TAU, Belief, again, begun
+from dart_hal.localisation.beams import Beams, beams_of
+from dart_hal.localisation.belief import ERRORS, POSE, TAU, UNLEARNT, Belief, again, begun
 from dart_hal.localisation.field import Map
 from dart_hal.localisation.health import STALE, Judge, Status, agreement
-from dart_hal.localisation.path import Steps, Stretch
-from dart_hal.localisation.search import Found, search
-from dart_hal.types import FloatArray, Pose, Scan
+from dart_hal.localisation.path import Steps
+from dart_hal.localisation.search import search
+from dart_hal.types import Pose, Scan
 
-LEAST = 60
-"""Beams that came back, a tenth of a scan: below, it tells nothing."""
 PROVEN = 5
 """Scans that a pose which was searched must explain, while the car goes on, until it is told."""
 LONGEST = 4.0
@@ -42,17 +41,6 @@ class Located:
     mirrored: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Beams:
-    """points, rays, origin (n, 2) [m] in the axes of the car at the end of ``way``: end points,
-    how they go with the relative scale of the distances, and where each beam began."""
-
-    points: FloatArray
-    rays: FloatArray
-    origin: FloatArray
-    way: Stretch
-
-
 class Localiser:
     """One per car and map. start: x, y [m], yaw [rad] where it is known.
 
@@ -69,9 +57,9 @@ class Localiser:
         self._judge, self._proven = Judge(1.0), 0
         self._learnt: Belief | None = None
 
-    def moved(self, t: float, x: float, y: float, yaw: float) -> None:
-        """Dead reckoning of the State at t [s]."""
-        self._steps.moved(t, x, y, yaw)
+    def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
+        """Dead reckoning of the State at t [s], acceleration [m/s2] along the nose."""
+        self._steps.moved(t, x, y, yaw, accel)
         self._yaw = yaw
 
     def add(self, scan: Scan) -> Located | None:
@@ -95,24 +83,9 @@ class Localiser:
 
     def _beams(self, scan: Scan) -> Beams | None:
         known = self.belief or self._learnt
-        errors = np.array((0.0, 0.0, 0.0, SLIP)) if known is None else known.mean[ERRORS]
+        errors = UNLEARNT if known is None else known.mean[ERRORS]
         late = 0.0 if known is None else float(known.mean[TAU])
-        seen = np.flatnonzero(np.isfinite(scan.distance))
-        at = scan.t - late
-        if len(seen) < LEAST or not self._steps.covers(float(at[0]), float(at[-1])):
-            return None
-        way = self._steps.stretch(float(at[0]), float(at[-1]), errors)
-        when = at[seen] if self.deskew else np.full(len(seen), 0.5 * (at[0] + at[-1]))
-        x, y, yaw = (way.at(when) - way.pose[-1]).T
-        c, s = np.cos(way.pose[-1, 2]), np.sin(way.pose[-1, 2])
-        x, y = c * x + s * y, c * y - s * x
-        bearing, reach = scan.bearing[seen] + yaw, scan.range[seen]
-        cy, sy = np.cos(yaw), np.sin(yaw)
-        mount = scan.mount
-        origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x
-                                  + cy * mount.y))
-        rays = reach[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-        return Beams(origin + rays, rays, origin, way)
+        return beams_of(scan, self._steps, errors, late, deskew=self.deskew)
 
     def _begin(self, beams: Beams) -> bool:
         """Find the car; False where it cannot be found with this scan."""
@@ -125,12 +98,12 @@ class Localiser:
             return False
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
-            self._agreed = found.agreement
-            if found.agreement < STALE or not found.sure:
-                self._nowhere = _why(found)
+            self._agreed = found.agreement.share
+            if not (found.fits and found.sure):
+                self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
                 return False
             pose = found.pose[:3]
-            self._judge = Judge(found.agreement, searched=True)
+            self._judge = Judge(found.agreement.share, searched=True)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -142,19 +115,17 @@ class Localiser:
         belief, found = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)
         agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
-        if status is Status.LOST or self._mirrored or (self._proven < PROVEN and agreed < STALE):
-            self.belief, self._agreed = None, agreed
-            return Located(t, arrival, Status.LOST, None, agreed, self._mirrored)
+        if status is Status.LOST or self._mirrored or (self._proven < PROVEN
+                                                            and agreed.proof < STALE):
+            self.belief, self._agreed = None, agreed.share
+            return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief
         self._proven += 1
         if self._proven <= PROVEN or self._judge.doubted:
-            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None, agreed)
+            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None,
+                           agreed.share)
         self._learnt = belief
         cov = belief.cov[POSE, POSE].copy()
         cov.setflags(write=False)
         x, y, yaw = belief.mean[POSE].tolist()
-        return Located(t, arrival, status, Pose(x, y, yaw, cov), agreed)
-
-
-def _why(found: Found) -> Status:
-    return Status.LOST if found.agreement < STALE else Status.AMBIGUOUS
+        return Located(t, arrival, status, Pose(x, y, yaw, cov), agreed.share)

@@ -16,6 +16,7 @@ from math import cos, sin
 
 import numpy as np
 
+from dart_hal.localisation.spin import WINDOW, Spin
 from dart_hal.types import FloatArray
 
 KEPT = 6.0
@@ -27,12 +28,14 @@ AHEAD = 0.1
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """t (n + 1,) [s]: nodes; pose (n + 1, 3): x, y [m], yaw [rad] there, in the axes of the car at
-    the first; by (3, 4): how the last goes with k, b, g, s; way [m], turn [rad]: driven, without
-    sign; rate (3,): vx, vy [m/s], yaw rate [rad/s] at the end, in the same axes."""
+    the first; by (3, 4): how the last goes with k, b, g, s; loose (3,) [s]: with the speed while
+    the wheels were not believed; way [m], turn [rad]: driven, without sign;
+    rate (3,): vx, vy [m/s], yaw rate [rad/s] at the end, in the same axes."""
 
     t: FloatArray
     pose: FloatArray
     by: FloatArray
+    loose: FloatArray
     way: float
     turn: float
     rate: FloatArray
@@ -47,25 +50,41 @@ class Steps:
 
     def __init__(self) -> None:
         self._t: list[float] = []
-        self._steps: list[tuple[float, float, float]] = []
+        self._steps: list[tuple[float, float, float, float]] = []
+        self._spin = Spin()
         self._last: tuple[float, float, float] | None = None
 
-    def moved(self, t: float, x: float, y: float, yaw: float) -> None:
-        """The car by dead reckoning at t [s]; what is not later than the last is no news."""
+    def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
+        """The car by dead reckoning at t [s], and its acceleration [m/s2] along the nose where one
+        is known; what is not later than the last is no news."""
         if self._t and t <= self._t[-1]:
             return
-        step = (0.0, 0.0, 0.0)
+        step = (0.0, 0.0, 0.0, 0.0)
         if self._last is not None:
             x0, y0, yaw0 = self._last
             middle = 0.5 * (yaw + yaw0)
             c, s = cos(middle), sin(middle)
-            step = (c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), yaw - yaw0)
+            step = (c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), yaw - yaw0,
+                    0.0)
+            ground = self._spin.moved(step[0], t - self._t[-1], accel)
+            if ground is not None:
+                step = self._slipped(ground, t, step)
         self._last = (x, y, yaw)
         self._t.append(t)
         self._steps.append(step)
         if len(self._t) > 200 and self._t[len(self._t) // 2] < t - KEPT:
             half = len(self._t) // 2
             del self._t[:half], self._steps[:half]
+
+    def _slipped(self, ground: float, t: float, step: tuple[float, float, float, float]
+                 ) -> tuple[float, float, float, float]:
+        """The step at a speed [m/s] over ground, and those in which it was not noticed yet."""
+        dt = t - self._t[-1]
+        for k in range(-min(WINDOW - 1, len(self._steps) - 1), 0):
+            _, aside, turn, _ = self._steps[k]
+            before = self._t[k] - self._t[k - 1]
+            self._steps[k] = (ground * before, aside, turn, before)
+        return ground * dt, step[1], step[2], dt
 
     def covers(self, start: float, end: float) -> bool:
         """Whether there are steps from ``start`` to ``end`` [s]."""
@@ -84,10 +103,10 @@ class Steps:
 
 
 def _laid(t: FloatArray, raw: FloatArray, known: FloatArray) -> Stretch:
-    """Steps (n, 3) one behind the other, corrected; t (n + 1,) [s]."""
+    """Steps (n, 4) one behind the other, corrected; t (n + 1,) [s]."""
     k, b, g, s = known.tolist()
     dt = np.maximum(np.diff(t), 1e-9)
-    dx, dy, dw = raw.T
+    dx, dy, dw, doubted = raw.T
     slips = dx * dw * dx / (dt * dt)
     along, aside, turn = (1.0 + k) * dx, (1.0 + k) * dy - s * slips, (1.0 + g) * dw - b * dt
     yaw = np.concatenate(((0.0,), np.cumsum(turn)))
@@ -107,4 +126,5 @@ def _laid(t: FloatArray, raw: FloatArray, known: FloatArray) -> Stretch:
          -(c * slips).sum()),
         (0.0, -dt.sum(), dw.sum(), 0.0)))
     rate = np.array((ex[-1], ey[-1], turn[-1])) / dt[-1]
-    return Stretch(t, pose, by, float(np.abs(dx).sum()), float(np.abs(dw).sum()), rate)
+    loose = np.array(((c * doubted).sum(), (n * doubted).sum(), 0.0))
+    return Stretch(t, pose, by, loose, float(np.abs(dx).sum()), float(np.abs(dw).sum()), rate)

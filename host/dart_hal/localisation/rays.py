@@ -1,23 +1,16 @@
-"""Where rays meet lines: exactly, by numpy, or by C where there is a compiler.
-
-``rays.c`` is compiled once, kept in the user's cache and held against numpy before its first
-use, as the kernels of ``dart_hal.vehicle.native``; DART_HAL_NATIVE=0 switches it off.
-"""
+"""Where rays meet lines: exactly, by numpy, or by C (``rays.c``) where there is a compiler."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
+from dart_hal.localisation.native import function
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.native.build import CannotCompile, Variant, cache_folder, compile_kernel
-from dart_hal.vehicle.native.library import switched_off
 
-SOURCE = Path(__file__).with_name("rays.c")
 FAR = 1e9
 """m: a ray that meets nothing."""
 SLACK = 1e-9
@@ -64,24 +57,18 @@ def _pairs(lines: FloatArray, origin: FloatArray, direction: FloatArray) -> Floa
 @lru_cache(maxsize=1)
 def native() -> Cast | None:
     """``Cast`` by C; None where it cannot be had, or says something else than numpy."""
-    if switched_off():
-        return None
-    try:
-        path = compile_kernel(SOURCE.read_text(encoding="utf-8"), Variant(64, False),
-                              cache_folder())
-        function = ctypes.CDLL(str(path)).cast
-    except (CannotCompile, OSError, AttributeError):
+    compiled = function("cast", "rays.c")
+    if compiled is None:
         return None
     number, address = ctypes.c_int64, ctypes.c_void_p
-    function.argtypes = [number, number, ctypes.c_double, ctypes.c_double, *[address] * 9]
-    function.restype = None
+    compiled.argtypes = [number, number, ctypes.c_double, ctypes.c_double, *[address] * 9]
 
     def cast(lines: FloatArray, origin: FloatArray, direction: FloatArray) -> FloatArray:
         ends = np.array(lines.T, dtype=np.float64, order="C")
         ends[2:] -= ends[:2]
         columns = [*np.array(origin.T, order="C"), *np.array(direction.T, order="C"), *ends]
         out = np.empty(len(origin))
-        function(len(origin), len(lines), FAR, SLACK, *[c.ctypes.data for c in columns],
+        compiled(len(origin), len(lines), FAR, SLACK, *[c.ctypes.data for c in columns],
                  out.ctypes.data)
         return out
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.localisation.field import REACH, Map
-from dart_hal.localisation.health import agreement
+from dart_hal.localisation.health import STALE, Agreement, agreement
 from dart_hal.localisation.matcher import C, match
 from dart_hal.types import FloatArray, IntArray
 
@@ -37,28 +37,34 @@ LOOSE = np.diag(1.0 / np.array((0.3, 0.3, 0.2, 0.008))**2)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """pose (4,): x, y [m], yaw [rad], scale; agreement of it, and of the best other place."""
+    """pose (4,): x, y [m], yaw [rad], scale; agreement of it; other: share of the beams that agree
+    at the best other place."""
 
     pose: FloatArray
-    agreement: float
+    agreement: Agreement
     other: float
 
     @property
     def sure(self) -> bool:
         """Whether no other place is nearly as good."""
-        return self.agreement > self.other + MARGIN
+        return self.agreement.share > self.other + MARGIN
+
+    @property
+    def fits(self) -> bool:
+        """Whether this is the room of the map."""
+        return self.agreement.proof >= STALE
 
 
 def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray) -> Found:
     """The best place for a scan; points, rays (n, 2) [m] as ``match`` takes them, origin (n, 2)
     [m]: of each beam in the same axes."""
-    judged: list[tuple[float, FloatArray]] = []
+    judged: list[tuple[Agreement, FloatArray]] = []
     for start in _coarse(chart, points[::EVERY]):
         pose = match(chart, points, rays, start, LOOSE).pose
         if all(_another(pose, known) for _, known in judged):
             judged.append((agreement(chart, pose, points, rays, origin), pose))
-    judged.sort(key=lambda one: -one[0])
-    others = [share for share, pose in judged[1:]]
+    judged.sort(key=lambda one: -one[0].share)
+    others = [agreed.share for agreed, _ in judged[1:]]
     return Found(judged[0][1], judged[0][0], max(others, default=0.0))
 
 

@@ -35,6 +35,8 @@ class LidarPoses:
     ``newest``: what the last scan told, None before it; ``dropped``: scans that were too many.
     """
 
+    on_board = True
+
     def __init__(self, chart: Map, start: tuple[float, float, float] | None = None,
                  name: str = "lidar") -> None:
         self.name, self.chart, self.dropped = name, chart, 0
@@ -86,7 +88,8 @@ class LidarPoses:
 
     def _locate(self, states: tuple[State, ...], scan: Scan) -> None:
         for state in states:
-            self._localiser.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw)
+            self._localiser.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw,
+                                  state.accel_x)
         told = self._localiser.add(scan)
         self.newest = told or self.newest
         if told is not None and told.pose is not None and told.t >= 0.0:

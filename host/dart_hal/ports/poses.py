@@ -9,9 +9,11 @@ from dart_hal.types import ExternalPose
 
 
 class PoseSource(Protocol):
-    """A stream of poses of one body. ``name``: what messages call it."""
+    """A stream of poses of one body. ``name``: what messages call it; ``on_board``: they are of the
+    rear axle and by the car's own clock, for the car makes them itself."""
 
     name: str
+    on_board: bool
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
         """Poses that have arrived since the last call, in order of arrival; never blocks.

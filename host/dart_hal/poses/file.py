@@ -18,6 +18,8 @@ OPTIONAL = ("std", "yaw_std")
 class FileSource:
     """The first row comes with the first poll, the others as long after it as their stamps say."""
 
+    on_board = False
+
     def __init__(self, path: Path, readings: Iterable[Reading]) -> None:
         self.name = f"file://{path}"
         self._rows = deque(readings)

@@ -29,6 +29,8 @@ class NatNetSource:
     frames in which the body was not seen; ``others``: other bodies' names.
     """
 
+    on_board = False
+
     def __init__(self, host: str, port: int, convention: Convention, name: str,
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name

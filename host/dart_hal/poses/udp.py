@@ -151,6 +151,8 @@ class UdpSource:
     the last one; ``others``: names of other bodies that were told.
     """
 
+    on_board = False
+
     def __init__(self, datagrams: Datagrams, parse: Parse, convention: Convention,
                  name: str) -> None:
         self.name = name

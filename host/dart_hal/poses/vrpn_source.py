@@ -26,6 +26,8 @@ class VrpnSource:
     """Poses of one tracker. ``why``, ``refused``, ``others`` as those of NatNetSource;
     ``connections``: how often it was connected."""
 
+    on_board = False
+
     def __init__(self, host: str, port: int, sensor: int, convention: Convention, name: str,
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name

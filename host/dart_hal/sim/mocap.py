@@ -143,6 +143,8 @@ class SimMocap:
 
     name = "the motion capture of sim://"
 
+    on_board = False
+
     def __init__(self, world: World, params: MocapParams) -> None:
         self._world, self._params = world, params
         seed = world.car.seed

@@ -69,6 +69,10 @@ def reveal_url(url: Url) -> dict[str, Any]:
         shown["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,
                              "mocap.marker_yaw": mocap.theta, "mocap.latency": mocap.latency}
     seen = lidar_in_room(url, drawn.base.seed)
+    if seen:
+        unit = seen[0]
+        shown["sensors"] |= {"lidar.mount_x": unit.x, "lidar.mount_y": unit.y,
+                             "lidar.mount_yaw": unit.yaw, "lidar.scale": unit.scale}
     return {**shown, "mocap": mocap and asdict(mocap), "lidar": seen and asdict(seen[0]),
             "room": seen and _room(seen[1])}
 

@@ -1,0 +1,81 @@
+/* Gauss-Newton of matcher.py: from `pose` on, which becomes the best; `info` is what the scan tells.
+ *
+ * Beams p, q (n, 2) by rows: end points and how they go with the scale. A patch of the map holds the
+ * distance at a node and what x, y and x y add to it. The system is of order 4 and positive definite,
+ * for `known` is: Cholesky.
+ */
+#include <math.h>
+#include <stdint.h>
+
+static void solve(const double a[16], const double b[4], double x[4])
+{
+    double l[4][4];
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j <= i; j++) {
+            double s = a[4 * i + j];
+            for (int k = 0; k < j; k++)
+                s -= l[i][k] * l[j][k];
+            l[i][j] = i == j ? sqrt(s) : s / l[j][j];
+        }
+    for (int i = 0; i < 4; i++) {
+        double s = b[i];
+        for (int k = 0; k < i; k++)
+            s -= l[i][k] * x[k];
+        x[i] = s / l[i][i];
+    }
+    for (int i = 3; i >= 0; i--) {
+        double s = x[i];
+        for (int k = i + 1; k < 4; k++)
+            s -= l[k][i] * x[k];
+        x[i] = s / l[i][i];
+    }
+}
+
+void match(int64_t n, const double *restrict p, const double *restrict q,
+           int64_t rows, int64_t columns, const double *restrict patch,
+           double left, double low, double cell, double c2, double far, double sigma,
+           const double *restrict known, int64_t steps, double small, double *restrict pose,
+           double *restrict info)
+{
+    const double start[4] = {pose[0], pose[1], pose[2], pose[3]};
+    const double strength = c2 * c2 / (sigma * sigma);
+    for (int64_t step = 0; step < steps; step++) {
+        const double c = cos(pose[2]), s = sin(pose[2]);
+        double h[16] = {0.0}, g[4] = {0.0};
+        for (int64_t i = 0; i < n; i++) {
+            const double qx = c * q[2 * i] - s * q[2 * i + 1], qy = s * q[2 * i] + c * q[2 * i + 1];
+            const double rx = c * p[2 * i] - s * p[2 * i + 1] + pose[3] * qx;
+            const double ry = s * p[2 * i] + c * p[2 * i + 1] + pose[3] * qy;
+            const double u = fmin(fmax((rx + pose[0] - left) / cell, 0.0), columns - 1.001);
+            const double v = fmin(fmax((ry + pose[1] - low) / cell, 0.0), rows - 1.001);
+            const int64_t iu = (int64_t)u, iv = (int64_t)v;
+            const double *f = patch + 4 * (iv * columns + iu), du = u - iu, dv = v - iv;
+            const double grow = f[2] + f[3] * du;
+            const double d = f[0] + f[1] * du + grow * dv;
+            const double gx = (f[1] + f[3] * dv) / cell, gy = grow / cell;
+            const double e = c2 + d * d, w = d <= far ? strength / (e * e) : 0.0;
+            const double j[4] = {gx, gy, gy * rx - gx * ry, gx * qx + gy * qy};
+            for (int a = 0; a < 4; a++) {
+                g[a] += w * j[a] * d;
+                for (int b = 0; b <= a; b++)
+                    h[4 * a + b] += w * j[a] * j[b];
+            }
+        }
+        double whole[16], right[4], move[4], most = 0.0;
+        for (int a = 0; a < 4; a++) {
+            right[a] = -g[a];
+            for (int b = 0; b < 4; b++) {
+                info[4 * a + b] = h[a > b ? 4 * a + b : 4 * b + a];
+                whole[4 * a + b] = info[4 * a + b] + known[4 * a + b];
+                right[a] -= known[4 * a + b] * (pose[b] - start[b]);
+            }
+        }
+        solve(whole, right, move);
+        for (int a = 0; a < 4; a++) {
+            pose[a] += move[a];
+            most = fmax(most, fabs(move[a]));
+        }
+        if (most < small)
+            break;
+    }
+}

@@ -1,0 +1,93 @@
+"""What the ESC gets while ``dart-hal localize --speed`` drives, and the car gets lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from dart_hal import Car
+from dart_hal.cli.localize import drive
+from dart_hal.control import while_located
+from dart_hal.control.ending import PATIENCE, Phase
+from dart_hal.control.while_located import WhileLocated
+from dart_hal.links.base import open_backend
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.source import LidarPoses
+from dart_hal.sim.truth import room_of_car, world_of
+from dart_hal.sim.world import THROTTLE
+
+LOST_AT, SLOWS = 4.5, 0.8
+"""s of the world from which on scans fit no map; s in which a car of 1 m/s has slowed down, with
+the scan that was on its way."""
+WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+
+
+class Wrong:
+    """Scans of another source, from a time [s] on of no room, or none at all."""
+
+    trouble = None
+
+    def __init__(self, source, start, *, silent=False):
+        self.name, self._source, self._start, self._silent = source.name, source, start, silent
+
+    def poll(self, now):
+        scans = self._source.poll(now)
+        return [s if s.arrival < self._start else replace(s, distance=np.full(len(s), 0.4))
+                for s in scans if s.arrival < self._start or not self._silent]
+
+    def close(self):
+        self._source.close()
+
+
+def driven(start, *, silent=False, duration=inf):
+    """(drive, ESC's neutral [us], pulses (n, 2): t [s], us)."""
+    backend = open_backend("sim://?seed=0&nano=mock&lidar=1&map=room")
+    world, pulses = world_of(backend), []
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
+    source = LidarPoses(map_of_lines(room_of_car(backend).lines))
+    backend.lidar = Wrong(backend.lidar, start, silent=silent)
+    with Car.over(backend, poses=source) as car:
+        ended = WhileLocated(1.0, duration)
+        drive(car, source, ended, 0.3, WAIVED, [])
+        car.stop()
+        neutral = car.files.config.throttle.neutral_us
+        for _ in car.states(duration=1.0):
+            pass
+    return ended, neutral, np.array(pulses)
+
+
+@pytest.mark.few("False")
+@pytest.mark.cpu(4)
+@pytest.mark.parametrize("silent", [False, True])
+def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
+    ended, neutral, pulses = driven(LOST_AT, silent=silent)
+    t, us = pulses.T
+    assert ended.phase is Phase.ENDED
+    assert not ended.good
+    assert "the pose was lost" in ended.why
+    first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
+    assert 0.8 < first < LOST_AT - 0.5                   # it stands until five scans were explained
+    late = t > LOST_AT + PATIENCE + 0.15
+    assert us[late].max() <= us[(t > first) & ~late].max()
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[-5:] == pytest.approx(neutral, abs=5.0)    # one count of the PCA9685
+
+
+@pytest.mark.more
+def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
+    monkeypatch.setattr(while_located, "PATIENCE", 1e9)
+    _, neutral, pulses = driven(LOST_AT, duration=5.0)
+    t, us = pulses.T
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+
+
+@pytest.mark.more
+def test_a_car_that_is_never_found_never_moves():
+    ended, neutral, pulses = driven(0.0)
+    t, us = pulses.T
+    assert ended.why == "no pose came within 5 s"
+    assert us[t > 0.5].max() < neutral + 5.0

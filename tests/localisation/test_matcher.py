@@ -1,0 +1,60 @@
+"""The matcher: what C says is what numpy says, and who tells otherwise is not used."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.localisation import matcher
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.rays import cast_numpy
+from dart_hal.sim.lidar.maps import room_of
+
+
+def scan_of(seed):
+    """Map, points of a noisy scan with a tenth of them anywhere, and a start 3 cm and 1 deg aside.
+    """
+    room, rng = room_of("room", seed), np.random.default_rng(seed)
+    turn = np.linspace(0.0, 2.0 * np.pi, 606, endpoint=False)
+    direction = np.column_stack((np.cos(turn), np.sin(turn)))
+    x, y, _ = room.start
+    reach = cast_numpy(room.lines, np.tile((x, y), (606, 1)), direction)
+    reach = np.where(rng.uniform(size=606) < 0.1, rng.uniform(0.1, 12.0, 606), reach)
+    points = (reach + 0.015 * rng.normal(size=606))[:, None] * direction
+    return (map_of_lines(room.lines), points[reach < 20.0], points[reach < 20.0],
+            np.array((x + 0.02, y - 0.02, 0.02, 0.004)), np.diag((2500.0, 2500.0, 1e4, 1e5)))
+
+
+@pytest.mark.parametrize("small", [0.0, matcher.SMALL])
+def test_the_kernel_says_what_numpy_says(small):
+    by_c = matcher.native()
+    if by_c is None:
+        pytest.skip("no C compiler")
+    for seed in range(8):
+        given = scan_of(seed)
+        want, got = matcher.match_numpy(*given, small), by_c(*given, small)
+        assert got.pose == pytest.approx(want.pose, abs=1e-9)
+        assert got.info == pytest.approx(want.info, rel=1e-6, abs=1e-3)
+        assert np.hypot(*(want.pose[:2] - given[3][:2])) > 0.01
+
+
+def test_one_that_says_otherwise_is_not_used():
+    """The control is numpy itself."""
+    def wrong(*given):
+        found = matcher.match_numpy(*given)
+        return matcher.Match(found.pose + 1e-6, found.info)
+
+    assert matcher._agrees(matcher.match_numpy)
+    assert not matcher._agrees(wrong)
+
+
+def test_numpy_takes_over_where_it_is_switched_off(monkeypatch):
+    monkeypatch.setenv("DART_HAL_NATIVE", "0")
+    matcher.native.cache_clear()
+    try:
+        assert matcher.native() is None
+        given = scan_of(3)
+        assert matcher.match(*given).pose == pytest.approx(matcher.match_numpy(*given).pose)
+    finally:
+        monkeypatch.undo()
+        matcher.native.cache_clear()
