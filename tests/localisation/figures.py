@@ -214,7 +214,7 @@ def kidnapped(d: Drive) -> Drive:
     c, s = np.cos(turn), np.sin(turn)
     xy = later[:, :2] @ np.array(((c, s), (-s, c)))
     told = np.vstack((d.told[:cut], d.told[cut - 1] + np.column_stack((xy, later[:, 2]))))
-    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved)
+    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved, d.lines)
 
 
 ALL = {"track": track, "control": control, "cpu": cpu, "flags": flags, "starts": starts,

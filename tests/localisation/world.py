@@ -56,7 +56,7 @@ def hidden(seed: int, **fixed: float) -> Hidden:
 @dataclass(frozen=True)
 class Drive:
     """truth (n, 3) at t (n,); told (n, 3): dead reckoning then; scans with the times that they
-    tell; lines: what the lidar sees beside the map."""
+    tell; lines: what stands there, in the map or not."""
 
     chart: Map
     room: Room
@@ -64,6 +64,7 @@ class Drive:
     truth: FloatArray
     told: FloatArray
     scans: list[Scan]
+    lines: FloatArray
 
     def true(self, t: float) -> FloatArray:
         return np.array([np.interp(t, self.t, column) for column in self.truth.T])
@@ -110,9 +111,14 @@ def _wander(chart: Map, start: tuple[float, float, float], speed: float, seconds
 
 
 def drive(seed: int, hid: Hidden) -> Drive:
+    """About the room of a seed."""
     rng = np.random.default_rng([seed, 8])
     room = room_of("room", seed)
-    way = wander(room, hid.speed, hid.seconds, rng)
+    return drive_along(room, wander(room, hid.speed, hid.seconds, rng), hid, rng)
+
+
+def drive_along(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generator) -> Drive:
+    """Along a way as that of ``wander``, from rest."""
     n = len(way)
     t = 1.0 + DT * np.arange(n)
     speed = np.minimum(hid.speed, 2.0 * (t - t[0]))
@@ -122,7 +128,7 @@ def drive(seed: int, hid: Hidden) -> Drive:
     told = _told(t, truth, np.cos(hid.slip * lateral), hid, rng)
     lines = np.vstack((room.lines, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
-                 list(_scans(lines, room.glass, t, truth, hid, rng, n)))
+                 list(_scans(lines, room.glass, t, truth, hid, rng, n)), lines)
 
 
 def _resampled(way: FloatArray, at: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
 """Scans, wheels and gyro into poses in a map: search, then track, and say when it fails.
 
-``moved`` for each State, ``add`` for each scan that is whole by then. A scan is taken apart into
-beams, each placed by the odometry at its own time in the axes that the car has at the last one.
+``moved`` for each State, ``add`` for each scan that is whole by then.
 """
 
 from __future__ import annotations
@@ -11,15 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.lidar.health import Watch
+from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import ERRORS, POSE, SLIP, TAU, Belief, again, begun
 from dart_hal.localisation.field import Map
 from dart_hal.localisation.health import STALE, Judge, Status, agreement
-from dart_hal.localisation.path import Steps, Stretch
+from dart_hal.localisation.path import Steps
 from dart_hal.localisation.search import Found, search
-from dart_hal.types import FloatArray, Pose, Scan
+from dart_hal.types import Pose, Scan
 
-LEAST = 60
-"""Beams that came back, a tenth of a scan: below, it tells nothing."""
 PROVEN = 5
 """Scans that a pose which was searched must explain, while the car goes on, until it is told."""
 LONGEST = 4.0
@@ -40,17 +38,6 @@ class Located:
     pose: Pose | None
     agreement: float
     mirrored: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Beams:
-    """points, rays, origin (n, 2) [m] in the axes of the car at the end of ``way``: end points,
-    how they go with the relative scale of the distances, and where each beam began."""
-
-    points: FloatArray
-    rays: FloatArray
-    origin: FloatArray
-    way: Stretch
 
 
 class Localiser:
@@ -97,22 +84,7 @@ class Localiser:
         known = self.belief or self._learnt
         errors = np.array((0.0, 0.0, 0.0, SLIP)) if known is None else known.mean[ERRORS]
         late = 0.0 if known is None else float(known.mean[TAU])
-        seen = np.flatnonzero(np.isfinite(scan.distance))
-        at = scan.t - late
-        if len(seen) < LEAST or not self._steps.covers(float(at[0]), float(at[-1])):
-            return None
-        way = self._steps.stretch(float(at[0]), float(at[-1]), errors)
-        when = at[seen] if self.deskew else np.full(len(seen), 0.5 * (at[0] + at[-1]))
-        x, y, yaw = (way.at(when) - way.pose[-1]).T
-        c, s = np.cos(way.pose[-1, 2]), np.sin(way.pose[-1, 2])
-        x, y = c * x + s * y, c * y - s * x
-        bearing, reach = scan.bearing[seen] + yaw, scan.range[seen]
-        cy, sy = np.cos(yaw), np.sin(yaw)
-        mount = scan.mount
-        origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x
-                                  + cy * mount.y))
-        rays = reach[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-        return Beams(origin + rays, rays, origin, way)
+        return beams_of(scan, self._steps, errors, late, deskew=self.deskew)
 
     def _begin(self, beams: Beams) -> bool:
         """Find the car; False where it cannot be found with this scan."""

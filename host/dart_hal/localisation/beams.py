@@ -1,0 +1,48 @@
+"""A scan taken apart: each beam where the odometry says that the car was at the beam's own time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.localisation.path import Steps, Stretch
+from dart_hal.types import FloatArray, Scan
+
+LEAST = 60
+"""Beams that came back, a tenth of a scan: below, it tells nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beams:
+    """points, rays, origin (n, 2) [m] in the axes of the car at the end of ``way``: end points,
+    how they go with the relative scale of the distances, and where each beam began."""
+
+    points: FloatArray
+    rays: FloatArray
+    origin: FloatArray
+    way: Stretch
+
+
+def beams_of(scan: Scan, steps: Steps, errors: FloatArray, late: float, *,
+             deskew: bool = True) -> Beams | None:
+    """The beams that came back; None where they are too few, or there is no odometry for them.
+
+    errors (4,): of the odometry, as ``Steps.stretch`` takes them; late [s]: of the scan's times;
+    deskew: False puts all beams at the middle of the scan.
+    """
+    seen = np.flatnonzero(np.isfinite(scan.distance))
+    at = scan.t - late
+    if len(seen) < LEAST or not steps.covers(float(at[0]), float(at[-1])):
+        return None
+    way = steps.stretch(float(at[0]), float(at[-1]), errors)
+    when = at[seen] if deskew else np.full(len(seen), 0.5 * (at[0] + at[-1]))
+    x, y, yaw = (way.at(when) - way.pose[-1]).T
+    c, s = np.cos(way.pose[-1, 2]), np.sin(way.pose[-1, 2])
+    x, y = c * x + s * y, c * y - s * x
+    bearing, reach = scan.bearing[seen] + yaw, scan.range[seen]
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    mount = scan.mount
+    origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x + cy * mount.y))
+    rays = reach[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
+    return Beams(origin + rays, rays, origin, way)
