@@ -120,10 +120,14 @@ def loops(name: str, drives: list[Drive], **how: bool) -> None:
 
 def control(first: int, seeds: int) -> None:
     """Without de-skewing, 20 s at 1 m/s."""
+    drives = [drive(s, hidden(s, seconds=20.0)) for s in range(first, first + seeds)]
     for deskew in (True, False):
-        loops(f"room 1 m/s, 20 s, {'' if deskew else 'no '}de-skewing",
-              [drive(s, hidden(s, seconds=20.0)) for s in range(first, first + seeds)],
-              deskew=deskew)
+        surveys = [(mapped(d, deskew=deskew), d) for d in drives]
+        off = [rms(laid(survey, d).off) for survey, d in surveys]
+        bad = [(walls(grid_of(s), laid(s, d), d.lines)[0] > 0.02).mean() for s, d in surveys]
+        print(f"room 1 m/s, 20 s, {'' if deskew else 'no '}de-skewing, n {len(off)}: path "
+              f"{100 * np.median(off):.2f} ({100 * max(off):.2f}) cm rms; cells off by 2 cm "
+              f"{100 * np.median(bad):.2f} ({100 * max(bad):.2f}) %", flush=True)
 
 
 ALL: dict[str, Callable[[int, int], None]] = {"rooms": rooms, "ring": ring, "control": control}

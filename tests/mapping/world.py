@@ -84,7 +84,7 @@ class Placed:
 def laid(survey: Survey, d: Drive, late: float = 0.010) -> Placed:
     """By least squares over the path: where a map's origin lies is nobody's error."""
     table, last = survey.path(), np.array([float(scan.t[-1]) for scan in d.scans])
-    told = last[np.abs(last - late - table[:, :1]).argmin(axis=1)]  # whatever was learnt of ``late``
+    told = last[np.abs(last - late - table[:, :1]).argmin(axis=1)]  # whatever was learnt of it
     path, true = table[:, 1:], np.array([d.true(t - late) for t in told])
     a, b = path[:, :2] - path[:, :2].mean(axis=0), true[:, :2] - true[:, :2].mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))

@@ -40,20 +40,17 @@ def grid_of(survey: Survey, cell: float = CELL) -> Grid:
     views = [(view, onto(pose, view.at)) for frame, pose in
              zip(survey.frames, survey.poses, strict=True) for view in frame.views]
     ends = [placed(view.points, pose) for view, pose in views]
-    low = np.min([e.min(axis=0) for e in ends], axis=0) - (AROUND + 1) * cell
-    high = np.max([e.max(axis=0) for e in ends], axis=0) + (AROUND + 1) * cell
-    low = cell * np.floor(low / cell)
-    columns, rows = np.ceil((high - low) / cell).astype(int).tolist()
-    _check(columns, rows)
+    begins = [placed(view.origin, pose) for view, pose in views]
+    low, (columns, rows) = _frame(begins + ends, cell)
     hits, misses = np.zeros(rows * columns), np.zeros(rows * columns)
 
     def count(cells: FloatArray, at: FloatArray) -> None:
         column, row = ((at - low) / cell).astype(int).T
         cells += np.bincount(row * columns + column, minlength=rows * columns)
 
-    for (view, pose), end in zip(views, ends, strict=True):
+    for begin, end in zip(begins, ends, strict=True):
         count(hits, end)
-        count(misses, passed(placed(view.origin, pose), end, cell))
+        count(misses, passed(begin, end, cell))
     odds = log_odds(hits, misses).reshape(rows, columns)
     wall = thinned(hits.reshape(rows, columns), cell) & (odds > OCCUPIED)
     return Grid(wall, odds < FREE, cell, low)
@@ -110,7 +107,13 @@ def _moved(cells: FloatArray, i: int, j: int) -> FloatArray:
     return np.roll(cells, (-j, -i), axis=(0, 1))
 
 
-def _check(columns: int, rows: int) -> None:
+def _frame(places: list[FloatArray], cell: float) -> tuple[FloatArray, tuple[int, int]]:
+    """Lower left corner [m] of a grid that holds all places; its columns and rows."""
+    low = np.min([p.min(axis=0) for p in places], axis=0) - (AROUND + 1) * cell
+    high = np.max([p.max(axis=0) for p in places], axis=0) + (AROUND + 1) * cell
+    low = cell * np.floor(low / cell)
+    columns, rows = np.ceil((high - low) / cell).astype(int).tolist()
     if columns * rows > MOST:
         raise UsageError("the map is too large", found=f"{columns} x {rows} cells",
                          expected=f"at most {MOST}", remedy="--cell 0.05")
+    return low, (columns, rows)
