@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from tests.localisation.figures import rms
 from tests.localisation.world import Drive, drive, hidden
-from tests.mapping.world import again, around, gap, laid, mapped, walls
+from tests.mapping.world import again, around, gap, mapped, placed_on, walls
 
 from dart_hal.localisation.field import map_of_grid
 from dart_hal.localisation.grid import Grid, read_grid, write_grid
@@ -73,7 +73,7 @@ def rooms(first: int, seeds: int, speeds: tuple[float, ...] = (0.5, 1.0, 2.0)) -
             finally:
                 seed += 1
             survey = mapped(d)
-            placed, grid = laid(survey, d), written(grid_of(survey))
+            placed, grid = placed_on(survey, d), written(grid_of(survey))
             off, which = walls(grid, placed, d.lines)
             away = localised(grid, second, placed)
             out = off[outer(d)[which]]
@@ -105,7 +105,7 @@ def loops(name: str, drives: list[Drive], **how: bool) -> None:
     rows = []
     for d in drives:
         survey = mapped(d, **how)
-        placed = laid(survey, d)
+        placed = placed_on(survey, d)
         off, _ = walls(grid_of(survey), placed, d.lines)
         rows.append((*gap(placed), rms(placed.off), np.median(off), (off > 0.02).mean()))
     table = np.array(rows)
@@ -123,8 +123,8 @@ def control(first: int, seeds: int) -> None:
     drives = [drive(s, hidden(s, seconds=20.0)) for s in range(first, first + seeds)]
     for deskew in (True, False):
         surveys = [(mapped(d, deskew=deskew), d) for d in drives]
-        off = [rms(laid(survey, d).off) for survey, d in surveys]
-        bad = [(walls(grid_of(s), laid(s, d), d.lines)[0] > 0.02).mean() for s, d in surveys]
+        off = [rms(placed_on(survey, d).off) for survey, d in surveys]
+        bad = [(walls(grid_of(s), placed_on(s, d), d.lines)[0] > 0.02).mean() for s, d in surveys]
         print(f"room 1 m/s, 20 s, {'' if deskew else 'no '}de-skewing, n {len(off)}: path "
               f"{100 * np.median(off):.2f} ({100 * max(off):.2f}) cm rms; cells off by 2 cm "
               f"{100 * np.median(bad):.2f} ({100 * max(bad):.2f}) %", flush=True)

@@ -7,7 +7,7 @@ import pytest
 from tests.localisation.figures import rms
 from tests.localisation.world import drive, hidden
 from tests.mapping.figures import CLOSED, TURNED, localised, outer, written
-from tests.mapping.world import again, around, gap, laid, mapped, walls
+from tests.mapping.world import again, around, gap, mapped, placed_on, walls
 
 from dart_hal.mapping.occupancy import grid_of
 
@@ -15,7 +15,7 @@ from dart_hal.mapping.occupancy import grid_of
 def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():
     d = drive(6002, hidden(6002, seconds=6.0))
     survey = mapped(d)
-    placed = laid(survey, d)
+    placed = placed_on(survey, d)
     off, which = walls(grid_of(survey), placed, d.lines)
     assert len(survey.frames) > 15
     assert rms(placed.off) < 0.01
@@ -26,7 +26,7 @@ def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():
 def test_a_room_is_mapped_and_the_car_finds_itself_in_the_file():
     d = drive(6000, hidden(6000))
     survey = mapped(d)
-    placed, grid = laid(survey, d), written(grid_of(survey))
+    placed, grid = placed_on(survey, d), written(grid_of(survey))
     off, which = walls(grid, placed, d.lines)
     assert np.median(off[outer(d)[which]]) < 0.01
     assert (off > 0.02).mean() < 0.02
@@ -35,7 +35,7 @@ def test_a_room_is_mapped_and_the_car_finds_itself_in_the_file():
     assert len(away) > 0.7 * len(second.scans)
     assert rms(away) < 0.015
     fresh = drive(6000, hidden(6000, seconds=20.0))
-    assert rms(laid(mapped(fresh, deskew=False), fresh).off) > 5.0 * rms(placed.off)
+    assert rms(placed_on(mapped(fresh, deskew=False), fresh).off) > 5.0 * rms(placed.off)
 
 
 @pytest.mark.more
@@ -43,5 +43,5 @@ def test_the_ring_closes_and_without_closures_does_not():
     """Of a car that drifts by more than 1 cm in a lap: not all do."""
     d = around(6000, hidden(6000, speed=2.0, other=False))
     for closing in (True, False):
-        off, turn = gap(laid(mapped(d, closing=closing), d))
+        off, turn = gap(placed_on(mapped(d, closing=closing), d))
         assert bool(off < CLOSED and turn < TURNED) is closing

@@ -8,6 +8,7 @@ import numpy as np
 from tests.localisation.world import DT, Drive, Hidden, drive_along, wander
 
 from dart_hal.localisation.grid import Grid
+from dart_hal.mapping.align import Laid, laid
 from dart_hal.mapping.graph import between
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
@@ -66,13 +67,10 @@ class Placed:
 
     path: FloatArray
     true: FloatArray
-    turn: float
-    shift: FloatArray
+    by: Laid
 
     def room(self, points: FloatArray) -> FloatArray:
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        laid: FloatArray = points @ np.array(((c, s), (-s, c))) + self.shift
-        return laid
+        return self.by.room(points)
 
     @property
     def off(self) -> FloatArray:
@@ -81,18 +79,13 @@ class Placed:
         return away
 
 
-def laid(survey: Survey, d: Drive, late: float = 0.010) -> Placed:
-    """By least squares over the path: where a map's origin lies is nobody's error."""
-    table, last = survey.path(), np.array([float(scan.t[-1]) for scan in d.scans])
-    told = last[np.abs(last - late - table[:, :1]).argmin(axis=1)]  # whatever was learnt of it
-    path, true = table[:, 1:], np.array([d.true(t - late) for t in told])
-    a, b = path[:, :2] - path[:, :2].mean(axis=0), true[:, :2] - true[:, :2].mean(axis=0)
-    turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
-    there = Placed(path, true, turn, np.zeros(2))
-    shift = true[:, :2].mean(axis=0) - there.room(path[:, :2]).mean(axis=0)
-    there = Placed(path, true, turn, shift)
-    at = np.column_stack((there.room(path[:, :2]), path[:, 2] + turn))
-    return Placed(at, true, turn, shift)
+def placed_on(survey: Survey, d: Drive, late: float = 0.010) -> Placed:
+    """At the true times of the scans, whatever was learnt of ``late``."""
+    path, last = survey.path(), np.array([float(scan.t[-1]) for scan in d.scans])
+    told = last[np.abs(last - late - path[:, :1]).argmin(axis=1)]
+    true = np.array([d.true(t - late) for t in told])
+    by = laid(path[:, 1:3], true[:, :2])
+    return Placed(np.column_stack((by.room(path[:, 1:3]), path[:, 3] + by.turn)), true, by)
 
 
 def gap(placed: Placed, way: float = 3.0) -> tuple[float, float]:
