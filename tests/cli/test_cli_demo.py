@@ -8,6 +8,7 @@ from dart_hal.cli import demo_real
 from dart_hal.cli.demo_diagnosis import MISSING, WRONG, Chapter, hide, without_effect
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url
+from dart_hal.process import jobs
 
 
 def url(text):
@@ -72,9 +73,8 @@ def test_the_excerpt_is_found_from_the_sources_or_the_folder_it_is_run_in(tmp_pa
 
 @pytest.mark.slow
 def test_the_real_car_in_a_process_of_its_own(tmp_path):
-    real = demo_real.beside(demo_real.excerpt(), tmp_path)
-    assert real is not None
-    section, said = next(real)
+    section, said = next(jobs.beside(demo_real.section, demo_real.excerpt(),
+                                     tmp_path / demo_real.PAGE))
     assert said["verdict"] in ("explained", "partly_explained", "unexplained", "parameters_only")
     assert (tmp_path / demo_real.PAGE).stat().st_size > 10_000
     assert demo_real.PAGE in section

@@ -215,7 +215,7 @@ def kidnapped(d: Drive) -> Drive:
     xy = later[:, :2] @ np.array(((c, s), (-s, c)))
     told = np.vstack((d.told[:cut], d.told[cut - 1] + np.column_stack((xy, later[:, 2]))))
     accel = np.concatenate((d.accel[:cut], d.accel[back:back + length]))
-    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved, accel)
+    return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved, accel, d.lines)
 
 
 ALL = {"track": track, "control": control, "cpu": cpu, "flags": flags, "starts": starts,

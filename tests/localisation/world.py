@@ -57,7 +57,7 @@ def hidden(seed: int, **fixed: float) -> Hidden:
 @dataclass(frozen=True)
 class Drive:
     """truth (n, 3) at t (n,); told (n, 3), accel (n,): dead reckoning and acceleration (NaN: none);
-    scans with the times that they tell; lines: what the lidar sees beside the map."""
+    scans with the times that they tell; lines: what stands there, in the map or not."""
 
     chart: Map
     room: Room
@@ -66,6 +66,7 @@ class Drive:
     told: FloatArray
     scans: list[Scan]
     accel: FloatArray
+    lines: FloatArray
 
     def tell(self, local: Localiser, k: int) -> None:
         """What the State k says."""
@@ -117,9 +118,15 @@ def _wander(chart: Map, start: tuple[float, float, float], speed: float, seconds
 
 
 def drive(seed: int, hid: Hidden) -> Drive:
+    """About the room of a seed."""
     rng = np.random.default_rng([seed, 8])
     room = room_of("room", seed)
-    way = wander(room, hid.speed, hid.seconds, rng)
+    return drive_along(room, wander(room, hid.speed, hid.seconds, rng), hid, rng, seed)
+
+
+def drive_along(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generator,
+                seed: int) -> Drive:
+    """Along a way as that of ``wander``, from rest; seed: of the accelerometer."""
     n = len(way)
     t = 1.0 + DT * np.arange(n)
     speed = np.minimum(hid.speed, 2.0 * (t - t[0]))
@@ -129,7 +136,7 @@ def drive(seed: int, hid: Hidden) -> Drive:
     told = _told(t, truth, np.cos(hid.slip * lateral), hid, rng)
     lines = np.vstack((room.lines, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
-                 list(_scans(lines, room.glass, t, truth, hid, rng, n)), _felt(speed, seed))
+                 list(_scans(lines, room.glass, t, truth, hid, rng, n)), _felt(speed, seed), lines)
 
 
 def _felt(speed: FloatArray, seed: int) -> FloatArray:

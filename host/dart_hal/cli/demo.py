@@ -14,7 +14,7 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.cli import demo_real
+from dart_hal.cli import demo_map, demo_real
 from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_effect
 from dart_hal.cli.demo_page import Drive, Shown, write_page, write_summary
 from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
@@ -27,6 +27,7 @@ from dart_hal.control.trackers import Pursuit
 from dart_hal.diagnose.report import sentence, verdict
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
+from dart_hal.process import jobs
 from dart_hal.sim.truth import reveal_url, truth
 
 RADIUS = 0.9
@@ -47,8 +48,9 @@ def command(url: str, out: Path, as_json: bool) -> None:
     """Calibrate an emulated car, drive a figure of eight, change two things in it, find them.
 
     What is changed is the effect= of the URL; without one the seed chooses an effect that the
-    car's model has not, and a parameter that is another one now. The last
-    chapter diagnoses the real car from the recordings that come with the sources.
+    car's model has not, and a parameter that is another one now. Another chapter maps a track
+    by the lidar and follows it; the last diagnoses the real car from the recordings that come
+    with the sources.
     """
     parsed = Url.parse(url)
     if parsed.scheme != "sim":
@@ -65,32 +67,45 @@ def command(url: str, out: Path, as_json: bool) -> None:
     (out / "cars" / f"sim-{number}").mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     result, hello, said = calibrate(healthy, out)
-    real = demo_real.beside(demo_real.excerpt(), out)
+    beside = jobs.beside(others, demo_real.excerpt(), int(number), out)
     drive = eight(healthy, out)
     told = chapter(parsed, int(number), out)
     with progress_bar() as bar:
-        bar.add_task("the real car", total=None)
-        section, of_real = next(real) if real else (real_skipped(), {"skipped": SKIPPED})
+        bar.add_task("the real car, and a track by the lidar", total=None)
+        (real, of_real), (lidar, by_lidar) = next(beside)
     files = {"page": out / "index.html", "summary": out / "summary.png",
              "recording": out / "eight.mcap", "calibration": Path(result.written or ""),
-             **told.files, **({"diagnosis_real": out / demo_real.PAGE} if real else {})}
+             **told.files, **({} if "skipped" in of_real else
+                              {"diagnosis_real": out / demo_real.PAGE}),
+             **({} if "skipped" in by_lidar else {"map": out / demo_map.MAP})}
     known = reveal_url(Url.parse(healthy))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
     shown = Shown(healthy, hello, result, known, drive, numbers, said)
     write_page(files["page"], shown, {
-        "hidden": (HIDDEN, hidden_section(told, known["sensors"])), "real": (REAL, section)})
+        "hidden": (HIDDEN, hidden_section(told, known["sensors"])),
+        "lidar": (demo_map.TITLE, lidar), "real": (REAL, real)})
     write_summary(files["summary"], shown)
     last = drive.states[-1]
     if as_json:
         print_json({"url": url, "files": files, "duration_s": last.t, "frames": len(drive.states),
                     "lost": last.health.lost,
-                    "summary": {**numbers, "diagnosis": told.to_json(), "real_car": of_real}})
+                    "summary": {**numbers, "diagnosis": told.to_json(), "lidar": by_lidar,
+                                "real_car": of_real}})
     else:
         show(numbers, result, drive, told)
+        results.print(demo_map.sentence(by_lidar))
         results.print(f"the real car: {of_real.get('skipped') or of_real['verdict']}")
         console.print(f"{time.monotonic() - began:.0f} s in all; open {files['page'].resolve()}",
                       highlight=False)
+
+
+def others(folder: Path | None, number: int, out: Path
+           ) -> tuple[demo_map.Section, demo_map.Section]:
+    """The chapters that wait for no other, one after the other: the real car, and the lidar."""
+    real = (real_skipped(), {"skipped": SKIPPED}) if folder is None else demo_real.section(
+        folder, out / demo_real.PAGE)
+    return real, demo_map.section(number, out)
 
 
 def calibrate(url: str, out: Path) -> tuple[SteeringResult, dict[str, Any], tuple[str, ...]]:

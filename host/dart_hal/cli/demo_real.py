@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.identify.runs import read_any
-from dart_hal.process import jobs
 from dart_hal.report.html import Html
 from dart_hal.vehicle.load import find_model
 
@@ -49,12 +47,8 @@ def diagnosed(folder: Path, page: Path) -> Diagnosis:
     return found
 
 
-def beside(folder: Path | None, out: Path) -> Iterator[Section] | None:
-    """The same in a process that starts now; ``next`` waits for it. None without recordings."""
-    return None if folder is None else jobs.beside(_section, folder, out / PAGE)
-
-
-def _section(folder: Path, page: Path) -> Section:
+def section(folder: Path, page: Path) -> Section:
+    """What the demo's page and its JSON say of it."""
     from dart_hal.cli.demo_section import real_section
 
     found = diagnosed(folder, page)

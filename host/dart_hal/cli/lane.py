@@ -28,6 +28,7 @@ from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.errors import UsageError
+from dart_hal.localisation.localiser import MIRRORED
 from dart_hal.report.figures import FORMATS
 
 SOURCE = "lane"
@@ -86,21 +87,24 @@ def follower_of(car: Car, speed: float, distance: float, duration: float) -> Lan
     return LaneFollower(plant_of(car.files), min(speed, most), distance, duration)
 
 
-def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...]) -> None:
+def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
+          title: str = "in the lane") -> None:
     """Drive until it has ended."""
     armed = False
     with typed() as keys, progress_bar() as bar:
-        task = bar.add_task("in the lane", total=None)
+        task = bar.add_task(title, total=None)
         for state in car.states():
-            steering, speed = follower.answer(car.now, state.speed, car.scans())
+            scans = car.scans()
+            steering, speed = follower.answer(car.now, state.speed, scans)
+            if scans and mirrored(car):
+                follower.stop("the scans turn against the gyro: inverted in [lidar]", good=False)
             if follower.phase is Phase.ENDED:
                 return
             if follower.phase is Phase.WAITING:
                 continue
             if not armed:
                 armed = True
-                console.print(f"a lane {200.0 * follower.half:.0f} cm wide, seen "
-                              f"{follower.path.length if follower.path else 0.0:.1f} m ahead")
+                console.print(follower.told())
                 car.arm(waive=waive)
                 continue
             car.drive_speed(steering=steering, speed=speed, source=SOURCE)
@@ -108,6 +112,12 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...]) -> None:
                              "speed": speed, "trim": follower.model.trim})
             listen(keys, follower)
             bar.update(task, completed=follower.model.way)
+
+
+def mirrored(car: Car) -> bool:
+    """Whether the lidar takes left for right, as far as the car has turned."""
+    health = car.lidar_health
+    return health is not None and health.sense is not None and health.sense < MIRRORED
 
 
 def figures(follower: LaneFollower) -> dict[str, Any]:

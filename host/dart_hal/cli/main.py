@@ -27,6 +27,7 @@ VERBS = {
     "drive": "drive by keyboard, gamepad or a script",
     "follow": "follow a path: a CSV file, or a track by its name",
     "lane": "drive in the middle of a lane between boards, by the lidar alone",
+    "map": "map the room by the lidar: driven by hand, along its walls, or a recording",
     "localize": "where the car is in a map, by its lidar: pose, covariance, health",
     "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
     "fleet": "list the cars of a room, watch them, stop them all",

@@ -10,7 +10,7 @@ the car will be when the answer acts. It is never faster than it can stop within
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf, sqrt
 
 import numpy as np
@@ -24,13 +24,15 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
 from dart_hal.control.stopping import ROLLS, SLOWS, STUCK
-from dart_hal.types import FloatArray, Scan
+from dart_hal.types import FloatArray, Pose, Scan
 
 NEAR, PER_SPEED = 0.1, 0.2
 """m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to
 2 deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old."""
 FRONT = 0.3
 """m of the car before the rear axle, and some."""
+Look = Callable[[FloatArray, Pose], Sight]
+"""What the points (m, 2) [m] of a scan show, from the car's pose among them on."""
 BENDS = 0.6
 """m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m."""
 
@@ -44,8 +46,11 @@ class LaneFollower(Ending):
     width; ``driven`` holds rows as those of ``Follower``, its x, y in that frame.
     """
 
+    ends = "the lane ends"
+    """Why it ended where nothing of it is left."""
+
     def __init__(self, plant: Plant, cap: float, distance: float = inf,
-                 duration: float = inf) -> None:
+                 duration: float = inf, look: Look = look) -> None:
         super().__init__()
         self.plant, self.cap = plant, cap
         self.distance, self.duration = distance, duration
@@ -56,6 +61,7 @@ class LaneFollower(Ending):
         self.driven = Driven()
         self.seen: list[tuple[float, float, float, float]] = []
         """x, y [m], heading [rad] of the lane beside the car and its half width [m], each scan."""
+        self._look = look
         self._sight: Sight | None = None
         self._begun = self._whole = self._scanned = -inf
 
@@ -88,17 +94,26 @@ class LaneFollower(Ending):
         """m/s that may be asked for anywhere."""
         return self.cap
 
+    def told(self) -> str:
+        """What it sees, in words."""
+        ahead = self.path.length if self.path else 0.0
+        return f"a lane {200.0 * self.half:.0f} cm wide, seen {ahead:.1f} m ahead"
+
     def _see(self, scan: Scan) -> None:
         """The lane that a scan shows."""
         self._scanned = self.model.now.t
-        self._sight = sight = look(self.model.points(scan), self.model.now.pose)
+        self._sight = sight = self._look(self.model.points(scan), self.model.now.pose)
         if not sight.whole or len(sight.middle) < 3:
             return
         path = Path.through(sight.middle, closed=False)
         if self.path is not None:
-            self.model.compare(self.path, path)
+            self._learn(self.path, path)
         self.path, self.half, self.s, self._whole = path, sight.half, 0.0, self.model.now.t
         self.seen.append((*sight.middle[0].tolist(), float(path.heading[0]), sight.half))
+
+    def _learn(self, before: Path, after: Path) -> None:
+        """What one lane, seen twice, tells of the car."""
+        self.model.compare(before, after)
 
     def _steer(self, path: Path) -> float:
         """Angle [rad] of the road wheels to command."""
@@ -141,7 +156,7 @@ class LaneFollower(Ending):
         assert self.path is not None
         left = max(self.path.length - self.s - FRONT, 0.0)
         if left <= speed**2 / (2.0 * ROLLS) and speed < 2.0 * CRAWL:
-            self._end("the lane ends", good=True)
+            self._end(self.ends, good=True)
             return 0.0
         self._speed = max(min(self.cap, self._holds(self.path), sqrt(2.0 * SLOWS * left)), CRAWL)
         return self._speed
@@ -151,3 +166,20 @@ class LaneFollower(Ending):
         n = max(round(BENDS / path.spacing), 1)
         bends: FloatArray = (path.heading[n:] - path.heading[:-n]) / BENDS
         return GRIP * float(np.min(self._most(bends, self.plant.lock), initial=inf))
+
+
+class WallFollower(LaneFollower):
+    """Along a wall instead, by ``look=Wall(...)``. Nothing is learnt of the car: a new way is
+    planned from where it is with every scan."""
+
+    ends = "the way is blocked"
+
+    def told(self) -> str:
+        return f"a way of {self.path.length if self.path else 0.0:.1f} m is clear"
+
+    def _learn(self, before: Path, after: Path) -> None:
+        pass
+
+    def _fault(self) -> str:
+        silent = self._sight is None or self.model.now.t - self._scanned > 0.5 * PATIENCE
+        return "the lidar is silent" if silent else self.ends

@@ -94,7 +94,7 @@ class Watch:
         where = np.concatenate([s.bearing for s in self._scans])
         return LidarHealth(
             float(np.mean([s.rate for s in self._scans])), came / len(self._scans),
-            missing / (came + missing), float(back.mean()), tuple(_blind(where[back])),
+            missing / (came + missing), float(back.mean()), tuple(blind(where[back])),
             self.sense)
 
     @property
@@ -129,8 +129,8 @@ def _profile(scan: Scan) -> FloatArray:
     return out
 
 
-def _blind(bearing: FloatArray) -> Iterator[tuple[float, float]]:
-    """Sectors without any of these directions."""
+def blind(bearing: FloatArray) -> Iterator[tuple[float, float]]:
+    """Sectors (from, to) [rad, to the left] without any of these directions, from ``BLIND`` on."""
     counts = np.bincount((bearing % tau / tau * BINS).astype(int) % BINS, minlength=BINS)
     dark: BoolArray = counts == 0
     if dark.all():

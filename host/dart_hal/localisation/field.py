@@ -52,6 +52,33 @@ class Map:
 
 def map_of_lines(lines: FloatArray, cell: float = CELL) -> Map:
     """The map of exact lines (m, 4) [m]. Raises UsageError for none, and for too many nodes."""
+    lines, low, (rows, columns) = _raster(lines, cell)
+    distance = np.full((rows, columns), REACH)
+    for line in lines:
+        _draw(distance, line, low, cell)
+    return Map(lines, low, cell, distance, _patches(distance))
+
+
+def map_of_pieces(lines: FloatArray, cell: float = CELL) -> Map:
+    """The map of many lines (m, 4) [m] no longer than a few cells, five times quicker: of each
+    node the distance to the piece whose middle is nearest. Raises as ``map_of_lines``."""
+    from scipy.ndimage import distance_transform_edt
+
+    lines, low, shape = _raster(lines, cell)
+    nearest = np.full(shape, -1)
+    column, row = np.round((0.5 * (lines[:, :2] + lines[:, 2:]) - low) / cell).astype(int).T
+    nearest[row, column] = np.arange(len(lines))
+    far, (row, column) = distance_transform_edt(nearest < 0, cell, return_indices=True)
+    distance = np.full(shape, REACH)
+    j, i = np.nonzero(far < REACH + 2.0 * cell)
+    node = low + cell * np.column_stack((i, j))
+    near = _distance(node.T, lines[nearest[row[j, i], column[j, i]]].T)
+    distance[j, i] = np.minimum(near, REACH)
+    return Map(lines, low, cell, distance, _patches(distance))
+
+
+def _raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+    """Lines (m, 4) for ever; where node 0, 0 is; rows and columns."""
     lines = np.asarray(lines, dtype=np.float64).reshape(-1, 4)
     if not len(lines):
         raise UsageError("a map without a wall", found="no line", expected="what a lidar sees")
@@ -61,11 +88,8 @@ def map_of_lines(lines: FloatArray, cell: float = CELL) -> Map:
     if rows * columns > MOST:
         raise UsageError("a map too large to be matched", found=f"{columns} x {rows} nodes",
                          expected=f"at most {MOST}", remedy="cut it, or use coarser cells")
-    distance = np.full((rows, columns), REACH)
-    for line in lines:
-        _draw(distance, line, low, cell)
     lines.setflags(write=False)
-    return Map(lines, low, cell, distance, _patches(distance))
+    return lines, low, (int(rows), int(columns))
 
 
 def map_of_grid(grid: Grid) -> Map:
@@ -75,14 +99,20 @@ def map_of_grid(grid: Grid) -> Map:
 
 def _draw(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:
     """Lower ``distance`` to that from ``line``, in the box that ``REACH`` puts around it."""
-    a, e = line[:2], line[2:] - line[:2]
-    first = np.floor((np.minimum(a, line[2:]) - REACH - low) / cell).astype(int)
-    last = np.ceil((np.maximum(a, line[2:]) + REACH - low) / cell).astype(int) + 1
+    first = np.floor((np.minimum(line[:2], line[2:]) - REACH - low) / cell).astype(int)
+    last = np.ceil((np.maximum(line[:2], line[2:]) + REACH - low) / cell).astype(int) + 1
     box = distance[first[1]:last[1], first[0]:last[0]]
-    x = low[0] + cell * np.arange(first[0], last[0]) - a[0]
-    y = (low[1] + cell * np.arange(first[1], last[1]) - a[1])[:, None]
-    along = np.clip((x * e[0] + y * e[1]) / max(float(e @ e), 1e-12), 0.0, 1.0)
-    np.minimum(box, np.hypot(x - along * e[0], y - along * e[1]), out=box)
+    x = low[0] + cell * np.arange(first[0], last[0])
+    y = (low[1] + cell * np.arange(first[1], last[1]))[:, None]
+    np.minimum(box, _distance((x, y), line), out=box)
+
+
+def _distance(at: tuple[FloatArray, FloatArray] | FloatArray, line: FloatArray) -> FloatArray:
+    """Of places x, y from lines x1, y1, x2, y2 [m], all of shapes that broadcast."""
+    x, y, ex, ey = at[0] - line[0], at[1] - line[1], line[2] - line[0], line[3] - line[1]
+    along = np.clip((x * ex + y * ey) / np.maximum(ex * ex + ey * ey, 1e-12), 0.0, 1.0)
+    away: FloatArray = np.hypot(x - along * ex, y - along * ey)
+    return away
 
 
 def _patches(distance: FloatArray) -> FloatArray:

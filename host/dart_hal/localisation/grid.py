@@ -16,6 +16,9 @@ from dart_hal.types import BoolArray, FloatArray
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
                   rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")
 
+UNKNOWN = 205
+"""Shade of what nobody saw, between map_server's thresholds."""
+
 
 @dataclass(frozen=True, slots=True)
 class Grid:
@@ -52,6 +55,22 @@ def read_grid(path: Path) -> Grid:
                          expected="a map that is not turned, cells above 0 m")
     share = shades / 255.0 if negate else 1.0 - shades / 255.0
     return Grid(share[::-1] > high, share[::-1] < low, cell, np.array((x, y)))
+
+
+def write_grid(grid: Grid, path: Path) -> Path:
+    """Write the YAML file ``path`` and a PGM beside it, as ``read_grid`` and map_server read them;
+    returns the PGM's path."""
+    image = path.with_suffix(".pgm")
+    shades = np.full(grid.occupied.shape, UNKNOWN, np.uint8)
+    shades[grid.free], shades[grid.occupied] = 254, 0
+    rows, columns = len(shades), len(shades[0])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.write_bytes(b"P5\n%d %d\n255\n" % (columns, rows) + shades[::-1].tobytes())
+    x, y = grid.origin.tolist()
+    path.write_text(f"image: {image.name}\nresolution: {grid.cell:g}\n"
+                    f"origin: [{x:.6f}, {y:.6f}, 0.0]\nnegate: 0\noccupied_thresh: 0.65\n"
+                    "free_thresh: 0.196\n", encoding="utf-8")
+    return image
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:

@@ -1,0 +1,118 @@
+"""``dart-hal map``: what it writes, prints and refuses, and the pin when it is interrupted."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import pytest
+
+from dart_hal.localisation.grid import read_grid
+from dart_hal.sim.lidar.maps import room_of
+from dart_hal.sim.world import THROTTLE, World
+
+URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
+WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
+NEUTRAL_US, NEAR_US = 1500.0, 5.0
+
+
+@pytest.mark.more
+def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, tmp_path):
+    out, picture = tmp_path / "room.yaml", tmp_path / "room.png"
+    done = verb("map", out, "--speed", 1, "--distance", 12, "--url", URL, "--plot", picture,
+                *WAIVED, "--json")
+    assert done.code == 0, done.err
+    assert done.json["ended"] == "12 m are driven"
+    assert done.json["explained"] > 0.9
+    assert done.json["files"].keys() == {"map", "image", "recording", "plot"}
+    assert picture.stat().st_size > 10_000
+    grid = read_grid(out)
+    true = room_of("room", 0)
+    length = np.hypot(*(true.lines[:, 2:] - true.lines[:, :2]).T).sum()
+    assert 0.6 * length < 0.02 * grid.occupied.sum() < 1.3 * length
+    run = done.json["files"]["recording"]
+    again = verb("localize", "--url", f"replay://{run}", "--map", out, "--json")
+    assert again.code == 0
+    assert again.json["agreement"] > 0.85
+    twice = verb("map", tmp_path / "again.yaml", "--run", run, "--json")
+    assert (tmp_path / "again.pgm").read_bytes() == (tmp_path / "room.pgm").read_bytes()
+    assert twice.json["walls_cells"] == done.json["walls_cells"]
+
+
+@pytest.fixture
+def interrupted(verb, monkeypatch, tmp_path):
+    """(what the verb said, pulses [us] up to and after Ctrl-C), at the 400th that moves the car."""
+    def run():
+        before, after, made = [], [], World.__init__
+
+        def watch(channel, pulse):
+            if channel != THROTTLE:
+                return
+            us = 1e6 * (pulse[1] - pulse[0])
+            (after if moving() >= 400 else before).append(us)
+            if not after and moving() == 400:
+                signal.raise_signal(signal.SIGINT)
+
+        def moving():
+            return sum(abs(us - NEUTRAL_US) > NEAR_US for us in before)
+
+        def watched(world, *args, **options):
+            made(world, *args, **options)
+            world.watchers.append(watch)
+
+        monkeypatch.setattr(World, "__init__", watched)
+        handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--url", URL, *WAIVED,
+                        "--json")
+        finally:
+            signal.signal(signal.SIGINT, handler)
+        return done, before, after
+
+    return run
+
+
+@pytest.mark.more
+def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_path):
+    done, before, after = interrupted()
+    assert done.code == 0, done.err
+    assert done.json["ended"] == "stopped by Ctrl-C"
+    assert read_grid(tmp_path / "room.yaml").occupied.sum() > 500
+    assert max(before) > NEUTRAL_US + 20.0
+    assert all(abs(us - NEUTRAL_US) <= NEAR_US for us in after[2:])  # 40 ms
+    assert abs((before + after)[-1] - NEUTRAL_US) <= NEAR_US
+
+
+@pytest.mark.more
+def test_without_neutral_at_the_end_it_drives_on(interrupted, monkeypatch):
+    """Control: a close that leaves the pins as they are."""
+    monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
+    monkeypatch.setattr("dart_hal.actuation.chain.Actuator.stop", lambda actuator: actuator.applied)
+    _, before, after = interrupted()
+    assert abs((before + after)[-1] - NEUTRAL_US) > NEAR_US
+
+
+@pytest.mark.more
+def test_a_lidar_upside_down_stops_the_drive_and_makes_no_map(verb, tmp_path):
+    done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--distance", 20, "--url",
+                URL.replace("lidar=1", "lidar=clockwise=0"), *WAIVED)
+    assert done.code == 2
+    assert "the scans turn against the gyro" in done.err
+    assert not (tmp_path / "room.yaml").exists()
+
+
+@pytest.mark.parametrize(("args", "says"), [
+    (("--speed", 1, "--url", "sim://?nano=mock"), "has no lidar"),
+    (("--speed", 1, "--keyboard"), "say how the room is driven"),
+    ((), "say how the room is driven"),
+    (("--run", "nothing.mcap"), "nothing.mcap")])
+def test_what_cannot_be(verb, tmp_path, args, says):
+    done = verb("map", tmp_path / "room.yaml", *args)
+    assert done.code == 2
+    assert says in done.err
+
+
+def test_a_map_is_called_yaml(verb, tmp_path):
+    done = verb("map", tmp_path / "room.png", "--speed", 1)
+    assert done.code == 2
+    assert "room.yaml" in done.err

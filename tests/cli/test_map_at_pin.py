@@ -1,0 +1,83 @@
+"""What the ESC gets while ``dart-hal map`` drives along walls, and the way ends or is not seen."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+import pytest
+from tests.cli.test_lane_at_pin import FAULTS, LOST_AT, SLOWS, Changed
+
+from dart_hal import Car
+from dart_hal.cli.map import along_walls
+from dart_hal.control import lane_follow, wall
+from dart_hal.control.follow import Phase
+from dart_hal.control.lane_follow import PATIENCE
+from dart_hal.control.wall import Wall
+from dart_hal.links.base import open_backend
+from dart_hal.sim.lidar.maps import clearance
+from dart_hal.sim.truth import room_of_car, world_of
+from dart_hal.sim.world import THROTTLE
+
+WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+
+
+def driven(room, fault="", until=20.0, distance=inf):
+    """(follower, neutral [us], pulses (n, 2): t [s], us; least distance [m] from a wall)."""
+    backend = open_backend(f"sim://?seed=0&nano=mock&lidar=1&map={room}")
+    world, pulses, places = world_of(backend), [], []
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
+    if fault:
+        backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
+    with Car.over(backend) as car:
+        car.on_state(lambda state: places.append(world.truth()))
+        follower = along_walls(car, 0.8, Wall(), distance, until, WAIVED)
+        car.stop()
+        neutral = car.files.config.throttle.neutral_us
+        for _ in car.states(duration=1.0):
+            pass
+    found = room_of_car(backend)
+    x0, y0, yaw = found.start
+    c, s = np.cos(yaw), np.sin(yaw)
+    near = min(clearance(found.lines, x0 + c * p.x - s * p.y, y0 + s * p.x + c * p.y)
+               for p in places[::20])
+    return follower, neutral, np.array(pulses), near
+
+
+@pytest.mark.few("silent")
+@pytest.mark.parametrize("fault", ["silent", "none"])
+def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
+    follower, neutral, pulses, _ = driven("corridor", fault)
+    t, us = pulses.T
+    assert follower.phase is Phase.ENDED
+    assert not follower.good
+    assert follower.why.startswith("the lidar is silent" if fault == "silent" else
+                                   "the way is blocked")
+    first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
+    assert 0.5 < first < LOST_AT - 0.5
+    assert us[(t > first + 0.5) & (t < LOST_AT)].min() > neutral + 5.0
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[-5:] == pytest.approx(neutral, abs=5.0)
+
+
+@pytest.mark.more
+def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
+    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    monkeypatch.setattr(lane_follow, "FRONT", -1e9)
+    _, neutral, pulses, _ = driven("corridor", "silent", until=8.0)
+    t, us = pulses.T
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+
+
+@pytest.mark.more
+def test_it_touches_nothing_in_a_room_and_does_where_it_may(monkeypatch):
+    """The negative control: a car that takes itself for a point."""
+    follower, neutral, pulses, near = driven("room", until=30.0)
+    assert follower.good
+    assert near > 0.2
+    assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
+    monkeypatch.setattr(wall, "BODY", 0.0)
+    monkeypatch.setattr(wall, "AWAY", 0.0)
+    *_, near = driven("room", until=30.0)
+    assert near < 0.15

@@ -1,0 +1,55 @@
+"""Drives that are no map are refused in words; the control is the drive as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.localisation.world import drive, hidden
+
+from dart_hal.errors import UsageError
+from dart_hal.mapping.checks import Checks
+
+
+@pytest.fixture(scope="module")
+def right():
+    return drive(2003, hidden(2003, seconds=8.0, speed=2.0))
+
+
+def judged(found, change=lambda scan: scan, way=10.0):
+    checks = Checks()
+    for scan in found.scans:
+        checks.add(change(scan), float(np.interp(scan.arrival, found.t, found.told[:, 2])))
+    checks.judge(way)
+    return checks
+
+
+def upside_down(scan):
+    return replace(scan, angle=(-scan.angle.astype(float)) % (2.0 * np.pi))
+
+
+def without(degrees):
+    def change(scan):
+        return replace(scan, distance=np.where(np.abs(scan.bearing - 1.0) < np.radians(
+            0.5 * degrees), np.nan, scan.distance))
+    return change
+
+
+def test_a_drive_as_it_should_be_is_not_refused(right):
+    assert not judged(right).unsure
+    judged(right, without(20.0))
+
+
+@pytest.mark.parametrize(("change", "way", "says"), [
+    (upside_down, 10.0, "turn against the gyro"),
+    (without(45.0), 10.0, "a sector of the lidar is missing"),
+    (lambda scan: scan, 0.4, "did not move")], ids=["mirrored", "sector", "still"])
+def test_what_is_no_map_is_refused(right, change, way, says):
+    with pytest.raises(UsageError, match=says):
+        judged(right, change, way)
+
+
+def test_no_scan_is_no_map():
+    with pytest.raises(UsageError, match="nothing to map"):
+        Checks().judge(10.0)
