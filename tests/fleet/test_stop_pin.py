@@ -66,7 +66,7 @@ def test_a_car_that_does_not_hear_drives_on(monkeypatch):
 @pytest.mark.more
 def test_a_trip_that_is_not_carried_out_is_seen(monkeypatch):
     """Control: the car knows that it is stopped, and the pin does not."""
-    monkeypatch.setattr(Driver, "hold", lambda self, held, now: None)
+    monkeypatch.setattr(Driver, "hold", lambda self, held, now, by: None)
     assert stop_one_by_another("local://stop")[0][1] > 0.5
 
 
@@ -196,4 +196,22 @@ def test_a_run_stop_is_a_call_of_the_car():
             car.arm()
         car.run_stop(False)
         car.arm()
+        assert car.mode == "ARMED"
+
+
+def test_a_room_lets_go_of_its_own_stop_alone():
+    """The program's is held on while a stop of the room comes and ends; and the other way round."""
+    with Pins("local://both", seeds=(1,)) as pins:
+        car, member = pins.fleet.cars[0], pins.fleet.members[0]
+        car.run_stop(True)
+        member.stop_all("room")
+        for _ in pins.fleet.states(duration=1.0 + HOLD):
+            pass
+        assert member.held == ""
+        with pytest.raises(NotArmed) as told:
+            pins.fleet.arm()
+        assert "RUN_STOP" in told.value.reasons
+        assert pins.driving(0, 0.0) == []
+        car.run_stop(False)
+        pins.fleet.arm()
         assert car.mode == "ARMED"

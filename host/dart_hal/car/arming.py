@@ -128,11 +128,12 @@ class Arming(Recorded, ABC):
             if self._recorder is not None:
                 self._recorder.note("unlock", {"reason": reason})
 
-    def run_stop(self, held: bool) -> None:
-        """Press a run-stop: a trip, the throttle neutral at once, and nothing arms while it is
-        held; False lets it go. A car that it has tripped has to be armed again."""
+    def run_stop(self, held: bool, by: str = "program") -> None:
+        """Press a run-stop: a trip, the throttle neutral at once, and nothing arms while somebody
+        holds one; False lets go of that of ``by`` alone. A car that it has tripped has to be armed
+        again."""
         with self._engine.lock:
-            self._engine.driver.hold(held, self._engine.now)
+            self._engine.driver.hold(held, self._engine.now, by)
 
     def refusals(self) -> tuple[str, ...]:
         """Names of what would keep ``arm()`` from arming now, waiting apart."""

@@ -61,7 +61,8 @@ class Driver:
         if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
-        self.run_stop = False
+        self.holders: frozenset[str] = frozenset()
+        """Who presses a run-stop now."""
 
     @property
     def applied(self) -> Applied:
@@ -117,9 +118,9 @@ class Driver:
         self.supervisor.step(now, causes=("LINK_STALE",), bus_ok=self.actuator.fault is None)
         self.actuator.stop()
 
-    def hold(self, held: bool, now: float) -> None:
-        """A run-stop is pressed (neutral at once, nothing arms) or let go."""
-        self.run_stop = held
+    def hold(self, held: bool, now: float, by: str) -> None:
+        """``by`` presses a run-stop (neutral at once, nothing arms) or lets go of its own."""
+        self.holders = self.holders | {by} if held else self.holders - {by}
         if held and self.mode in LIVE_MODES:
             self._step(now, ["RUN_STOP"], ())
             self.actuator.stop()
@@ -151,7 +152,7 @@ class Driver:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
             causes.append("CUT_OFF")
-        if self.run_stop:
+        if self.holders:
             causes.append("RUN_STOP")
         return causes
 
@@ -212,7 +213,7 @@ class Driver:
         supervisor = self.supervisor
         refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
         facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now))
-        return replace(facts, command_ok=not refused, run_stop=self.run_stop)
+        return replace(facts, command_ok=not refused, run_stop=bool(self.holders))
 
     def settled(self, now: float) -> bool:
         """Whether everything that comes by waiting after an open or a drive is there."""

@@ -162,7 +162,7 @@ class Member:
     def _obey(self, now: float) -> None:
         held = self.rule.held(now)
         if held or self._held:
-            self.car.run_stop(bool(held))
+            self.car.run_stop(bool(held), by="room")
         self._held = held
 
     def _repeat(self, now: float) -> None:
