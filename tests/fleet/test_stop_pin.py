@@ -201,17 +201,20 @@ def test_a_run_stop_is_a_call_of_the_car():
 
 def test_a_room_lets_go_of_its_own_stop_alone():
     """The program's is held on while a stop of the room comes and ends; and the other way round."""
-    with Pins("local://both", seeds=(1,)) as pins:
+    with Pins("local://both", seeds=(1, 2)) as pins:
         car, member = pins.fleet.cars[0], pins.fleet.members[0]
         car.run_stop(True)
-        member.stop_all("room")
+        pins.fleet.members[1].stop_all("room")
         for _ in pins.fleet.states(duration=1.0 + HOLD):
             pass
+        assert member.rule.number, "it has heard"
         assert member.held == ""
         with pytest.raises(NotArmed) as told:
             pins.fleet.arm()
         assert "RUN_STOP" in told.value.reasons
         assert pins.driving(0, 0.0) == []
         car.run_stop(False)
+        for _ in pins.fleet.states(duration=2.0 * HOLD + PATIENCE):
+            pass  # what did not arm together was stopped
         pins.fleet.arm()
         assert car.mode == "ARMED"
