@@ -27,6 +27,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 EXACT = 1e-9
 """Samples; a time closer than that to a sample is at it."""
+AHEAD = 1024
+"""Samples that are looked at together, until a signal turns: some hundreds of a steered one."""
 
 
 def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
@@ -104,6 +106,8 @@ def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, n
     """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
     single = signal.ndim == 1
     first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
+    if single and hook.play is not None:
+        return _pushed(signal, hook.play(*a.values))
     if single and hook.blind:
         slack = hook.slack(dt, *a.values) if hook.slack else 0.0
         return _blind(signal, first, step, slack)
@@ -139,6 +143,26 @@ def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., An
             begin, i = i, moves[bisect_left(moves, i)]
             out[begin:i] = out[begin - 1]
         state = after
+    return out
+
+
+def _pushed(signal: FloatArray, play: float) -> FloatArray:
+    """To the last bit what single steps give, from one turn further than the play to the next.
+
+    Pushed up, the state is the most of all that has pushed it, until the signal has crossed the
+    play; then down, which is the same of -signal.
+    """
+    out, i, side, n = np.empty(len(signal)), 0, 1.0, len(signal)
+    held = float(signal[0]) if n else 0.0
+    while i < n:
+        part = side * signal[i:i + AHEAD]
+        state = np.maximum.accumulate(np.maximum(part - play, side * held))
+        crossed = part + play < state
+        end = int(crossed.argmax()) if crossed.any() else len(part)
+        out[i:i + end] = side * state[:end]
+        held = float(out[i + end - 1]) if end else held
+        side = side if end == len(part) else -side
+        i += end
     return out
 
 

@@ -81,11 +81,14 @@ class Stateful:
     first(signal) -> state, a tuple; step(signal, now, *state) -> (signal, *state).
     blind: step does not look at now. slack(dt, *values): a state that has caught up with
     its signal goes on following it as long as that changes by no more from sample to sample.
+    play(*values): the state, which is the signal behind it, stays where it is as long as the signal
+    is no further from it, and else is pushed along at that distance.
     """
 
     make: Callable[..., tuple[Callable[..., tuple[Any, ...]], Callable[..., tuple[Any, ...]]]]
     blind: bool = False
     slack: Callable[..., float] | None = None
+    play: Callable[..., float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -278,3 +278,20 @@ def test_rollouts_of_recordings_see_the_effects_on_commands():
     limited = shaped(throttle, steering, apply(PAPER, "steering_rate_limit", k=0.5))[1]
     slope = make_steering(PAPER.steering)(0.01) - make_steering(PAPER.steering)(0.0)
     assert np.abs(np.diff(limited)).max() < 2.5 * slope * (DT / 0.5) / 0.01
+
+
+TURNING = {
+    "wandering": lambda rng, n: 0.05 * np.cumsum(rng.normal(size=n)),
+    "held": lambda rng, n: np.repeat(rng.uniform(-0.4, 0.4, n // 50 + 1), 50)[:n],
+    "lagging": lambda rng, n: 0.2 * np.sin(np.arange(n) / 70.0) + 1e-16 * rng.normal(size=n)}
+
+
+@pytest.mark.parametrize("k", [0.0, 1e-6, 0.05, 0.3])
+@pytest.mark.parametrize("name", TURNING)
+def test_play_of_a_whole_series_is_that_of_single_steps_to_the_last_bit(name, k):
+    for n in (0, 1, 2, 1500):
+        signal = TURNING[name](np.random.default_rng(n), n)
+        car = apply(PAPER, "steering_backlash", k=k)
+        stepper = Stepper(car, "angle", DT)
+        each = [stepper(v, Now()) for v in signal.tolist()]
+        assert np.array_equal(through(car, "angle", signal, Now(), DT), each)

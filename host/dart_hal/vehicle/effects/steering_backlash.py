@@ -23,6 +23,11 @@ def play(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
     return lambda v: (v,), step
 
 
+def half_width(k: float) -> float:
+    """How far the wheels may be from where the linkage asks for [rad]."""
+    return 0.5 * k
+
+
 EFFECT = Effect(
     name="steering_backlash",
     title="has play in its steering",
@@ -36,5 +41,5 @@ EFFECT = Effect(
     experiment=(
         "Circles of the same command reached from the left and from the right at "
         "constant low speed: play gives two radii, a trim gives one."),
-    signals={"angle": Stateful(play, blind=True)},
+    signals={"angle": Stateful(play, blind=True, play=half_width)},
 )
