@@ -147,8 +147,8 @@ class Change:
 class Claim:
     """Parameters of the model that were wrong.
 
-    cost: RMSE of the test recordings with this group at its old value over that with
-    all refitted, and its 90 % interval (NaN where they are too short). share: of all
+    cost: root of the robust loss of the test recordings with this group at its old value over that
+    with all refitted, and its 90 % interval (NaN where they are too short). share: of all
     that refitted parameters take away; all claims together 1, one alone may be below 0 by chance.
     """
 

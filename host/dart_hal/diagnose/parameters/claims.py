@@ -87,7 +87,7 @@ def _shares(unseen: Unseen, parts: Sequence[Set], every: Set) -> dict[Set, float
     def union(some: Sequence[str]) -> Set:
         return rest.union(*(of[n] for n in some))
 
-    value = {frozenset(some): -float(unseen.squares(union(some)).sum())
+    value = {frozenset(some): -float(unseen.losses(union(some)).sum())
              for k in range(len(names) + 1) for some in combinations(names, k)}
     found = shapley(value, names) if names else {}
     return {of[n]: share for n, share in found.items()}

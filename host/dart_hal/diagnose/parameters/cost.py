@@ -1,10 +1,11 @@
 """What a group is worth on recordings that no fit has seen, and its share among the claimed ones.
 
-    l_g = RMSE without g / RMSE with all      g at its old value, all else fitted anew
-    share_g = Shapley value of g in -sum r^2 over subsets of the claimed groups, as a share of all
+    l_g^2 = sum rho(r) without g / sum rho(r) with all     g at its old value, all else fitted anew
+    share_g = Shapley value of g in -sum rho(r) over subsets of the claimed groups, of all of it
 
-r: whitened errors of the motion in the test recordings; the 90 % interval of l_g is a
-bootstrap over blocks (or recordings). All: the groups that are believed to have been wrong.
+r: whitened errors of the motion in the test recordings, rho: the loss of the fits, for a spin that
+no model follows must not outweigh all the rest; the 90 % interval of l_g is a bootstrap over
+blocks (or recordings). All: the groups that are believed to have been wrong.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
 
 
 class Unseen:
-    """The test recordings: squared whitened errors by block of any fit, once each."""
+    """The test recordings: loss of whitened errors by block of any fit, once each."""
 
     def __init__(self, evidence: Evidence, of: Sets) -> None:
         self._evidence, self._of, self.policy = evidence, of, of.policy.claims
         self._kept: dict[Set, FloatArray] = {}
         self._block: IntArray | None = None
 
-    def squares(self, free: Set) -> FloatArray:
-        """(blocks,) sums of squares with some groups free."""
+    def losses(self, free: Set) -> FloatArray:
+        """(blocks,) with some groups free."""
         if free not in self._kept:
             self._kept[free] = self.of_point(self._of.fit(free))
         return self._kept[free]
@@ -44,7 +45,7 @@ class Unseen:
     def of_point(self, point: Point) -> FloatArray:
         """(blocks,) of a fit."""
         r = self._evidence.residuals(point.vehicle, point.timing)
-        values = _motion_squares(point, r)
+        values = _motion_losses(point, r)
         if self._block is None:
             rows = rows_of(self._evidence, r, self._of.policy.blocks)
             many = int(rows.recording.max()) + 1 >= self._of.policy.blocks.units
@@ -54,17 +55,17 @@ class Unseen:
         return np.asarray(np.bincount(self._block, values), dtype=np.float64)
 
 
-def _motion_squares(point: Point, r: Residuals) -> FloatArray:
+def _motion_losses(point: Point, r: Residuals) -> FloatArray:
     """Of windows; a noise that knows the windows of the training recordings is without them."""
     noise = replace(point.noise, certain=1.0)
     motion, _ = noise.whiten(r)
-    return np.asarray(motion.ravel()**2)
+    return noise.loss(motion.ravel())
 
 
 def cost(unseen: Unseen, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:
     """(l_g, its 90 % interval); NaN where the test recordings are too short for one."""
     left = frozenset({group}) if isinstance(group, str) else group
-    with_all, without = unseen.squares(every), unseen.squares(every - left)
+    with_all, without = unseen.losses(every), unseen.losses(every - left)
     value = float(np.sqrt(without.sum() / max(with_all.sum(), 1e-12)))
     if len(with_all) < LEAST_BLOCKS:
         return value, np.nan, np.nan

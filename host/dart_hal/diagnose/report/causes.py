@@ -82,10 +82,10 @@ def claims_section(d: Diagnosis) -> Html:
     return join([*(join([page.card(el("p", claim(c)), good=True, kind="cause"),
                          page.figures(list(pictures(c, d)))]) for c in d.claims), CLAIM_KEY,
                  table(head, rows, 2),
-                 page.soft("Errors without it: RMSE of the motion on the test recordings, in "
-                           "standard deviations, with the group at its old value over that with "
-                           "all fitted anew. Share: its Shapley value in what all of them take "
-                           "away there.")])
+                 page.soft("Errors without it: those of the motion on the test recordings with the "
+                           "group at its old value over those with all fitted anew, each the root "
+                           "of the robust loss that the fits lower. Share: its Shapley value in "
+                           "what all of them take away there.")])
 
 
 def possible_section(d: Diagnosis) -> Html:
