@@ -25,6 +25,7 @@ from dart_hal.localisation.search import search
 ROWS: dict[str, dict[str, float]] = {
     "0.5 m/s": {"speed": 0.5}, "1 m/s": {}, "2 m/s": {"speed": 2.0},
     "1 m/s, stale 22 %": {"stale": 0.22},
+    "1 m/s, stale 22 %, 2 of 4 boxes gone": {"stale": 0.22, "gone": 2},
     "1 m/s, noise 1 cm + 1 %, stale 22 %, 30 ms late": {
         "noise": 0.01, "noise_share": 0.01, "stale": 0.22, "late": 0.03},
     "1 m/s, distances 1.5 % short": {"scale": 1.015},
@@ -91,10 +92,10 @@ def cpu(first: int, seeds: int) -> None:
 
 def flags(first: int, seeds: int) -> None:
     """Poses wrong by 0.3 to 1.5 m and 0.3 to 3 rad, put into a good track: how soon lost."""
-    for stale in (0.07, 0.22):
+    for stale, gone in ((0.07, 0), (0.22, 0), (0.22, 2)):
         seen = [0, 0, 0]
         false = scans = 0
-        for seed, _, d in drives(first, seeds, stale=stale):
+        for seed, _, d in drives(first, seeds, stale=stale, gone=gone):
             rng = np.random.default_rng([seed, 9])
             good = run(d)
             told = [s for s in good.told if s]
@@ -111,8 +112,9 @@ def flags(first: int, seeds: int) -> None:
                 local.belief, local._learnt = begun(float(d.scans[k].t[-1]) - 0.01, wrong), None
                 local._judge, local._proven = Judge(mean), PROVEN
                 judge_wrong(d, local, k, seen)
-        print(f"stale {stale:.0%}: wrong poses {sum(seen)}: healed {seen[0]}, lost within 3 scans "
-              f"{seen[1]}, not {seen[2]}; false losses {false} of {scans} scans", flush=True)
+        print(f"stale {stale:.0%}, {gone} boxes gone: wrong poses {sum(seen)}: healed {seen[0]}, "
+              f"lost within 3 scans {seen[1]}, not {seen[2]}; false losses {false} of {scans} "
+              "scans", flush=True)
 
 
 def _warmed(d: Drive, k: int) -> Localiser:

@@ -25,9 +25,9 @@ CAR = (0.4, 0.2)
 @dataclass(frozen=True)
 class Hidden:
     """speed [m/s]; travel, gyro: relative; bias [rad/s]; late [s] of stamps; slip [rad per m/s2];
-    noise [m] + noise_share of the distance; stale: share of the walls' length that is new; scale
-    of distances; gap [s] of the lidar every 10 s; spin: share by which a wheel is too quick for
-    0.4 s every 10 s."""
+    noise [m] + noise_share of the distance; stale: share of the walls' length that is new, gone:
+    boxes of the map that are not there any more, of four; scale of distances; gap [s] of the lidar
+    every 10 s; spin: share by which a wheel is too quick for 0.4 s every 10 s."""
 
     speed: float = 1.0
     seconds: float = 60.0
@@ -40,6 +40,7 @@ class Hidden:
     noise_share: float = 0.0
     dropout: float = 0.03
     stale: float = 0.07
+    gone: int = 0
     other: bool = True
     scale: float = 1.0
     gap: float = 0.0
@@ -134,7 +135,8 @@ def drive_along(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generat
     lateral = speed**2 * way[:, 3]
     truth = np.column_stack((way[:, :2], way[:, 2] + hid.slip * lateral))
     told = _told(t, truth, np.cos(hid.slip * lateral), hid, rng)
-    lines = np.vstack((room.lines, _stale(room, way, hid, rng)))
+    there = room.lines[:len(room.lines) - 4 * hid.gone]
+    lines = np.vstack((there, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
                  list(_scans(lines, room.glass, t, truth, hid, rng, n)), _felt(speed, seed), lines)
 

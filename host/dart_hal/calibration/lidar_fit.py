@@ -175,7 +175,7 @@ def _laid(drive: Drive, chart: Map, mount: Mount) -> Seen:
                 break
             continue
         found = match(chart, beams.points, beams.rays, start, LOOSE, SMALL).pose
-        agreed = agreement(chart, found, beams.points, beams.rays, beams.origin).right
+        agreed = agreement(chart, found, beams.points, beams.rays, beams.origin).share
         if agreed < RIGHT:
             continue
         last = end, found

@@ -67,11 +67,6 @@ class Agreement(NamedTuple):
     passed: float
 
     @property
-    def right(self) -> float:
-        """How well the pose is right, in a room that may have changed."""
-        return self.share - self.passed
-
-    @property
     def proof(self) -> float:
         """How well this is the room of the map."""
         return self.share - PASSES * self.passed
@@ -101,13 +96,18 @@ class Judge:
         self._bad, self._fresh = 0, FRESH if searched else 0
 
     @property
+    def fresh(self) -> bool:
+        """Whether this may still be another room."""
+        return self._fresh > 0
+
+    @property
     def doubted(self) -> bool:
         return self._bad > 0
 
     def add(self, agreed: Agreement) -> Status:
         """The agreement of one more scan."""
         stale, self._fresh = self.mean < STALE, self._fresh - 1
-        self._bad = self._bad + 1 if agreed.right < (STALE_RIGHT if stale else RIGHT) else 0
+        self._bad = self._bad + 1 if agreed.share < (STALE_RIGHT if stale else RIGHT) else 0
         if self._bad >= PATIENCE or (self._proof < STALE and self._fresh > 0):
             return Status.LOST
         if not self._bad:

@@ -14,7 +14,7 @@ from dart_hal.lidar.health import Watch
 from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import ERRORS, POSE, TAU, UNLEARNT, Belief, again, begun
 from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import STALE, Judge, Status, agreement
+from dart_hal.localisation.health import STALE, Agreement, Judge, Status, agreement
 from dart_hal.localisation.path import Steps
 from dart_hal.localisation.search import search
 from dart_hal.types import Pose, Scan
@@ -55,6 +55,8 @@ class Localiser:
         self._start = None if start is None else np.array(start)
         self._steps, self._watch, self._yaw = Steps(), Watch(), 0.0
         self._judge, self._proven = Judge(1.0), 0
+        self._mapped = start is not None
+        """Whether this is the room of the map: somebody said so, or a track has shown it."""
         self._learnt: Belief | None = None
 
     def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
@@ -76,6 +78,11 @@ class Localiser:
         if belief is None and not self._begin(beams):
             return Located(t, scan.arrival, self._nowhere, None, self._agreed, self._mirrored)
         return self._track(beams, scan.arrival)
+
+    def _fits(self, agreed: Agreement) -> bool:
+        """Whether a pose that was searched may be one; walls that are gone are no news, once this
+        is known to be the room."""
+        return (agreed.share if self._mapped else agreed.proof) >= STALE
 
     @property
     def _mirrored(self) -> bool:
@@ -99,11 +106,12 @@ class Localiser:
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
             self._agreed = found.agreement.share
-            if not (found.fits and found.sure):
-                self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
+            fits = self._fits(found.agreement)
+            if not (fits and found.sure):
+                self._nowhere = Status.AMBIGUOUS if fits else Status.LOST
                 return False
             pose = found.pose[:3]
-            self._judge = Judge(found.agreement.share, searched=True)
+            self._judge = Judge(found.agreement.share, searched=not self._mapped)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -116,7 +124,7 @@ class Localiser:
         agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
         if status is Status.LOST or self._mirrored or (self._proven < PROVEN
-                                                            and agreed.proof < STALE):
+                                                            and not self._fits(agreed)):
             self.belief, self._agreed = None, agreed.share
             return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief
@@ -125,6 +133,7 @@ class Localiser:
             return Located(t, arrival, status if self._judge.doubted else Status.LOST, None,
                            agreed.share)
         self._learnt = belief
+        self._mapped = self._mapped or not self._judge.fresh
         cov = belief.cov[POSE, POSE].copy()
         cov.setflags(write=False)
         x, y, yaw = belief.mean[POSE].tolist()

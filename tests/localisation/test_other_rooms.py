@@ -1,0 +1,41 @@
+"""What passes through a wall of the map: another room is refused, one that has changed is not."""
+
+from __future__ import annotations
+
+import pytest
+from tests.localisation.figures import _warmed
+from tests.localisation.world import drive, hidden, run
+
+from dart_hal.localisation.health import STALE, Agreement, Judge, Status
+from dart_hal.localisation.search import search
+
+
+def test_another_room_of_the_same_outline_is_refused():
+    """By one of its scans that agrees in more than 75 %; the control is the own room."""
+    found = []
+    for seed, other in ((5100, 5101), (5102, 5103), (5104, 5105)):
+        d, chart = drive(seed, hidden(seed, seconds=3.0)), drive(other, hidden(other)).chart
+        beams = _warmed(d, 4)._beams(d.scans[4])
+        assert search(d.chart, beams.points, beams.rays, beams.origin).fits
+        found.append(search(chart, beams.points, beams.rays, beams.origin))
+    assert not any(f.fits for f in found)
+
+
+def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
+    agreed = Agreement(0.8, 0.03)
+    assert agreed.share > STALE > agreed.proof
+
+
+def test_a_searched_track_in_another_room_is_given_up():
+    judge = Judge(0.8, searched=True)
+    told = [judge.add(Agreement(0.8, 0.05)) for _ in range(20)]
+    assert told[-1] is Status.LOST
+    assert Judge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING     # somebody said where it is
+
+
+@pytest.mark.more
+def test_a_room_without_half_its_boxes_is_not_lost():
+    d = drive(5302, hidden(5302, stale=0.22, gone=2, seconds=15.0))
+    found = run(d)
+    assert Status.LOST not in {t.status for t in found.told if t}
+    assert found.off.max() < 0.02
