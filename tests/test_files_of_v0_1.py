@@ -45,7 +45,8 @@ def test_every_quantity_of_a_calibration_is_read():
     calibration = parse_calibration(text, "calibration.toml", "dart-01")
     later = {"throttle.reverse_rest", "throttle.signal_loss", "mocap.marker_x", "mocap.marker_y",
              "mocap.marker_yaw", "mocap.latency", "latency.pulse_to_wheel_lag",
-             "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag", "steering.slew_us_s"}
+             "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag", "steering.slew_us_s",
+             "lidar.mount_x", "lidar.mount_y", "lidar.mount_yaw", "lidar.scale"}
     assert set(calibration.quantities()) == set(QUANTITIES) - later
     assert calibration.quantities()["pwm.oscillator_hz"].value == 25_310_000.0
     assert calibration.steering.map.pulse_us[0] == 1125.0

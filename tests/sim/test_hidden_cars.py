@@ -93,8 +93,10 @@ def test_reveal_has_the_shape_of_the_contract(seed):
     assert len(commands) == len(angles) >= 201
     assert (commands[0], commands[-1]) == (-1.0, 1.0)
     assert angles == sorted(angles)
-    assert set(shown["sensors"]) == {q for q in QUANTITIES if not q.startswith("mocap.")}
-    assert set(reveal_url(Url.parse(f"sim://?seed={seed}&mocap=1"))["sensors"]) == set(QUANTITIES)
+    assert set(shown["sensors"]) == {
+        q for q in QUANTITIES if not q.startswith(("mocap.", "lidar."))}
+    seen = reveal_url(Url.parse(f"sim://?seed={seed}&mocap=1&lidar=1"))
+    assert set(seen["sensors"]) == set(QUANTITIES)
     assert sum(shown["sensors"]["encoder.ring"]) == pytest.approx(20)
 
 
