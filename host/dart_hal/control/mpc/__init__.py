@@ -1,0 +1,15 @@
+"""Model predictive contouring control by real-time iteration, on numpy alone.
+
+    model        one stage of the car: equations of ``vehicle``, delays and lags as states
+    reference    where the path is at a progress: errors across it and along it, and their slopes
+    obstacles    what lies on the path, as bounds of the error across
+    problem      weights and limits: the quadratic programme of one iteration
+    admm         its solution
+    iteration    shift, linearise, solve, step: the plan of one sample, within its time
+    tracker      the plan as a tracker of ``dart-hal follow``
+
+J. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",
+Optimal Control Applications and Methods 36 (2015), for the contouring errors; M. Diehl et al.,
+"Real-time optimization and nonlinear model predictive control of processes governed by
+differential-algebraic equations", J. Process Control 12 (2002), for the iteration.
+"""
