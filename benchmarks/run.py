@@ -25,6 +25,7 @@ import bench_identify
 import bench_joint
 import bench_lidar
 import bench_light
+import bench_mpc
 import bench_room
 import bench_solver
 import bench_vehicle
@@ -58,6 +59,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,
     "light": bench_light.figures,
+    "mpc": bench_mpc.figures,
     "lidar": bench_lidar.figures,
     "emulation": bench_emulation.figures,
     "clock": bench_clock.figures,

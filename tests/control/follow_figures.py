@@ -38,7 +38,7 @@ from dart_hal.control.follow import MOST, Follower, Phase, Rules
 from dart_hal.control.lap import speed_profile
 from dart_hal.control.plant import Late, Plant, plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import uncompensated
+from dart_hal.control.trackers import TRACKERS, uncompensated
 from dart_hal.control.tracks import track_named
 from dart_hal.links.base import open_backend
 from dart_hal.sim.mocap import hidden_mocap
@@ -241,7 +241,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--speed", type=float, nargs="*", default=[1.0, 2.0])
     parser.add_argument("--car", choices=("paper", "later"), default="later")
-    parser.add_argument("--tracker", choices=("lqr", "pursuit"), nargs="*", default=["lqr"])
+    parser.add_argument("--tracker", choices=tuple(TRACKERS), nargs="*", default=["lqr"])
     parser.add_argument("--track", default="racetrack_vicon_2")
     parser.add_argument("--laps", type=float, default=3.0)
     parser.add_argument("--raceline", type=float)

@@ -7,13 +7,16 @@ from math import inf
 
 import numpy as np
 import pytest
+from tests.control.light_follow import LATER, light_drive, plant_by
 from tests.control.mpc_loop import NO_LAGS, Loop, P, around, controller, figures, lap, margin
 
+from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Rows, solve
 from dart_hal.control.mpc.iteration import Outcome
 from dart_hal.control.mpc.model import STAGE, linearised, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
 from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.step import make_car_step
@@ -126,6 +129,26 @@ def test_a_plan_of_numbers_that_are_none_is_thrown_away():
     broken[3] = np.nan
     assert loop.mpc.plan(0.14, broken, 0.0, (0.2, 0.0)).outcome is Outcome.DIVERGED
     assert loop.step().outcome is Outcome.SOLVED
+
+
+def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
+    """Three late plans are the last one, shifted; then the linear-quadratic tracker brakes."""
+    straight = Path([(9.0, 0.0)], closed=False)
+    follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "mpcc"), []
+    ticks = iter(np.arange(1e6))
+
+    def spoil(t, follower, motion):
+        if t > 2.0 and not spoilt:
+            spoilt.append(follower.tracker.s)
+            follower.tracker.mpcc.clock = lambda: next(ticks)
+        return motion
+
+    rows = light_drive(follower, each=spoil)
+    assert follower.why == "no plan within 0.05 s, 4 times in a row"
+    assert not follower.good
+    assert follower.phase is Phase.ENDED
+    assert rows[-1, 1] < spoilt[0] + 1.3
+    assert np.abs(rows[:, 3]).max() < 0.02
 
 
 @pytest.mark.few("0.45-0.0")

@@ -53,7 +53,7 @@ SOURCE = "follow"
               help="m/s; slower where tyres, steering or path ask for it; keys + and - change it")
 @click.option("--profile", is_flag=True, help="as fast as the car's model holds everywhere")
 @click.option("--tracker", type=click.Choice(list(TRACKERS)), default="lqr", show_default=True,
-              help="linear-quadratic with preview, or pure pursuit")
+              help="linear-quadratic with preview, pure pursuit, or contouring control")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
               help="of a closed path")
 @click.option("--raceline", "half_width", type=Number(0.0, 1.0), default=None, metavar="M",
@@ -88,6 +88,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, tracker, rules, half_width)
+        follower.clock = lambda: car.now
         summary = Summary(car)
         follow(car, follower, waive)
         car.stop()

@@ -10,6 +10,7 @@ not come to rest in time is given up at neutral.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import hypot, inf, sqrt
 from typing import NamedTuple
@@ -18,10 +19,11 @@ import numpy as np
 
 from dart_hal.control.ending import PATIENCE, WAIT, Ending, Phase
 from dart_hal.control.lap import CRAWL, SpeedProfile, speed_profile
+from dart_hal.control.on_path import Tracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK
-from dart_hal.control.trackers import TRACKERS, Tracker
+from dart_hal.control.trackers import TRACKERS
 from dart_hal.errors import UsageError
 from dart_hal.types import START, FloatArray, MotionEstimate, Pose, Tracking
 
@@ -90,6 +92,8 @@ class Follower(Ending):
                              remedy="repeat the first row of the file as its last")
         self.plant, self._tracker_name = plant, tracker
         self.cap = cap
+        self.clock: Callable[[], float] = lambda: 0.0
+        """s that go on while the tracker thinks, as ``car.now``; may be set before the start."""
         self.path, self.profile = path, speed_profile(path, plant, most)
         self.tracker: Tracker = TRACKERS[tracker](path, plant)
         self.begun_at = 0.0
@@ -156,6 +160,7 @@ class Follower(Ending):
             self.profile = SpeedProfile(self.path, self.profile.speed)
             self.tracker = TRACKERS[self._tracker_name](self.path, self.plant)
         self.begun_at = start_of(self.path, pose)
+        self.tracker.pace, self.tracker.clock = self._pace, self.clock
         self.tracker.begin(self.begun_at)
         self.phase, self._lap_t, self._before = Phase.JOINING, motion.t, motion.t
 
@@ -177,6 +182,8 @@ class Follower(Ending):
                       f"{self.tracker.s % self.path.length:.2f} m")
         elif self.phase is Phase.JOINING and self._joining > JOIN:
             self._end(f"the car did not come into the lane within {JOIN:g} m")
+        elif self.tracker.why:
+            self._end(self.tracker.why)
         elif self._standing.stuck(t, motion.speed):
             self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
@@ -190,11 +197,17 @@ class Follower(Ending):
             self.driven.lap_times.append(t - self._lap_t)
             self._lap_t = t
 
+    def _pace(self, s: float) -> float:
+        """Speed [m/s] that is wanted at an arc length [m]."""
+        if self.phase is Phase.STOPPING:
+            return self._speed
+        return max(min(self.profile.at(s), self.cap), CRAWL)
+
     def _wanted(self, motion: MotionEstimate) -> float:
         """Speed to ask for [m/s]."""
         if self.phase is Phase.STOPPING:
             return self._stops(motion)
-        self._speed = max(min(self.profile.at(self.tracker.s), self.cap), CRAWL)
+        self._speed = min(self._pace(self.tracker.s), max(self.tracker.speed, CRAWL))
         if not self.path.closed:
             left = max(self.remaining, 0.0)
             if left <= motion.speed**2 / (2.0 * ROLLS) and motion.speed < 2.0 * CRAWL:

@@ -7,19 +7,21 @@ for there:
     pose now --(transport [+ lag])--> pose then --> angle = bend of the path ahead + correction
 
 ``Pursuit`` corrects along the arc that meets the path a look-ahead away; ``Lqr`` (``lqr``) by a
-gain that weighs the offset against the speed of the wheels.
+gain that weighs the offset against the speed of the wheels. ``contouring`` plans (``mpc``).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import pi, remainder
-from typing import Protocol
 
 import numpy as np
 
+from dart_hal.control.mpc.tracker import Contouring
+from dart_hal.control.on_path import OnPath, Tracker
 from dart_hal.control.paths import Path
-from dart_hal.control.plant import Plant, Prediction, Where
+from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
 from dart_hal.types import MotionEstimate
 
@@ -33,47 +35,7 @@ OFF = 0.6
 """rad to the path at most, at which a car that is far from it comes nearer."""
 
 
-class Tracker(Protocol):
-    """s [m]: arc length of the closest point, grows over laps; offset [m]: to the left of it."""
-
-    s: float
-    offset: float
-
-    def begin(self, s: float) -> None:
-        """The car is near arc length s [m]; nothing is known of commands before."""
-
-    def steer(self, motion: MotionEstimate) -> float:
-        """Angle [rad] of the road wheels to command at ``motion.t``."""
-
-
-class _OnPath:
-    """What trackers share: where the car is and will be, beside the path."""
-
-    def __init__(self, path: Path, plant: Plant) -> None:
-        self.path, self.plant = path, plant
-        self.s = self.offset = 0.0
-        self._prediction = Prediction(plant)
-
-    def begin(self, s: float) -> None:
-        self.s = s
-        self._prediction.reset()
-
-    def _see(self, motion: MotionEstimate, ahead: float) -> tuple[Where, float]:
-        """Motion ``ahead`` s later, and the arc length of its closest point."""
-        pose = motion.pose
-        self.s = self.path.closest(pose.x, pose.y, self.s)
-        self.offset = self.path.offset(pose.x, pose.y, self.s)
-        where = self._prediction.at(motion, motion.t + ahead)
-        return where, self.path.closest(where.x, where.y, self.s)
-
-    def _command(self, motion: MotionEstimate, angle: float) -> float:
-        low, high = self.plant.lock
-        angle = min(max(angle - self._prediction.bias, low), high)
-        self._prediction.sent(motion.t, angle)
-        return angle
-
-
-class Pursuit(_OnPath):
+class Pursuit(OnPath):
     """Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01, 1992) of the course of the rear axle.
 
     The bend of the path itself is fed forward, so that the arc corrects what is left: on the path
@@ -102,7 +64,7 @@ class Pursuit(_OnPath):
         return float(bends.mean()), float(bends[-1] - bends[0]) / EASE
 
 
-class Lqr(_OnPath):
+class Lqr(OnPath):
     """Linear-quadratic with preview of the path, about the steady bend ahead."""
 
     def steer(self, motion: MotionEstimate) -> float:
@@ -119,7 +81,13 @@ class Lqr(_OnPath):
         return self._command(motion, bend.angle - float(gain @ state))
 
 
-TRACKERS: dict[str, type[Pursuit] | type[Lqr]] = {"lqr": Lqr, "pursuit": Pursuit}
+def contouring(path: Path, plant: Plant) -> Contouring:
+    """Contouring control, which brakes by the linear-quadratic tracker where it cannot go on."""
+    return Contouring(path, plant, Lqr(path, plant))
+
+
+TRACKERS: dict[str, Callable[[Path, Plant], Tracker]] = {
+    "lqr": Lqr, "pursuit": Pursuit, "mpcc": contouring}
 
 
 def uncompensated(plant: Plant) -> Plant:

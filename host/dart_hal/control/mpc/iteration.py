@@ -3,8 +3,9 @@
     last plan -> shifted -> linearised at every stage -> condensed -> solved -> one step -> plan
 
 A plan is made within ``budget`` s by ``clock``, or not at all: then the last plan goes on
-(``Outcome.LATE``), which is what its first stages were made for. One that is not finite is
-thrown away (``DIVERGED``). Both are counted; who asks decides when to brake.
+(``Outcome.LATE``), which is what its first stages were made for. One that runs away is begun anew
+from the path; where that does as well, it is ``DIVERGED``. Both are counted; who asks decides when
+to brake.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +38,8 @@ ITERATIONS, BEGINNING = 40, 8
 LARGE, LARGEST, MORE = 0.4, 0.8, 2
 """A step of the steering that asks for one more iteration, the most that is taken of one, and how
 many more there are."""
+FAR = 1e3
+"""m, m/s, ... from the first state to any of a plan that has not diverged."""
 GAINS = 3.0
 """m/s2 of the first guess."""
 
@@ -75,6 +79,15 @@ class Plan:
         for a in self.slopes:
             all_.append(a @ all_[-1] @ a.T + per_stage)
         return np.array(all_)
+
+
+class _Aim(NamedTuple):
+    """What a sample asks: first state, progress, what acts until then, whether time is over."""
+
+    state: FloatArray
+    s: float
+    before: tuple[float, float]
+    late: Callable[[], bool]
 
 
 class Mpcc:
@@ -125,37 +138,43 @@ class Mpcc:
 
         before: tau, st that act until then.
         """
-        end, begun = inf, self.last is None
-        if self.budget < inf:
-            end = self.clock() + self.budget
-        guess = self._shifted(t) or self._guess(t, state, s)
-        plan: Plan | None = guess
-        left, more = (BEGINNING if begun else 1), MORE
-        while left and plan is not None:
-            old = plan
-            plan = self._step(plan, state, s, before, lambda: end < inf and self.clock() > end)
-            left -= 1
-            if plan is not None and not np.isfinite(plan.states).all():
-                self.outcomes[Outcome.DIVERGED] += 1
-                self.last = None
-                return replace(guess, outcome=Outcome.DIVERGED)
-            if plan is not None and not left and more and not begun:
-                turned = np.abs(plan.inputs[ST] - old.inputs[ST]).max()
-                left, more = int(turned > LARGE), more - 1
-        self.last = plan if plan is not None else replace(guess, outcome=Outcome.LATE)
-        self.outcomes[self.last.outcome] += 1
-        return self.last
+        end = self.clock() + self.budget if self.budget < inf else inf
+        aim = _Aim(state, s, before, lambda: end < inf and self.clock() > end)
+        guess = self._shifted(t)
+        if not np.isfinite(state).all():
+            self.last, guess = None, guess or self._guess(t, np.zeros(len(state)), s)
+            self.outcomes[Outcome.DIVERGED] += 1
+            return replace(guess, outcome=Outcome.DIVERGED)
+        plan = self._iterated(guess, 1, aim) if guess else None
+        if guess is None or (plan is not None and plan.outcome is Outcome.DIVERGED):
+            self.outcomes[Outcome.DIVERGED] += plan is not None
+            guess = self._guess(t, state, s)
+            plan = self._iterated(guess, BEGINNING, aim)
+        plan = plan or replace(guess, outcome=Outcome.LATE)
+        self.outcomes[plan.outcome] += 1
+        self.last = None if plan.outcome is Outcome.DIVERGED else plan
+        return plan
 
-    def _step(
-        self,
-        plan: Plan,
-        state: FloatArray,
-        s: float,
-        before: tuple[float, float],
-        late: Callable[[], bool],
-    ) -> Plan | None:
+    def _iterated(self, plan: Plan, steps: int, aim: _Aim) -> Plan | None:
+        """So many steps on, and some more where the steering still turns; None where late."""
+        more = MORE if steps == 1 else 0
+        while steps:
+            with np.errstate(over="ignore", invalid="ignore"):  # it is looked at below
+                after = self._step(plan, aim)
+            if after is None:
+                return None
+            if not np.abs(after.states - after.states[0]).max() < FAR:
+                return replace(plan, outcome=Outcome.DIVERGED)
+            turned, plan = np.abs(after.inputs[ST] - plan.inputs[ST]).max(), after
+            steps -= 1
+            if not steps and more and turned > LARGE:
+                steps, more = 1, more - 1
+        return plan
+
+    def _step(self, plan: Plan, aim: _Aim) -> Plan | None:
         """One linearisation and one programme; None where it was late."""
         inputs, states = plan.inputs, plan.states
+        state, s, before, late = aim
         after, a, b = linearised(self.stage, states[:-1], inputs[:V_S].T)
         moved = condensed(state - states[0], a, b, after - states[1:])
         way = self.problem.progress(s, inputs[V_S])
