@@ -143,6 +143,8 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...]) -> None:
             car.drive_speed(steering=steering, speed=speed, source=SOURCE)
             car.log("follow", {"s": follower.tracker.s, "offset": follower.tracker.offset,
                                "speed": speed})
+            if follower.tracker.told:
+                car.log("plan", follower.tracker.told)
             listen(keys, follower)
             bar.update(task, completed=follower.tracker.s - follower.begun_at)
 

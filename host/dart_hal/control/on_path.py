@@ -9,21 +9,23 @@ from typing import Protocol
 
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant, Prediction, Where
-from dart_hal.types import MotionEstimate
+from dart_hal.types import FloatArray, MotionEstimate
 
 
 class Tracker(Protocol):
     """s [m]: arc length of the closest point, grows over laps; offset [m]: to the left of it.
 
     speed [m/s]: no faster, for this tracker's sake; why: it can go on no longer, and steers until
-    the car stands. To be set: pace, the speed [m/s] that is wanted at an arc length; clock [s],
-    which goes on while a tracker thinks (in virtual time it does not).
+    the car stands; told: what is new of its plan, for ``car.log``. To be set:
+    pace, the speed [m/s] that is wanted at an arc length; clock [s], which goes on while a tracker
+    thinks (in virtual time it does not).
     """
 
     s: float
     offset: float
     speed: float
     why: str
+    told: dict[str, FloatArray]
     pace: Callable[[float], float]
     clock: Callable[[], float]
 
@@ -41,6 +43,7 @@ class OnPath(ABC):
         self.path, self.plant = path, plant
         self.s = self.offset = 0.0
         self.speed, self.why = inf, ""
+        self.told: dict[str, FloatArray] = {}
         self.pace: Callable[[float], float] = lambda s: 1.0
         self.clock: Callable[[], float] = lambda: 0.0
         self._prediction = Prediction(plant)

@@ -8,7 +8,7 @@
     iteration    shift, linearise, solve, step: the plan of one sample, within its time
     tracker      the plan as a tracker of ``dart-hal follow``
 
-J. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",
+A. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",
 Optimal Control Applications and Methods 36 (2015), for the contouring errors; M. Diehl et al.,
 "Real-time optimization and nonlinear model predictive control of processes governed by
 differential-algebraic equations", J. Process Control 12 (2002), for the iteration.

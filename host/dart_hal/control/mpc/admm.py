@@ -43,16 +43,15 @@ def solve(
     weighted = c.T * rho
     inverse = np.linalg.inv(h + weighted @ c)
     to_x, offset = inverse @ weighted, inverse @ g
-    through, shift = c @ to_x, c @ offset
     most = price / rho
     z, y = np.clip(np.zeros(len(low)), low, high), np.zeros(len(low))  # y: dual by rho
     for k in range(iterations):
         if k % EACH == 0 and late():
             return None
-        there = RELAXATION * (through @ (z - y) - shift) + (1.0 - RELAXATION) * z + y
+        there = RELAXATION * (c @ (to_x @ (z - y) - offset)) + (1.0 - RELAXATION) * z + y
         inside = np.minimum(np.maximum(there, low), high)
         beyond = there - inside
-        z = inside + np.sign(beyond) * np.maximum(np.abs(beyond) - most, 0.0)
+        z = inside + beyond - np.minimum(np.maximum(beyond, -most), most)
         y = there - z
     x: FloatArray = to_x @ (z - y) - offset
     return x

@@ -62,6 +62,7 @@ class Contouring(OnPath):
         pose = motion.pose
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
+        self.told = {}
         if self.why:
             return self._safe.steer(motion)
         if motion.t > self._due - 1e-6:
@@ -70,6 +71,9 @@ class Contouring(OnPath):
             if self.why:
                 return self._safe.steer(motion)
             self._st = float(self.plan.inputs[1, 0])
+            x, y, _, speed = self.plan.states[:, :4].T
+            self.told = {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
+                         "steering": self.plan.inputs[1]}
         if self.plan is not None:
             self.speed = float(self.plan.at(motion.t + REACH)[3])
         return self._command(motion, self.plant.angle_of(self._st))
