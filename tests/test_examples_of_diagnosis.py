@@ -16,6 +16,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TUNE, UPGRADES = EXAMPLES / "tune_on_what_was_found.py", EXAMPLES / "what_two_upgrades_bought.py"
+IN_CONTROL = EXAMPLES / "use_cases" / "diagnosis_in_control.py"
 LAG = "sim://?nano=mock&effect=steering_lag:0.12"
 STEERING = ("steering_lag", "steering_delay", "yaw_inertia")
 LOSSES = ("steering_backlash", "steering_trim", "battery_fade", "rolling_resistance")
@@ -88,6 +89,16 @@ def test_both_upgrades_are_told_from_a_drive_before_and_after():
 @pytest.mark.slow
 def test_both_upgrades_are_told_among_all_effects():
     check_upgrades(upgraded(60.0, ()))
+
+
+@pytest.mark.slow
+def test_contouring_control_by_what_was_found():
+    """The car's own model without its lags swings; the one that names them does not."""
+    found, driven = loaded(IN_CONTROL).main()
+    assert "steering_lag" in [c.effect for c in found.causes]
+    without, extended = driven["the car's, without its lags"], driven["extended by diagnose"]
+    assert extended[0] < 0.02
+    assert extended[0] < 0.2 * without[0]
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ SEEDS = (21, 22)
 
 
 @pytest.mark.parametrize(("tracker", "speed", "rms", "largest"), [
-    ("lqr", 1.0, 0.02, 0.05), ("lqr", 2.0, 0.03, 0.10), ("pursuit", 1.0, 0.02, 0.05)])
+    ("lqr", 1.0, 0.02, 0.05), ("lqr", 2.0, 0.03, 0.10), ("pursuit", 1.0, 0.02, 0.05),
+    ("mpcc", 2.0, 0.035, 0.10)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_true_axle_stays_on_the_path(seed, tracker, speed, rms, largest):
     drive = driven(seed, speed, "later", tracker, laps=2.0)
@@ -32,10 +33,11 @@ def test_a_raceline_is_driven_as_fast_as_its_profile(seed):
     assert abs(found["lap"]) < 0.03
 
 
+@pytest.mark.parametrize("tracker", ["pursuit", "mpcc"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_without_delay_compensation_it_does_not(seed):
+def test_without_delay_compensation_it_does_not(seed, tracker):
     """The control."""
-    blind = driven(seed, 2.0, "later", "pursuit", laps=1.0, blind=True)
+    blind = driven(seed, 2.0, "later", tracker, laps=1.0, blind=True)
     assert blind.figures["rms"] > 0.08
 
 
