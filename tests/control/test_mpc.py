@@ -138,7 +138,7 @@ def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
     ticks = iter(np.arange(1e6))
 
     def spoil(t, follower, motion):
-        if t > 2.0 and not spoilt:
+        if t > 1.2 and not spoilt:
             spoilt.append(follower.tracker.s)
             follower.tracker.mpcc.clock = lambda: next(ticks)
         return motion
@@ -149,6 +149,27 @@ def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
     assert follower.phase is Phase.ENDED
     assert rows[-1, 1] < spoilt[0] + 1.3
     assert np.abs(rows[:, 3]).max() < 0.02
+
+
+def test_before_an_obstacle_without_a_way_past_it_the_car_stops():
+    """One in the middle of the lane."""
+    straight = Path([(9.0, 0.0)], closed=False)
+    follower = Follower(straight, plant_by(LATER), 1.5, "mpcc")
+    follower.tracker.mpcc.obstacles = (Obstacle(6.0, 0.0, 0.15),)
+    rows = light_drive(follower)
+    assert follower.why == "obstacles leave no way within the lane"
+    assert follower.phase is Phase.ENDED
+    assert 3.0 < rows[-1, 1] < 6.0 - 0.15 - 0.3
+
+
+@pytest.mark.more
+def test_one_beside_the_middle_leaves_a_way():
+    straight = Path([(9.0, 0.0)], closed=False)
+    follower = Follower(straight, plant_by(LATER), 1.5, "mpcc")
+    follower.tracker.mpcc.obstacles = (Obstacle(6.0, -0.15, 0.15),)
+    rows = light_drive(follower)
+    assert follower.why == "the path is driven"
+    assert rows[:, 3].max() > 0.17
 
 
 @pytest.mark.few("0.45-0.0")

@@ -4,8 +4,8 @@
 
 A plan is made within ``budget`` s by ``clock``, or not at all: then the last plan goes on
 (``Outcome.LATE``), which is what its first stages were made for. One that runs away is begun anew
-from the path; where that does as well, it is ``DIVERGED``. Both are counted; who asks decides when
-to brake.
+from the path; where that does as well, it is ``DIVERGED``. Where obstacles leave no way, a plan is
+``BLOCKED``. All are counted; who asks decides when to brake.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class Outcome(str, Enum):
     """How a plan came about."""
 
     SOLVED = "SOLVED"
+    BLOCKED = "BLOCKED"
     LATE = "LATE"
     DIVERGED = "DIVERGED"
 
@@ -181,6 +182,7 @@ class Mpcc:
         errors = self.reference.errors(states[1:, 0], states[1:, 1], way)
         times: FloatArray = plan.t + STAGE * np.arange(1.0, len(way) + 1.0)
         lane = self.corridor.bounds(way + self.vehicle.body.l_r, times)
+        outcome = Outcome.BLOCKED if self.corridor.blocked else Outcome.SOLVED
         h, g, rows = self.problem.build(
             states[1:], inputs, before, moved, errors, self.speed_of(way), lane
         )
@@ -197,7 +199,7 @@ class Mpcc:
             np.vstack([state, states[1:] + moved_by]),
             np.append(s, self.problem.progress(s, new[V_S])),
             new,
-            Outcome.SOLVED,
+            outcome,
             a,
         )
 

@@ -45,10 +45,14 @@ class Corridor:
         """length [m]: of a closed path, on which an obstacle is met once a lap."""
         self.lane, self._length = lane, length
         self.obstacles: tuple[Obstacle, ...] = ()
+        self.blocked = False
         self._sides: dict[Obstacle, float] = {}
 
     def bounds(self, s: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(low, high) [m] of the error across for the car's middle at progresses s [m], times t."""
+        """(low, high) [m] of the error across for the car's middle at progresses s [m], times t.
+
+        ``blocked`` tells then whether there is no way anywhere; low is above high there.
+        """
         low, high = np.full(len(s), -self.lane), np.full(len(s), self.lane)
         for o in self.obstacles:
             at = o.s + o.speed * (t - o.t)
@@ -64,6 +68,7 @@ class Corridor:
                 low = np.maximum(low, edge)
             else:
                 high = np.minimum(high, -edge)
+        self.blocked = bool((low > high).any())
         return low, high
 
     def _side(self, o: Obstacle, apart: float) -> float:

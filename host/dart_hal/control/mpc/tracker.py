@@ -3,8 +3,8 @@
 The plan begins at the pose that is predicted for the time at which its answer acts, with the
 model's slip there. The car's speed loop drives: it is given the speed that the plan has a little
 later, where that is less than the profile's. A plan that is late is the last one, shifted; more
-than ``LATEST`` of them in a row, or one that diverged, end the drive (``why``): ``safe`` steers to
-rest.
+than ``LATEST`` of them in a row, one that diverged or one without a way past the obstacles end the
+drive (``why``): ``safe`` steers to rest.
 """
 
 from __future__ import annotations
@@ -93,6 +93,8 @@ class Contouring(OnPath):
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
         if found.outcome is Outcome.DIVERGED:
             self.why = "the plan diverged"
+        elif found.outcome is Outcome.BLOCKED:
+            self.why = "obstacles leave no way within the lane"
         elif self._missed > LATEST:
             self.why = f"no plan within {BUDGET:g} s, {self._missed} times in a row"
         return found
