@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.vehicle.effect import Effect, Forces, Parameter
+from dart_hal.vehicle.effect import Effect, Forces, Parameter, Signal, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -24,7 +24,10 @@ DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
 
 
 def with_departures(effect: Effect) -> Effect:
-    """A force with one more parameter for each departure, 0 where it is as written."""
+    """A force with one more parameter for each departure, 0 where it is as written.
+
+    What it does to a signal besides, as a slope to the accelerometer, stays as written.
+    """
     more = tuple(Parameter(name, "-", -1.0, 1.0, sizes=(0.1, 0.2, 0.4)) for name in DEPARTURES)
     n = len(effect.parameters)
 
@@ -45,4 +48,11 @@ def with_departures(effect: Effect) -> Effect:
 
         return hook
 
-    return replace(effect, parameters=(*effect.parameters, *more), force=force)
+    signals = {channel: _of_first(hook, n) for channel, hook in effect.signals.items()}
+    return replace(effect, parameters=(*effect.parameters, *more), force=force, signals=signals)
+
+
+def _of_first(hook: Signal, n: int) -> Static:
+    """The hook, given more values than the ``n`` that it knows."""
+    assert isinstance(hook, Static), "no force of the catalogue has a signal with memory"
+    return Static(lambda p, f, *values: hook.make(p, f, *values[:n]))
