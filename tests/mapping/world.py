@@ -72,6 +72,12 @@ class Placed:
     def room(self, points: FloatArray) -> FloatArray:
         return self.by.room(points)
 
+    def survey(self, points: FloatArray) -> FloatArray:
+        """The other way."""
+        c, s = np.cos(self.by.turn), np.sin(self.by.turn)
+        back: FloatArray = (points - self.by.shift) @ np.array(((c, -s), (s, c)))
+        return back
+
     @property
     def off(self) -> FloatArray:
         """Distance (n,) [m] of the path from the true one."""
