@@ -27,7 +27,7 @@ from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
 from dart_hal.mapping.occupancy import grid_of
 from dart_hal.report import page
-from dart_hal.report.figures import BLUE, INK, ORANGE, finish, image, new_figure
+from dart_hal.report.figures import ABOVE, BLUE, INK, ORANGE, finish, image, new_figure
 from dart_hal.report.html import Html, el, join
 from dart_hal.types import FloatArray
 
@@ -170,4 +170,4 @@ def draw(axes: Any, found: Followed) -> None:
     axes.plot(*found.true[:, :2].T, color=ORANGE, lw=3, alpha=0.5, label="truth")
     axes.plot(*found.estimated[:, :2].T, color=BLUE, lw=1, label="by the lidar in its own map")
     axes.set_aspect("equal")
-    finish(axes, "x [m]", "y [m]", loc="center")
+    finish(axes, "x [m]", "y [m]", ncols=4, **ABOVE)
