@@ -3,6 +3,7 @@ drove by what it sees. Its Nano is the mock, which is quicker."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.cli.localize_truth import map_of_room, true_path
-from dart_hal.control.ending import Phase
-from dart_hal.control.follow import Follower, Rules
+from dart_hal.control.ending import Ending, Phase
+from dart_hal.control.follow import Command, Follower, Rules
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
@@ -29,7 +30,7 @@ from dart_hal.mapping.occupancy import grid_of
 from dart_hal.report import page
 from dart_hal.report.figures import ABOVE, BLUE, INK, ORANGE, finish, image, new_figure
 from dart_hal.report.html import Html, el, join
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, State
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
 SPEED, LAP, OVER = 1.2, 22.9, 1.5
@@ -107,24 +108,34 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Laid, FloatArray]:
     """The survey of one lap, where it lies in the room, and the boards there."""
     backend, mapper = open_backend(url), Mapper()
     with Car.over(backend, cars=cars) as car:
-        follower, armed = LaneFollower(plant_of(car.files), SPEED, LAP + OVER), False
-        for state in car.states():
+        follower = LaneFollower(plant_of(car.files), SPEED, LAP + OVER)
+
+        def answer(state: State) -> Command:
             scans = car.scans()
-            steering, speed = follower.answer(car.now, state.speed, scans)
             mapper.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw)
             for scan in scans:
                 mapper.add(scan)
-            if follower.phase is Phase.ENDED:
-                break
-            if follower.phase is not Phase.WAITING and not armed:
-                armed = True
-                car.arm(waive=WAIVED)
-            elif armed:
-                car.drive_speed(steering=steering, speed=speed)
+            return follower.answer(car.now, state.speed, scans)
+
+        drive(car, follower, answer)
         survey = mapper.finish()
         path = survey.path()
         return (survey, laid(path[:, 1:3], true_path(backend, path[:, 0])[:, :2]),
                 map_of_room(backend).lines)
+
+
+def drive(car: Car, follower: Ending, answer: Callable[[State], Command]) -> None:
+    """Until it has ended; the car is armed once it need not wait any more."""
+    armed = False
+    for state in car.states():
+        steering, speed = answer(state)
+        if follower.phase is Phase.ENDED:
+            return
+        if follower.phase is not Phase.WAITING and not armed:
+            armed = True
+            car.arm(waive=WAIVED)
+        elif armed:
+            car.drive_speed(steering=steering, speed=speed)
 
 
 def closed(survey: Survey) -> Track:
@@ -146,19 +157,14 @@ def followed(url: str, cars: Path, grid: Grid, line: Track
     told: dict[float, tuple[float, float, float]] = {}
     with Car.over(backend, cars=cars, poses=source) as car:
         plant = plant_of(car.files)
-        line, armed = raceline(line, SMOOTH, plant, SPEED), False
-        follower = Follower(line, plant, SPEED, rules=Rules(laps=1))
-        for state in car.states():
-            steering, speed = follower.answer(state.estimate.at(car.now))
+        follower = Follower(raceline(line, SMOOTH, plant, SPEED), plant, SPEED, rules=Rules(laps=1))
+
+        def answer(state: State) -> Command:
             if source.newest is not None and (at := source.newest.pose) is not None:
                 told[source.newest.t] = at.x, at.y, at.yaw
-            if follower.phase is Phase.ENDED:
-                break
-            if follower.phase is not Phase.WAITING and not armed:
-                armed = True
-                car.arm(waive=WAIVED)
-            elif armed:
-                car.drive_speed(steering=steering, speed=speed)
+            return follower.answer(state.estimate.at(car.now))
+
+        drive(car, follower, answer)
         return np.array(list(told.values())), true_path(backend, np.array(list(told))), follower.why
 
 
