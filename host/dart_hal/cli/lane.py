@@ -22,12 +22,11 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.session import opened
+from dart_hal.cli.session import check_drives_by_lidar, opened
 from dart_hal.cli.summary import Summary
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
-from dart_hal.errors import UsageError
 from dart_hal.localisation.localiser import MIRRORED
 from dart_hal.report.figures import FORMATS
 
@@ -74,13 +73,7 @@ def command(url: str | None, car_name: str, cars: Path | None, speed: float,
 
 def follower_of(car: Car, speed: float, distance: float, duration: float) -> LaneFollower:
     """The drive that was asked for. Raises UsageError for a car that cannot."""
-    if not car.drives:
-        raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
-                         remedy="sim://?lidar=1&map=lane, or serial:///dev/ttyUSB0?i2c=1")
-    if not car.has_lidar:
-        raise UsageError(f"{car.url} has no lidar", expected="one that sees the lane",
-                         remedy="sim://?lidar=1&map=lane, or "
-                         "--lidar serial:///dev/dart-lidar")
+    check_drives_by_lidar(car, "lane")
     notices(() if car.files.model else
             ("the car has no model.toml: bends and delays by the paper's",))
     most = car.files.config.limits.max_speed

@@ -14,9 +14,16 @@ from dart_hal.car import Car
 from dart_hal.cli.drive import run_manual
 from dart_hal.cli.lane import drive as drive_along
 from dart_hal.cli.map_picture import draw
-from dart_hal.cli.options import NamedFile, Number, car_options, json_option, waive_option
+from dart_hal.cli.options import (
+    NamedFile,
+    Number,
+    car_options,
+    json_option,
+    lidar_option,
+    waive_option,
+)
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.session import opened
+from dart_hal.cli.session import check_drives_by_lidar, opened
 from dart_hal.control.gamepad import Gamepad
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.control.lane_follow import WallFollower
@@ -57,12 +64,14 @@ from dart_hal.report.figures import FORMATS
               help="keep the drive in this MCAP file (default: OUT.mcap)")
 @click.option("--plot", type=NamedFile(*FORMATS), default=None,
               help="write a picture of map, path and loop closures")
+@lidar_option
 @waive_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: Path | None,
             speed: float | None, keyboard: bool, gamepad: bool, side: str, gap: float,
             distance: float | None, duration: float | None, max_throttle: float, cell: float,
-            record: Path | None, plot: Path | None, waive: tuple[str, ...], as_json: bool) -> int:
+            record: Path | None, plot: Path | None, lidar: str | None, waive: tuple[str, ...],
+            as_json: bool) -> int:
     """Map the room: OUT.yaml and OUT.pgm, as ROS's map_server reads them.
 
     The car is driven by hand or along its walls, and the drive recorded; then the recording is
@@ -78,8 +87,8 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
         run = record or out.with_suffix(".mcap")
         manual = Keyboard() if keyboard else Gamepad() if gamepad else None
         try:
-            with opened(url, car_name, cars, run) as car:
-                _check(car)
+            with opened(url, car_name, cars, run, lidar=lidar) as car:
+                check_drives_by_lidar(car, "room")
                 if manual is not None:
                     with closing(manual):
                         car.arm(waive=waive)
@@ -111,26 +120,12 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
     return 0 if good and found["explained"] > RIGHT else 1
 
 
-def _check(car: Car) -> None:
-    """Raises UsageError for a car that cannot drive, or sees nothing."""
-    if not car.drives:
-        raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
-                         remedy="sim://?lidar=1&map=room, or serial:///dev/ttyUSB0?i2c=1; "
-                         "dart-hal map OUT.yaml --run FILE maps a recording")
-    if not car.has_lidar:
-        raise UsageError(f"{car.url} has no lidar", expected="one that sees the room",
-                         remedy="sim://?lidar=1&map=room, or "
-                         "export DART_HAL_LIDAR=serial:///dev/dart-lidar")
-
-
 def along_walls(car: Car, speed: float, wall: Wall, distance: float, duration: float,
                 waive: tuple[str, ...]) -> WallFollower:
     """Drive along the walls until that has ended."""
     most = car.files.config.limits.max_speed
     follower = WallFollower(plant_of(car.files), min(speed, most), distance, duration, wall)
     drive_along(car, follower, waive, "along the walls")
-    if not follower.good and car.lidar_trouble is not None:
-        notices((str(car.lidar_trouble),))
     return follower
 
 

@@ -34,6 +34,16 @@ def opened(url: str | None, car_name: str, cars: Path | None,
         say_trouble(car)
 
 
+def check_drives_by_lidar(car: Car, room: str) -> None:
+    """Raises UsageError for a car that cannot drive, or sees nothing; room: an example's."""
+    if not car.drives:
+        raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
+                         remedy=f"sim://?lidar=1&map={room}, or serial:///dev/ttyUSB0?i2c=1")
+    if not car.has_lidar:
+        raise UsageError(f"{car.url} has no lidar", expected=f"one that sees the {room}",
+                         remedy=f"sim://?lidar=1&map={room}, or --lidar serial:///dev/dart-lidar")
+
+
 def say_trouble(car: Car) -> None:
     """Why no scans came of a lidar that was named."""
     if car.lidar_trouble is not None:
