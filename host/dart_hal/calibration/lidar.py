@@ -24,6 +24,7 @@ from .runner import AskingCar, Runner
 LEGS = [(speed, left) for left in (True, False) for speed in (*SPEEDS, *reversed(SPEEDS))]
 """One change of side, and slowly: each carries the car on, and rooms are small."""
 LOCK = 1.0
+"""Steering of the circles, 1 = full: the smallest that a car drives, 0.5 m of radius."""
 FLOOR = (3.0, 2.0)
 """m: two circles of 0.5 m radius beside each other, the car beyond them, and what it moves on."""
 WAIT = 3.0
