@@ -6,7 +6,7 @@ ARGS ?=
 export PYTHONDONTWRITEBYTECODE := # else each process compiles every file again
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign coverage docs guide firmware native hardware clean
+.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign coverage docs guide release firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -64,6 +64,9 @@ docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (do
 
 guide: $(VENV)/.guide ## the build guide with log, bill of materials and full-size sheets as one PDF
 	@$(BIN)/python docs/guide_pdf.py docs/build/guide.pdf
+
+release: $(VENV)/.dev $(VENV)/.guide ## wheel, sources, handbook, guide, firmware and parts with checksums in dist/
+	@$(BIN)/python release.py $(ARGS)
 
 firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
 	@if command -v avr-gcc >/dev/null; then \
