@@ -26,6 +26,7 @@ import bench_joint
 import bench_lidar
 import bench_light
 import bench_mpc
+import bench_recording
 import bench_room
 import bench_solver
 import bench_vehicle
@@ -55,6 +56,7 @@ def estimation(scale: float = 1.0) -> list[Figure]:
 BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "encoder": bench_encoder.figures,
     "decode": bench_decode.figures,
+    "recording": bench_recording.figures,
     "estimation": estimation,
     "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,

@@ -8,6 +8,7 @@ import bench_decode
 import bench_emulation
 import bench_encoder
 import bench_firmware
+import bench_recording
 import pytest
 from figures import Figure
 
@@ -61,6 +62,12 @@ def test_speed_error_tells_a_wrong_ring(monkeypatch):
 def test_decode():
     rows = by_name(bench_decode.figures(TINY))
     assert min(f.value for f in rows.values()) == rows["decode: byte loop"].value
+
+
+def test_recording():
+    cpu, size = bench_recording.figures(TINY)
+    assert 0 < cpu.value < 100
+    assert 100 < size.value < 200, "kB, of 100 States and what comes with them"
 
 
 @pytest.mark.emulator

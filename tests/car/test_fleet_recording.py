@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from dart_hal.car import Car, Fleet
 from dart_hal.car.table import read_table
@@ -58,7 +59,7 @@ def test_a_replay_sees_the_states_of_the_drive(drive):
 
 def test_channels_begin_with_the_name_and_share_a_time_base(drive):
     found = read_mcap(drive[0])
-    assert {"sim_1/rx", "/sim_1/odom", "sim_2/rx", "/sim_2/odom"} <= set(found.topics.values())
+    assert {"/sim_1/rx", "/sim_1/odom", "/sim_2/rx", "/sim_2/odom"} <= set(found.topics.values())
     ends = [of_car(found, name).extent()[2] for name in ("sim-1", "sim-2")]
     assert abs(ends[0] - ends[1]) < 0.02e9
     stamps = np.array([m.ns for m in found.messages({"/sim_1/odom", "/sim_2/odom"})])
@@ -74,24 +75,38 @@ def test_who_names_no_car_or_another_is_told_those_that_are_there(drive):
         RunReader(f"{single[0]}?car=sim-1")
 
 
-def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path):
+class SetClock:
+    """A computer whose calendar jumps back by an hour each time it was asked."""
+
+    def __init__(self):
+        self.wall = 1_700_000_000 * 10**9
+
+    def time_ns(self):
+        self.wall -= 3600 * 10**9
+        return self.wall + 3600 * 10**9
+
+    def monotonic_ns(self):
+        return 200 * 10**9
+
+
+def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path, monkeypatch):
     """Exactly: a replay sees the car's own stamps again."""
+    monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
     from dart_hal.recording.run import RunWriter
 
-    shared = RunFile(tmp_path / "run.mcap")
-    shifts = [shared.shift_of(zero) for zero in (100.25, 103.5)]
-    assert shifts == [0.0, 3.25]
-    t = 1.0 / 3.0
-    for name, shift in zip(("red", "red"), shifts, strict=True):
-        with RunWriter(shared, car=name, start=0.1, shift=shift) as writer:
+    shared, t = RunFile(tmp_path / "run.mcap"), 1.0 / 3.0
+    for now in (103.5, 100.25):  # the second one's clock began 3.25 s later
+        with RunWriter(shared, car="red", start=0.1, now=now) as writer:
             writer.rx(b"x", t)
-            if shift == 0.0:
+            if now == 103.5:
                 first, keep = writer, RunWriter(shared, car="keep")
     keep.close()
     assert first.path == tmp_path / "run.mcap"
     found = read_mcap(tmp_path / "run.mcap")
-    raw = [m.ns for m in found.messages({"red/rx", "red_2/rx"})]
-    assert raw[1] - raw[0] == 3_250_000_000
+    assert set(found.zeros.values()) == {0, 1_699_999_896_500_000_000, 1_699_999_899_750_000_000}
+    with (tmp_path / "run.mcap").open("rb") as file:
+        stamps = [m.log_time for _, _, m in make_reader(file).iter_messages()]
+    assert stamps == [1_699_999_896_833_333_333, 1_699_999_900_083_333_333]
     for name in ("red", "red-2"):
         assert [c.t for c in RunReader(f"{tmp_path / 'run.mcap'}?car={name}").chunks()] == [t]
 

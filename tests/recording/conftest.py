@@ -41,9 +41,9 @@ def make_state(k: int, **changes: Any) -> State:
 
 
 def write_run(path: Path, frames: int = 20, *, close: bool = True, hello: bool = True,
-              note_hello: bool = False) -> RunWriter:
+              note_hello: bool = False, now: float | None = None) -> RunWriter:
     """HELLO, then a frame each 10 ms; a ping, a command and a pulse now and then."""
-    writer = RunWriter(path, url="sim://?seed=1", car="sim-1", start=0.25,
+    writer = RunWriter(path, url="sim://?seed=1", car="sim-1", start=0.25, now=now,
                        files={"car.toml": "name = 'sim-1'\n"}, versions={"dart_hal": "0.1.0"})
     if note_hello:
         writer.hello(HELLO_VALUES)

@@ -202,7 +202,7 @@ def test_a_foreign_mcap_is_refused_by_name(tmp_path):
 
 def without_channels(run_file) -> bytes:
     data = bytearray(run_file.read_bytes())
-    at = data.index(b"rx") - 4
+    at = data.index(b"/rx") - 4
     data[at:at + 4] = b"\xff\xff\xff\x7f"
     return bytes(data)
 
@@ -268,12 +268,12 @@ def test_the_reference_reader_accepts_the_file(run_file):
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         topics = {c.topic: c for c in reader.get_summary().channels.values()}
-        assert {"rx", "tx", "i2c", "command", "/odom", "/imu", "/drive"} <= set(topics)
+        assert {"/rx", "/tx", "/i2c", "/command", "/odom", "/imu", "/drive"} <= set(topics)
         assert {c.message_encoding for c in topics.values()} == {"cdr"}
         for schema, channel, message in reader.iter_messages():
             assert schema.encoding == "ros2msg"
             assert message.log_time == message.publish_time
-            if channel.topic == "rx":
+            if channel.topic == "/rx":
                 (length,) = struct.unpack_from("<I", message.data, 12)
                 assert length == len(message.data) - 16
 
@@ -319,11 +319,11 @@ def test_no_imu_no_message(tmp_path, state):
 
 
 def test_raw_bytes_commands_and_pulses_follow_their_definitions(run_file, frame_of):
-    got = list(decoded(run_file, "rx"))[1]
+    got = list(decoded(run_file, "/rx"))[1]
     assert bytes(got["data"]) == frame_of(0, 0)
-    assert list(decoded(run_file, "command"))[1] == {
+    assert list(decoded(run_file, "/command"))[1] == {
         "steering": 0.05, "throttle": 0.5, "source": "user"}
-    assert list(decoded(run_file, "applied"))[1] == {
+    assert list(decoded(run_file, "/applied"))[1] == {
         "steering": 0.05, "throttle": 0.25, "steering_us": 1505.0, "throttle_us": 1612.5,
         "limited": ["RANGE"]}
 

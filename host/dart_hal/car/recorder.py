@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from dart_hal.car.engine import Engine
 from dart_hal.car.misuse import check_note
 from dart_hal.config import CarFiles, left_aside
+from dart_hal.errors import DartHalError
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
@@ -29,6 +28,11 @@ class Recorded:
     def __init__(self) -> None:
         self._log_names = LogNames()
 
+    @property
+    def recording_trouble(self) -> DartHalError | None:
+        """Why the recording ended before the drive, as on a full disk; None while it goes on."""
+        return self._recorder.trouble if self._recorder is not None else None
+
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Put a record of this name into the recording; the newest counts.
 
@@ -43,13 +47,11 @@ class Recorded:
 
         ``name`` is of letters, digits and _, its parts joined by /: ``mpc/cost``; an entry of a
         dict becomes the channel ``name/key``. NaN and inf are values, True is 1. Stamped in
-        the car's clock. Raises LogError for another name or value, recording or not; a
-        recording that cannot be written raises from ``states()``, not here.
+        the car's clock. Raises LogError for another name or value, recording or not.
         """
         channels = self._log_names.take(name, value)
         if self._recorder is not None:
-            with suppress(OSError):
-                self._recorder.log(self._engine.now, channels)
+            self._recorder.log(self._engine.now, channels)
 
 
 def keep_old(path: Record) -> Path | None:
@@ -78,13 +80,10 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
                  for name in FILES if (files.folder / name).is_file()}
     if backend.car_toml is not None:
         texts["car.toml"] = backend.car_toml
-    shift = 0.0
-    if isinstance(path, RunFile):
-        shift = path.shift_of(None if backend.virtual else time.monotonic() - engine.now)
-    else:
+    if not isinstance(path, RunFile):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     writer = RunWriter(path, url=backend.url.text, car=files.config.name, start=engine.now,
-                       files=texts, shift=shift)
+                       files=texts, now=None if backend.virtual else engine.now)
     engine.hooks.recorder = writer
     engine.recorder = writer
     engine.listeners.append(writer.state)

@@ -28,6 +28,8 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
         summary = Summary(car)
         for _ in with_progress(car.states(duration=duration), duration, "recording"):
             pass
+        if car.recording_trouble is not None:
+            raise car.recording_trouble
         result = summary.as_json({"recording": out})
     if as_json:
         print_json(result)

@@ -29,8 +29,9 @@ def _text(value: str, at: int, align: int) -> bytes:
     return _U32.pack(len(raw)) + raw + bytes(-end % align)
 
 
-def _stamp(t: float) -> tuple[int, int]:
-    return divmod(round(t * 1e9), 10**9)
+def _stamp(t: float, zero_ns: int) -> tuple[int, int]:
+    """A time of the car's clock, which was 0 at ``zero_ns`` since 1970, as builtin Time."""
+    return divmod(round(t * 1e9) + zero_ns, 10**9)
 
 
 _ODOM_IDS = _text("odom", 8, 4)
@@ -148,7 +149,7 @@ def numbers_of(payload: bytes) -> FloatArray:
     return np.frombuffer(payload[at:], "<f8").reshape(shape).astype(np.float64)
 
 
-def odometry(state: State) -> bytes:
+def odometry(state: State, zero_ns: int = 0) -> bytes:
     """nav_msgs/Odometry: pose of the rear axle in ``odom``, speed in ``base_link``."""
     pose, cov = state.pose, state.pose.cov
     half = 0.5 * pose.yaw
@@ -161,23 +162,24 @@ def odometry(state: State) -> bytes:
     twist[0] = state.speed_std**2
     twist[7] = twist[14] = twist[21] = twist[28] = twist[35] = _UNKNOWN
     return _ODOMETRY.pack(
-        HEADER, *_stamp(state.t), _ODOM_IDS, pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half),
-        *spread, state.speed, 0.0, 0.0, 0.0, 0.0, state.yaw_rate or 0.0, *twist)
+        HEADER, *_stamp(state.t, zero_ns), _ODOM_IDS,
+        pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half), *spread,
+        state.speed, 0.0, 0.0, 0.0, 0.0, state.yaw_rate or 0.0, *twist)
 
 
-def imu(state: State) -> bytes | None:
+def imu(state: State, zero_ns: int = 0) -> bytes | None:
     """sensor_msgs/Imu in body axes; None while the IMU has no valid sample."""
     if state.yaw_rate is None or state.accel_x is None or state.accel_y is None:
         return None
     unknown = (-1.0, *[0.0] * 8)
-    return _IMU.pack(HEADER, *_stamp(state.t), _IMU_ID, 0.0, 0.0, 0.0, 1.0, *unknown,
+    return _IMU.pack(HEADER, *_stamp(state.t, zero_ns), _IMU_ID, 0.0, 0.0, 0.0, 1.0, *unknown,
                      0.0, 0.0, state.yaw_rate, *[0.0] * 9,
                      state.accel_x, state.accel_y, 0.0, *[0.0] * 9)
 
 
-def drive(state: State) -> bytes:
+def drive(state: State, zero_ns: int = 0) -> bytes:
     """ackermann_msgs/AckermannDriveStamped: the steering angle that was applied."""
-    return _DRIVE.pack(HEADER, *_stamp(state.t), _DRIVE_ID, state.applied.steering, 0.0,
+    return _DRIVE.pack(HEADER, *_stamp(state.t, zero_ns), _DRIVE_ID, state.applied.steering, 0.0,
                        state.speed, 0.0, 0.0)
 
 

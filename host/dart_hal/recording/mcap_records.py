@@ -42,6 +42,8 @@ the lookahead: it is searched for as fast as a set of characters, 20 times faste
 
 PLAIN: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
                          Opcode.METADATA: Metadata}
+ZERO = "zero_ns"
+"""What a channel notes: ns since 1970 when the clock of its car was 0."""
 JSON, TOML = "application/json", "application/toml"
 """Media types of attachments: facts by name, and the files of the car."""
 
@@ -70,7 +72,8 @@ class McapFile:
 
     ``complete``: the footer and the closing magic are there; ``length``,
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
-    what was skipped before that; ``count`` of messages; ``shift`` [ns]: added to all stamps.
+    what was skipped before that; ``count`` of messages; ``zeros`` by id [ns since 1970]: when the
+    clock of the channel's car was 0, where it is not 1970. Stamps given are of that clock.
     """
 
     path: Path
@@ -83,7 +86,7 @@ class McapFile:
     types: dict[str, str] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
-    shift: int = 0
+    zeros: dict[int, int] = field(default_factory=dict)
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[Message]:
         """Messages of these topics (None: all) in file order."""
@@ -93,22 +96,23 @@ class McapFile:
                 if opcode == Opcode.MESSAGE:
                     channel, rest, ns, _ = MESSAGE.unpack_from(block, start)
                     if channel in wanted:
-                        yield Message(wanted[channel], ns - self.shift, rest,
+                        yield Message(wanted[channel], ns - self.zeros.get(channel, 0), rest,
                                       block[start + MESSAGE.size:end])
 
     def extent(self) -> tuple[Counter[str], int, int]:
         """Messages by topic, and the least and the largest stamp [ns]; 0 and 0 without any."""
         counts: Counter[int] = Counter()
-        first, last = 1 << 64, 0
+        first, last = 1 << 64, -1 << 64
         for block in self.blocks:
             for opcode, start, _ in records(block):
                 if opcode == Opcode.MESSAGE:
                     channel, _, ns, _ = MESSAGE.unpack_from(block, start)
                     if channel in self.topics:
                         counts[channel] += 1
+                        ns -= self.zeros.get(channel, 0)
                         first, last = min(first, ns), max(last, ns)
-        return (Counter({topic: counts[n] for n, topic in self.topics.items()}),
-                min(first, last) - self.shift, last - self.shift)
+        by_topic = Counter({topic: counts[n] for n, topic in self.topics.items()})
+        return (by_topic, first, last) if first <= last else (by_topic, 0, 0)
 
 
 def read_mcap(path: Path) -> McapFile:
@@ -136,6 +140,8 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
                 channel = content(Channel, block[start:end])
                 found.topics[channel.id] = channel.topic
                 found.types[channel.topic] = schemas.get(channel.schema_id, "")
+                if channel.metadata.get(ZERO, "").lstrip("-").isdecimal():
+                    found.zeros[channel.id] = int(channel.metadata[ZERO])
             elif opcode == Opcode.METADATA:
                 noted = content(Metadata, block[start:end])
                 found.metadata[noted.name] = noted.metadata

@@ -1,27 +1,27 @@
 """A run: everything that passed between host and car, in one MCAP file.
 
-Raw channels ``rx``, ``tx`` and ``i2c`` hold the bytes with their stamps,
-``command`` what was asked for, ``applied`` what the pins carried, ``/log/...``
+Raw channels ``/rx``, ``/tx`` and ``/i2c`` hold the bytes with their stamps,
+``/command`` what was asked for, ``/applied`` what the pins carried, ``/log/...``
 what the program logged, ``/external_pose`` the poses that came from outside and
 ``/scan`` the lidar's revolutions, if any; attachments hold who the car was
 (HELLO), its files, the URL and the versions. Messages are in chunks, and chunks
-and attachments have checksums. No wall clock and no random number enters: the
-same run gives the same bytes.
-
-All times are host times of the backend's clock in s, >= 0.
+and attachments have checksums. All times are host times of the backend's clock
+in s, >= 0. Stamps in the file count from 1970; of virtual time, which has no
+calendar, from 0, and no random number enters: the same run gives the same bytes.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime, timezone
 from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
 from typing import Any
 
-from dart_hal.errors import RecordingError
+from dart_hal.errors import FileTrouble, RecordingError
 from dart_hal.notebook import card
 from dart_hal.ports import Chunk
 from dart_hal.recording import cdr, stamp
@@ -32,13 +32,13 @@ from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
-from dart_hal.types import Applied, ExternalPose, Scan, State, nanoseconds
+from dart_hal.types import Applied, ExternalPose, Scan, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
 _CHANNELS = (
-    ("rx", _RAW), ("tx", _RAW), ("i2c", _RAW),
-    ("command", "dart_msgs/msg/Command"), ("applied", "dart_msgs/msg/Applied"),
+    ("/rx", _RAW), ("/tx", _RAW), ("/i2c", _RAW),
+    ("/command", "dart_msgs/msg/Command"), ("/applied", "dart_msgs/msg/Applied"),
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
@@ -51,21 +51,21 @@ _I2C = Struct("<BHH")
 class RunWriter:
     """Writes a run; a context manager. Methods may be called in any order, by any thread.
 
-    path: a file of its own, or one that several cars write: then ``shift`` [s] leads from this
-    car's clock to the time base. url, car: what was opened; files: texts of the car's files by
-    name; versions: of the library and what else matters; start [s]: the clock when the backend
-    was opened.
+    path: a file of its own, or one that several cars write. url, car: what was opened; files:
+    texts of the car's files by name; versions: of the library and what else matters; start [s]:
+    the clock when the backend was opened; now [s]: what it shows, of which follows when it was 0;
+    None: virtual time.
+    Raises OSError where nothing can be written; ``trouble``: why nothing is any more.
     """
 
     def __init__(self, path: Path | str | RunFile, *, url: str = "", car: str = "",
                  start: float = 0.0, files: Mapping[str, str] | None = None,
-                 versions: Mapping[str, str] | None = None, shift: float = 0.0) -> None:
+                 versions: Mapping[str, str] | None = None, now: float | None = None) -> None:
         self._file = path if isinstance(path, RunFile) else RunFile(path)
         self._lock, self.path = self._file.lock, self._file.path
-        self._shift = nanoseconds(shift) if isinstance(path, RunFile) else 0
-        self._prefix = path.enter(car, self._shift) if isinstance(path, RunFile) else ""
-        self._file.begin()
-        self._now = stamp.split(start)[0] + self._shift
+        self._zero = self._file.zero_of(now)
+        self._prefix = path.enter(car) if isinstance(path, RunFile) else ""
+        self._now = stamp.split(start)[0] + self._zero
         for _, kind in _CHANNELS:
             self._file.schema(kind)
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
@@ -75,36 +75,44 @@ class RunWriter:
         for name, text in (files or {}).items():
             self._attach(name, TOML, text)
         self._file.flush()
+        if self._file.trouble is not None:
+            raise self._file.trouble
+        self._file.begin()
         self._closed = False
+
+    @property
+    def trouble(self) -> FileTrouble | None:
+        """Why nothing is written any more, as on a full disk; None while it is."""
+        return self._file.trouble
 
     def rx(self, data: bytes, t: float) -> None:
         """Bytes from the Nano; t: arrival of the last of them."""
-        self._add("rx", cdr.byte_array(data), t)
+        self._add("/rx", cdr.byte_array(data), t)
 
     def tx(self, data: bytes, t: float) -> None:
         """Bytes to the Nano."""
-        self._add("tx", cdr.byte_array(data), t)
+        self._add("/tx", cdr.byte_array(data), t)
 
     def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
         """One transaction on the car's bus."""
-        self._add("i2c", cdr.byte_array(
+        self._add("/i2c", cdr.byte_array(
             _I2C.pack(address, len(wrote), len(read)) + wrote + read), t)
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
         """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
-        self._add("command", cdr.command(steering, throttle, source), t)
+        self._add("/command", cdr.command(steering, throttle, source), t)
 
     def applied(self, t: float, applied: Applied) -> None:
         """What the pins carry from now on; call it when it changes."""
-        self._add("applied", cdr.applied(applied), t)
+        self._add("/applied", cdr.applied(applied), t)
 
     def state(self, state: State) -> None:
         """The ROS 2 channels of one State: odometry, IMU, drive."""
-        self._add("/odom", cdr.odometry(state), state.t)
-        imu = cdr.imu(state)
+        self._add("/odom", cdr.odometry(state, self._zero), state.t)
+        imu = cdr.imu(state, self._zero)
         if imu is not None:
             self._add("/imu", imu, state.t)
-        self._add("/drive", cdr.drive(state), state.t)
+        self._add("/drive", cdr.drive(state, self._zero), state.t)
 
     def log(self, t: float, channels: Mapping[str, Value]) -> None:
         """Numbers and arrays of the program's own by name (``log.LogNames.take``).
@@ -140,7 +148,8 @@ class RunWriter:
         self._attach(name, JSON, json.dumps(dict(values)))
 
     def _channel(self, topic: str, kind: str) -> int:
-        return self._file.channel(named(self._prefix, topic), kind)
+        return self._file.channel(named(self._prefix, topic) if self._prefix else topic, kind,
+                                  self._zero)
 
     def _attach(self, name: str, kind: str, text: str) -> None:
         self._file.attach(self._prefix + name, kind, text, self._now)
@@ -154,7 +163,7 @@ class RunWriter:
     def _add(self, topic: str, data: bytes, t: float) -> None:
         ns, rest = stamp.split(t)
         with self._lock:
-            self._now = ns + self._shift
+            self._now = ns + self._zero
             self._file.add(self._channels[topic], self._now, rest, data)
 
     def close(self) -> None:
@@ -187,7 +196,7 @@ class RunReader:
         self.path, car = split_car(path)
         self._mcap = found = of_car(read_mcap(self.path), car)
         self.damaged = bool(found.damages)
-        if "rx" not in found.topics.values():
+        if "/rx" not in found.topics.values():
             self._refuse(found)
         self.complete = found.complete
         self.meta = found.metadata.get("run", {})
@@ -198,13 +207,13 @@ class RunReader:
         """No channel of the Nano's bytes: another kind of file, a damaged or an empty one."""
         if self.damaged:
             raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),
-                                 found=f"no channel rx, damaged at byte {found.damages[0].at}",
+                                 found=f"no channel /rx, damaged at byte {found.damages[0].at}",
                                  likely="the file was changed or copied badly")
         if found.topics:
             raise RecordingError(f"{self.path}: is not a run of this library",
                                  read=str(self.path),
                                  found="channels " + ", ".join(sorted(found.topics.values())),
-                                 expected="a channel rx with the bytes of the Nano")
+                                 expected="a channel /rx with the bytes of the Nano")
 
     def __repr__(self) -> str:
         return f"<RunReader {self.path}: {', '.join(f'{k} {v}' for k, v in self._rows())}>"
@@ -216,10 +225,18 @@ class RunReader:
         """What a person looks for first."""
         counts, first, last = self._mcap.extent()
         yield "car", f"{self.meta.get('car', 'unknown')} at {self.meta.get('url', 'unknown')}"
+        if self.zero_ns:
+            began = datetime.fromtimestamp((first + self.zero_ns) // 10**9, timezone.utc)
+            yield "began", f"{began:%Y-%m-%d %H:%M:%S} UTC"
         yield "lasts", f"{(last - first) * 1e-9:.1f} s"
         yield "whole", "yes" if self.complete and not self.damaged else "no: see notices"
         yield "files", " ".join(self.files) or "none"
         yield "messages", " ".join(f"{topic}:{n}" for topic, n in sorted(counts.items()) if n)
+
+    @property
+    def zero_ns(self) -> int:
+        """ns since 1970 when the car's clock was 0; 0 of virtual time, and until format 4."""
+        return max((self._mcap.zeros.get(n, 0) for n in self._mcap.topics), default=0)
 
     @property
     def start(self) -> float:
@@ -254,11 +271,11 @@ class RunReader:
 
     def sent(self) -> Iterator[Chunk]:
         """Bytes to the Nano in recorded order."""
-        return self._decoded({"tx": _chunk})
+        return self._decoded({"/tx": _chunk})
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """What a replay needs, in recorded order: bytes received, pulses applied."""
-        return self._decoded({"rx": _chunk, "applied": _applied_text if self._is_text("applied")
+        return self._decoded({"/rx": _chunk, "/applied": _applied_text if self._is_text("/applied")
                               else _applied})
 
     def applied(self) -> Iterator[AppliedAt]:
@@ -267,7 +284,7 @@ class RunReader:
 
     def commands(self) -> Iterator[Command]:
         """What was asked for, in recorded order."""
-        return self._decoded({"command": _command_text if self._is_text("command")
+        return self._decoded({"/command": _command_text if self._is_text("/command")
                               else _command})
 
     def _is_text(self, topic: str) -> bool:
@@ -285,7 +302,7 @@ class RunReader:
 
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
-        return self._decoded({"i2c": _transaction})
+        return self._decoded({"/i2c": _transaction})
 
     def poses(self) -> Iterator[ExternalPose]:
         """Poses from outside, in order of arrival."""

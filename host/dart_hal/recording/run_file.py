@@ -1,36 +1,44 @@
 """The MCAP file below a run, or below the runs of several cars on one time base.
 
+Stamps count from 1970. Each channel notes as ``zero_ns`` when the clock of its car was 0, in whole
+ns, so that a replay sees the very stamps of the run; it stands in the first chunk and again in the
+index. Virtual time knows no calendar: its zero is 1970, and the same run gives the same bytes.
+
 In a file of several cars the channels and attachments of each begin with its name:
-``red/rx``, ``/red/odom``; the attachment ``fleet`` lists the cars. Letters that ROS does not
-have in topics become _. Stamps are those of the first car's clock; ``shift_ns`` is what was added
-to a car's own, in whole ns, so that a replay sees the very stamps of the run.
+``/red/rx``, ``/red/odom``; the attachment ``fleet`` lists the cars. Letters that ROS does not
+have in topics become _.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import re
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from dart_hal.errors import RecordingError, UsageError
-from dart_hal.process.forks import private
-from dart_hal.recording.mcap_records import JSON, McapFile
+from dart_hal.errors import FileTrouble, RecordingError, UsageError
+from dart_hal.recording.mcap_records import JSON, ZERO, McapFile
+from dart_hal.recording.pieces import PieceWriter
 from dart_hal.recording.schemas import definition
+from dart_hal.types import nanoseconds
 
-LIBRARY = "dart-hal recording 4"
+LIBRARY = "dart-hal recording 5"
 """Fixed: a version of a library here would change the bytes of a run."""
 FLUSH = 0.05
 """s of recording time in a chunk: a kill loses at most that."""
 CARS = "fleet"
 """Name of the attachment that lists the cars of a file."""
 
+log = logging.getLogger("dart_hal")
 
-def mcap_writer(file: BinaryIO) -> Writer:
+
+def mcap_writer(file: Any) -> Writer:
     """mcap's writer as runs use it: nothing compressed, a checksum on everything."""
     writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
     writer.start(profile="ros2", library=LIBRARY)
@@ -38,21 +46,26 @@ def mcap_writer(file: BinaryIO) -> Writer:
 
 
 class RunFile:
-    """A file that one run writes, or several (``enter``). Closed when the last one leaves."""
+    """A file that one run writes, or several (``enter``). Closed when the last one leaves.
+
+    A disk that fills up ends the recording and not the drive: ``trouble`` and a warning say so,
+    and what stands in the file can be read. Raises OSError where it cannot be made.
+    """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
-        self._file = private(self.path.open("wb", buffering=1 << 16))
+        self._file = PieceWriter(self.path)
         self._writer = mcap_writer(self._file)
         self._schemas: dict[str, int] = {}
         self._cars: dict[str, str] = {}
-        self._zero: float | None = None
+        self._since_boot: int | None = None
+        self.trouble: FileTrouble | None = None
         self._users = 0
         self._flushed: int | None = None
         self.closed = False
 
-    def enter(self, name: str, shift_ns: int) -> str:
+    def enter(self, name: str) -> str:
         """A car of a fleet begins its run: what its channels begin with. Raises UsageError."""
         with self.lock:
             number, unique = 1, name
@@ -63,17 +76,21 @@ class RunFile:
             if prefix in {json.loads(text)["prefix"] for text in self._cars.values()}:
                 raise UsageError(f"{self.path}: two cars would write to {prefix}", found=unique,
                                  expected="names that differ by letters and digits")
-            self._cars[unique] = json.dumps({"prefix": prefix, "shift_ns": shift_ns})
+            self._cars[unique] = json.dumps({"prefix": prefix})
             self.attach(CARS, JSON, json.dumps(self._cars), 0)
             return prefix
 
-    def shift_of(self, zero: float | None) -> float:
-        """s from a car's clock to that of the first car; zero: when the car's clock was 0, on the
-        computer's. None: a car in virtual time, whose world begins at 0 like all of them."""
-        if zero is None:
-            return 0.0
-        self._zero = zero if self._zero is None else self._zero
-        return max(zero - self._zero, 0.0)
+    def zero_of(self, now: float | None) -> int:
+        """ns since 1970 when a car's clock was 0; now: what it shows, None of virtual time.
+
+        The calendar is asked once for a file: should it be set meanwhile, cars that enter later
+        stay beside the first.
+        """
+        if now is None:
+            return 0
+        if self._since_boot is None:
+            self._since_boot = time.time_ns() - time.monotonic_ns()
+        return self._since_boot + time.monotonic_ns() - nanoseconds(now)
 
     def begin(self) -> None:
         """One run more."""
@@ -85,25 +102,43 @@ class RunFile:
             self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
         return self._schemas[kind]
 
-    def channel(self, topic: str, kind: str) -> int:
-        """A new channel."""
-        return int(self._writer.register_channel(topic, "cdr", self.schema(kind)))
+    def channel(self, topic: str, kind: str, zero_ns: int) -> int:
+        """A new channel of a car whose clock was 0 then."""
+        return int(self._writer.register_channel(topic, "cdr", self.schema(kind),
+                                                 {ZERO: str(zero_ns)}))
 
     def attach(self, name: str, kind: str, text: str, ns: int) -> None:
         """A file or facts; the lock is held or taken."""
         with self.lock:
+            if self.trouble is not None:
+                return
             self._writer.add_attachment(ns, ns, name, kind, text.encode())
 
     def add(self, channel: int, ns: int, rest: int, data: bytes) -> None:
         """A message at ns; the lock is held."""
+        if self.trouble is not None:
+            return
         self._writer.add_message(channel, ns, data, ns, rest)
         if self._flushed is None or abs(ns - self._flushed) >= FLUSH * 1e9:
             self.flush()  # stamps of host and car are not quite in order
             self._flushed = ns
 
     def flush(self) -> None:
-        """End the chunk."""
+        """End the chunk. The first that the disk does not take is the end of the recording."""
         self._writer.flush()  # type: ignore[no-untyped-call]
+        self._look()
+
+    def _look(self) -> None:
+        why = self._file.trouble
+        if why is None or self.trouble is not None:
+            return
+        self.trouble = FileTrouble(
+            f"{self.path}: {why.strerror or why}", read=str(self.path),
+            found=f"{type(why).__name__} {why.errno or ''}".strip(),
+            remedy=f"df -h {self.path.parent}, make room; what was recorded until then is there")
+        if self._users:
+            log.warning("%s: %s; the recording ends here, the drive goes on", self.path,
+                        why.strerror or why)
 
     def leave(self) -> None:
         """One run less; the last one writes the index."""
@@ -117,13 +152,15 @@ class RunFile:
         with self.lock:
             if not self.closed:
                 self.closed = True
-                self._writer.finish()  # type: ignore[no-untyped-call]
+                if self.trouble is None:
+                    self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.close()
+                self._look()
 
 
 def named(prefix: str, topic: str) -> str:
     """The topic of a car whose channels begin with ``prefix``."""
-    return f"/{prefix}{topic[1:]}" if topic.startswith("/") else prefix + topic
+    return f"/{prefix}{topic[1:]}"
 
 
 def split_car(path: Path | str) -> tuple[Path, str | None]:
@@ -141,7 +178,7 @@ def of_car(found: McapFile, car: str | None) -> McapFile:
     """The part of one car, as if it were a file of its own. Raises RecordingError."""
     cars = found.metadata.get(CARS, {})
     if not cars and car is None:
-        return found
+        return _part(found, "")
     if car not in cars:
         example = f"{found.path}?car={next(iter(cars), 'NAME')}"
         raise RecordingError(
@@ -150,18 +187,18 @@ def of_car(found: McapFile, car: str | None) -> McapFile:
             expected="one of them" if cars else "no ?car=",
             remedy=f"replay://{example}, RunReader('{example}')" if cars else str(found.path))
     told = json.loads(cars[car])
-    prefix, shift = str(told["prefix"]), int(told["shift_ns"])
-    topics = {n: own for n, topic in found.topics.items() if (own := _own(prefix, topic))}
-    types = {own: kind for topic, kind in found.types.items() if (own := _own(prefix, topic))}
+    prefix, shift = str(told["prefix"]), int(told.get("shift_ns", 0))  # until format 4
     facts = {name.removeprefix(prefix): values for name, values in found.metadata.items()
              if name.startswith(prefix)}
     files = {name.removeprefix(prefix): text
              for name, text in found.metadata.get("files", {}).items() if name.startswith(prefix)}
-    return replace(found, topics=topics, types=types, shift=shift,
+    return replace(_part(found, prefix), zeros=dict.fromkeys(found.topics, shift) | found.zeros,
                    metadata={**facts, "files": files} if files else facts)
 
 
-def _own(prefix: str, topic: str) -> str:
-    if topic.startswith("/" + prefix):
-        return "/" + topic[1 + len(prefix):]
-    return topic[len(prefix):] if topic.startswith(prefix) else ""
+def _part(found: McapFile, prefix: str) -> McapFile:
+    """Channels that begin with ``prefix``, without it; absolute, which they are since format 5."""
+    own = {topic: "/" + rest.removeprefix(prefix) for topic in found.types
+           if (rest := topic.removeprefix("/")).startswith(prefix)}
+    return replace(found, topics={n: own[t] for n, t in found.topics.items() if t in own},
+                   types={own[t]: kind for t, kind in found.types.items() if t in own})

@@ -1,0 +1,74 @@
+"""A disk that fills up: the recording ends and says so, the drive goes on, the file can be read."""
+
+from __future__ import annotations
+
+import os
+import resource
+from contextlib import contextmanager
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.errors import FileTrouble
+from dart_hal.recording.repair import repair
+from dart_hal.recording.run import RunReader, RunWriter
+
+URL = "sim://?seed=1&nano=mock"
+
+
+@contextmanager
+def room_for(size):
+    """No file of this process grows beyond ``size`` bytes: the kernel refuses the rest."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path, caplog):
+    path = tmp_path / "run.mcap"
+    with Car.open(URL, record=path) as car:
+        car.arm()
+        assert car.recording_trouble is None
+        room = path.stat().st_size + 60_001
+        with room_for(room):
+            seen = []
+            for state in car.states(duration=1.0):
+                seen.append(state)
+                car.drive(steering=0.1, throttle=0.3)
+                car.log("speed", state.speed)
+                car.note("lap", {"n": str(len(seen))})
+        assert isinstance(car.recording_trouble, FileTrouble)
+        assert "large" in car.recording_trouble.what  # "File too large": what the kernel said
+    assert len(seen) > 95
+    assert seen[-1].speed > 0.3, "it drove until the end"
+    assert [r.getMessage() for r in caplog.records].count(caplog.records[-1].getMessage()) == 1
+    assert "the recording ends here, the drive goes on" in caplog.text
+    assert room - 15_000 < path.stat().st_size <= room
+    run = RunReader(path)
+    assert not run.damaged
+    assert "the end is missing" in run.notices[0]
+    assert "0 bytes were cut off" in run.notices[0], "no chunk in half"
+    assert list(run.commands())
+    repair(path)
+    assert RunReader(path).complete
+
+
+def test_a_piece_in_half_is_taken_back(tmp_path):
+    path, room = tmp_path / "run.mcap", 9_001
+    with RunWriter(path) as writer, room_for(room):
+        for k in range(400):
+            writer.rx(bytes(20), 0.01 * k)
+        whole = path.stat().st_size
+    assert whole < room, "the kernel took the piece up to the last byte that had room"
+    assert path.stat().st_size == whole, "and the end of the run adds nothing"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+def test_a_disk_that_is_full_from_the_beginning_is_refused(tmp_path, caplog):
+    (tmp_path / "run.mcap").symlink_to("/dev/full")
+    with pytest.raises(FileTrouble, match="No space left on device"):
+        Car.open(URL, record=tmp_path / "run.mcap")
+    assert "goes on" not in caplog.text
