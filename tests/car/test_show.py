@@ -87,12 +87,12 @@ def test_a_run_says_how_long_it_is_what_is_in_it_and_whether_it_is_whole(tmp_pat
     run = RunReader(path)
     rows = Cells(run._repr_html_()).rows
     assert "sim-7" in rows["car"]
-    assert f"rx:{len(list(run.chunks()))}" in rows["messages"].split()
+    assert f"/rx:{len(list(run.chunks()))}" in rows["messages"].split()
     assert rows["whole"].startswith("yes") == (cut is None)
     if cut is None:
         stamps = [item.t for what in (run.chunks, run.sent, run.i2c) for item in what()]
         assert rows["lasts"] == f"{max(stamps) - min(stamps):.1f} s"
-        assert "command:60" in rows["messages"].split()
+        assert "/command:60" in rows["messages"].split()
     assert str(path) in repr(run)
 
 

@@ -45,6 +45,48 @@ def test_parquet_without_pyarrow_is_refused_and_nothing_is_written(verb, run, tm
     assert not (tmp_path / "run.parquet").exists()
 
 
+def test_bags_are_new_files_of_the_right_name(verb, run, tmp_path):
+    told = verb("export", "ros1", run, "--out", tmp_path / "run.bag", "--json").json
+    assert set(told) == {"recording", "bag", "messages"}
+    assert told["messages"] > 100
+    before = (tmp_path / "run.bag").read_bytes()
+    for out, why in (("run.bag", "is there already"), ("run", "ends in .bag")):
+        assert why in verb("export", "ros1", run, "--out", tmp_path / out, "--json").error["what"]
+    assert (tmp_path / "run.bag").read_bytes() == before
+    (tmp_path / "two").mkdir()
+    for kind in ("ros2", "lerobot", "csv"):
+        error = verb("export", kind, run, "--out", tmp_path / "two", "--json").error
+        assert "is there already" in error["what"]
+
+
+@pytest.mark.more
+def test_a_bag_of_ros_2_and_a_data_set_of_two_runs(verb, tmp_path):
+    script = tmp_path / "bend.py"
+    script.write_text("def control(state):\n    return 0.1, 0.2\n")
+    run = tmp_path / "drive.mcap"
+    verb("drive", script, "--url", MOCK, "--duration", 1, "--record", run)
+    told = verb("export", "ros2", run, "--out", tmp_path / "bag", "--json").json
+    assert told["messages"] > 300
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+    told = verb("export", "lerobot", run, run, "--out", tmp_path / "set", "--fps", 25,
+                "--json").json
+    assert (told["episodes"], told["held"]) == (2, 0)
+    assert (tmp_path / "set" / "meta" / "info.json").is_file()
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_an_export_that_fails_leaves_nothing(verb, run, tmp_path):
+    """Nobody drove: found when the folder is being filled."""
+    error = verb("export", "lerobot", run, "--out", tmp_path / "set", "--json").error
+    assert "nobody drove" in error["what"]
+    assert {p.name for p in tmp_path.iterdir()} == {"run.mcap"}
+
+
+def test_several_runs_are_episodes_of_lerobot_alone(verb, run, tmp_path):
+    error = verb("export", "ros2", run, run, "--out", tmp_path / "two", "--json").error
+    assert error["what"] == "export ros2 takes one run"
+
+
 def test_a_recording_is_not_written_over(verb, run):
     before = run.read_bytes()
     assert "replace" in verb("export", "csv", run, "--out", run, "--json").error["what"]

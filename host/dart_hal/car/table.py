@@ -129,7 +129,7 @@ def to_dataframe(path: Path | str) -> Any:
     return frame
 
 
-def missing(package: str, what: str) -> UsageError:
+def missing(package: str, what: str, extra: str = "table") -> UsageError:
     """What is said where an extra is not installed."""
     return UsageError(f"{what} needs {package}", found=f"{package} is not installed",
-                      remedy="pip install 'dart-hal[table]'")
+                      remedy=f"pip install 'dart-hal[{extra}]'")

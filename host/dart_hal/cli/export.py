@@ -1,39 +1,105 @@
-"""``dart-hal export``: a recorded run as a table for other programs."""
+"""``dart-hal export``: a recorded run for other programs: tables, ROS bags, LeRobot."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
-from dart_hal.car.export import WRITERS
+from dart_hal.car.export.bags import write_ros1, write_ros2
+from dart_hal.car.export.lerobot import HELD, write_lerobot
+from dart_hal.car.export.tables import write_csv, write_parquet
+from dart_hal.car.export.whole import whole
 from dart_hal.car.table import read_table
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import notices, print_json, results
 from dart_hal.errors import UsageError
+from dart_hal.recording.run import RunReader
+
+Facts = dict[str, Any]
+TABLES = {"csv": write_csv, "parquet": write_parquet}
+BAGS = {"ros2": write_ros2, "ros1": write_ros1}
+KINDS = (*TABLES, *BAGS, "lerobot")
 
 
 @click.command("export")
-@click.argument("kind", type=click.Choice(tuple(WRITERS)), metavar="csv|parquet")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True,
-              metavar="FILE", help="the table; replaces a file that is there")
+@click.argument("kind", type=click.Choice(KINDS), metavar="|".join(KINDS))
+@click.argument("run", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="PATH",
+              help="csv, parquet: the table; replaces a file that is there. ros1: a new .bag. "
+                   "ros2, lerobot: a new folder")
+@click.option("--fps", type=click.IntRange(1, 100), default=50, show_default=True,
+              help="lerobot: frames per second")
+@click.option("--task", default="drive", show_default=True, help="lerobot: what was to be done")
 @json_option
-def command(kind: str, run: Path, out: Path, as_json: bool) -> None:
-    """Write RUN as a table: a row per State, commands, and what the program logged.
+def command(kind: str, run: Sequence[Path], out: Path, fps: int, task: str,
+            as_json: bool) -> None:
+    """Write RUN for other programs; of a fleet's recording one car: fleet.mcap?car=NAME.
 
-    Parquet needs pyarrow (pip install 'dart-hal[table]') and has the unit of each column in its
-    schema. An empty cell, in Parquet NaN, is what was not measured, asked or logged in that row.
+    csv, parquet: a row per State, commands, and what the program logged; Parquet has the unit of
+    each column. An empty cell, in Parquet NaN, is what was not measured, asked or logged there.
+    ros2, ros1: every message of every channel, with its definition.
+    lerobot: each RUN is an episode of observation.state and action; several may be named.
+
+    Parquet and LeRobot need pip install 'dart-hal[table]', bags 'dart-hal[ros]'.
     """
-    if out.exists() and run.exists() and out.samefile(run):
-        raise UsageError("the table would replace its recording", found=str(out),
-                         expected="another name after --out", remedy=f"--out {run.stem}.{kind}")
+    _check(kind, run, out)
+    if kind in TABLES:
+        facts, text = _table(TABLES[kind], run[0], out)
+    elif kind in BAGS:
+        facts, text = _bag(BAGS[kind], run[0], out)
+    else:
+        facts, text = _data_set(run, out, fps, task)
+    if as_json:
+        print_json(facts)
+    else:
+        results.print(f"{out}: {text}", markup=False, highlight=False)
+
+
+def _check(kind: str, runs: Sequence[Path], out: Path) -> None:
+    """Raises UsageError where the export could not be, or would replace what it should not."""
+    if len(runs) > 1 and kind != "lerobot":
+        raise UsageError(f"export {kind} takes one run", found=f"{len(runs)} runs",
+                         expected="one", remedy=f"dart-hal export {kind} {runs[0]} --out {out}")
+    if any(out.exists() and run.exists() and out.samefile(run) for run in runs):
+        raise UsageError("the export would replace its recording", found=str(out),
+                         expected="another name after --out",
+                         remedy=f"--out {runs[0].stem}.{kind}")
+    if kind == "ros1" and out.suffix != ".bag":
+        raise UsageError(f"{out}: a bag of ROS 1 ends in .bag", found=out.name,
+                         expected=f"{out.stem}.bag", remedy=f"--out {out.with_suffix('.bag')}")
+    if out.is_dir() if kind in TABLES else out.exists():
+        raise UsageError(f"{out} is there already", expected="a name that is free",
+                         remedy=f"mv {out} {out}.old")
+
+
+def _table(write: Callable[..., None], run: Path, out: Path) -> tuple[Facts, str]:
     table = read_table(run)
     notices(table.run.notices)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    WRITERS[kind](table, out)
-    if as_json:
-        print_json({"recording": run, "table": out, "rows": len(table), "columns": table.units})
-    else:
-        results.print(f"{out}: {len(table)} rows, {len(table.columns)} columns", markup=False,
-                      highlight=False)
+    with whole(out) as part:
+        write(table, part)
+    return ({"recording": run, "table": out, "rows": len(table), "columns": table.units},
+            f"{len(table)} rows, {len(table.columns)} columns")
+
+
+def _bag(write: Callable[[RunReader, Path], int], run: Path, out: Path) -> tuple[Facts, str]:
+    reader = RunReader(run)
+    notices(reader.notices)
+    with whole(out) as part:
+        count = write(reader, part)
+    return {"recording": run, "bag": out, "messages": count}, f"{count} messages"
+
+
+def _data_set(runs: Sequence[Path], out: Path, fps: int, task: str) -> tuple[Facts, str]:
+    tables = [read_table(run) for run in runs]
+    for table in tables:
+        notices(table.run.notices)
+    with whole(out) as part:
+        made = write_lerobot(tables, part, fps=fps, task=task)
+    if made.held:
+        notices((f"{made.held} frames repeat a State that is older than {HELD:g} s: "
+                 f"the link was interrupted there",))
+    return ({"recordings": runs, "data_set": out, **made._asdict()},
+            f"{made.episodes} episodes, {made.frames} frames at {fps} per second")

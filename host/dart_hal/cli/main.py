@@ -35,7 +35,7 @@ VERBS = {
     "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
-    "export": "write a run as a table: CSV or Parquet",
+    "export": "write a run for other programs: table, ROS bag, LeRobot",
     "compare": "put two runs side by side, and say when they part",
     "top": "live view of a car in the terminal",
     "sim": "serve the simulated car as a serial port, or reveal its true parameters",

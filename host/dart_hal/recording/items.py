@@ -34,6 +34,15 @@ class Logged(NamedTuple):
     value: Value
 
 
+class Recorded(NamedTuple):
+    """A message as other tools see it: ns since 1970, its type, its bytes in CDR."""
+
+    topic: str
+    kind: str
+    ns: int
+    data: bytes
+
+
 class AppliedAt(NamedTuple):
     """What the pins carry from t [s] on."""
 

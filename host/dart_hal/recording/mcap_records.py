@@ -68,7 +68,8 @@ class Message(NamedTuple):
 class McapFile:
     """Content of a file: ``blocks`` of whole records, facts by name, channel topics by id.
 
-    ``types``: the message type of each topic, "" where its schema is lost.
+    ``types``: the message type of each topic, "" where its schema is lost; ``definitions``: text
+    of each type.
 
     ``complete``: the footer and the closing magic are there; ``length``,
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
@@ -84,6 +85,7 @@ class McapFile:
     blocks: list[bytes] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
+    definitions: dict[str, str] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
     zeros: dict[int, int] = field(default_factory=dict)
@@ -136,6 +138,8 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
             elif opcode == Opcode.SCHEMA:
                 schema = content(Schema, block[start:end])
                 schemas[schema.id] = schema.name
+                if schema.encoding == "ros2msg":
+                    found.definitions[schema.name] = schema.data.decode(errors="replace")
             elif opcode == Opcode.CHANNEL:
                 channel = content(Channel, block[start:end])
                 found.topics[channel.id] = channel.topic

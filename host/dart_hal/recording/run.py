@@ -29,6 +29,7 @@ from dart_hal.recording.items import AppliedAt as AppliedAt
 from dart_hal.recording.items import Command as Command
 from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
+from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
@@ -311,6 +312,18 @@ class RunReader:
     def scans(self) -> Iterator[Scan]:
         """Revolutions of the lidar as the unit told them, in order of arrival."""
         return self._decoded({_SCANS[0]: lambda t, data: cdr.scan_of(data, t)})
+
+    def messages(self) -> list[Recorded]:
+        """Every message of a known definition, in the order of time."""
+        zero, types = self.zero_ns, self._mcap.types
+        return sorted((Recorded(m.topic, types[m.topic], m.ns + zero, m.data)
+                       for m in self._mcap.messages() if types[m.topic] in self.definitions),
+                      key=lambda message: message.ns)
+
+    @property
+    def definitions(self) -> dict[str, str]:
+        """Texts of the message types by name, with all that they are made of."""
+        return self._mcap.definitions
 
     def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""

@@ -1,4 +1,4 @@
-"""A run as a file for other programs: CSV, or Parquet with the units in its schema."""
+"""A run as a table: CSV, or Parquet with the units in its schema."""
 
 from __future__ import annotations
 
@@ -39,6 +39,3 @@ def write_parquet(table: RunTable, path: Path) -> None:
         arrays.append(array)
     facts = {f"run.{key}": value for key, value in table.run.meta.items()}
     pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts)), path)
-
-
-WRITERS = {"csv": write_csv, "parquet": write_parquet}

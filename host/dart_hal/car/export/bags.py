@@ -1,0 +1,73 @@
+"""A run as a bag of ROS 2 or ROS 1: every message, in the order of time, with its definition."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from dart_hal.car.table import missing
+from dart_hal.recording.run import RunReader
+
+_HEADER = "std_msgs/msg/Header"
+
+
+def write_ros2(run: RunReader, path: Path) -> int:
+    """A folder with an MCAP and its metadata.yaml, as ``ros2 bag`` makes; messages written.
+
+    What the run is called and where it was stands in the metadata's custom data.
+    Errors: UsageError without rosbags, RecordingError, OSError.
+    """
+    rosbags = _rosbags()
+    store = _types_of(run, rosbags)
+    with rosbags.rosbag2.Writer(path, version=9,
+                                storage_plugin=rosbags.rosbag2.StoragePlugin.MCAP) as writer:
+        writer.set_custom_data("dart_hal.run", json.dumps(run.meta))
+        return _copy(run, writer, store, bytes)
+
+
+def write_ros1(run: RunReader, path: Path) -> int:
+    """A ``.bag`` of format 2.0; a header's ``seq``, which ROS 2 has not, is 0.
+
+    Errors: as ``write_ros2``.
+    """
+    rosbags = _rosbags()
+    store, typesys = _types_of(run, rosbags), rosbags.typesys
+    store1 = typesys.get_typestore(typesys.Stores.EMPTY)
+    header = typesys.get_typestore(typesys.Stores.ROS1_NOETIC).fielddefs[_HEADER]
+    store1.register({**store.fielddefs, _HEADER: header})
+    with rosbags.rosbag1.Writer(path) as writer:
+        return _copy(run, writer, store1, store.cdr_to_ros1)
+
+
+def _copy(run: RunReader, writer: Any, store: Any, converted: Any) -> int:
+    """Messages into an open bag whose types are ``store``; converted(raw, type): their bytes."""
+    connections: dict[str, Any] = {}
+    count = 0
+    for message in run.messages():
+        if message.topic not in connections:
+            connections[message.topic] = writer.add_connection(message.topic, message.kind,
+                                                               typestore=store)
+        raw = message.data if converted is bytes else converted(message.data, message.kind)
+        writer.write(connections[message.topic], message.ns, raw)
+        count += 1
+    return count
+
+
+def _types_of(run: RunReader, rosbags: Any) -> Any:
+    """The types of the run's own definitions, and what those are made of."""
+    store = rosbags.typesys.get_typestore(rosbags.typesys.Stores.EMPTY)
+    for kind, text in run.definitions.items():
+        store.register(rosbags.typesys.get_types_from_msg(text, kind))
+    return store
+
+
+def _rosbags() -> Any:
+    try:
+        import rosbags
+        import rosbags.rosbag1
+        import rosbags.rosbag2
+        import rosbags.typesys
+    except ImportError as error:
+        raise missing("rosbags", "a bag", extra="ros") from error
+    return rosbags
