@@ -13,7 +13,8 @@ from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
 from ros2msg import decoded
 
-THIRD = 100.0 + 1 / 3
+THIRD = 100.0 + 1 / 3 + 0.5e-9
+"""s: 100_333_333_333.8 ns."""
 
 
 @pytest.fixture

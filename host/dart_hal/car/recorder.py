@@ -10,6 +10,7 @@ from dart_hal.car.misuse import check_note
 from dart_hal.config import CarFiles, left_aside
 from dart_hal.errors import DartHalError
 from dart_hal.recording.bus import RecordedBus
+from dart_hal.recording.live_file import LiveFile
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
 from dart_hal.recording.run_file import RunFile
@@ -22,6 +23,7 @@ FILES = ("car.toml", "calibration.toml", "model.toml")
 class Recorded:
     """What a program may add to the recording of its car; nothing is done where none is made."""
 
+    files: CarFiles
     _engine: Engine
     _recorder: RunWriter | None
 
@@ -32,6 +34,12 @@ class Recorded:
     def recording_trouble(self) -> DartHalError | None:
         """Why the recording ended before the drive, as on a full disk; None while it goes on."""
         return self._recorder.trouble if self._recorder is not None else None
+
+    def messages(self) -> RunFile:
+        """Where every message passes that a recording gets, made or not: ``taps`` hear them."""
+        if self._recorder is None:
+            self._recorder = start_recording(self._engine, self.files, LiveFile())
+        return self._recorder.file
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Put a record of this name into the recording; the newest counts.

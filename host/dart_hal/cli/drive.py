@@ -14,13 +14,21 @@ from typing import Any
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import Number, car_options, json_option, poses_option, waive_option
+from dart_hal.cli.options import (
+    Number,
+    car_options,
+    foxglove_options,
+    json_option,
+    poses_option,
+    waive_option,
+)
 from dart_hal.cli.output import console, print_json, results
-from dart_hal.cli.session import in_real_time, opened, with_progress
+from dart_hal.cli.session import in_real_time, opened, shown_live, with_progress
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.errors import DartHalError, ScriptFailed, UsageError
+from dart_hal.foxglove.operate import Operator
 from dart_hal.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
@@ -32,6 +40,8 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.argument("script", required=False, type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
 @click.option("--gamepad", is_flag=True, help="/dev/input/js0, right bumper held")
+@click.option("--operate", is_flag=True, help="what one client of Foxglove publishes drives; the "
+              "verb ends at neutral when it goes")
 @click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time (a script: 10)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
@@ -40,17 +50,19 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write the run to this MCAP file")
 @poses_option
+@foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
-            keyboard: bool, gamepad: bool, duration: float | None, max_throttle: float,
-            waive: tuple[str, ...], record: Path | None, poses: str | None,
-            as_json: bool) -> None:
+            keyboard: bool, gamepad: bool, operate: bool, duration: float | None,
+            max_throttle: float, waive: tuple[str, ...], record: Path | None, poses: str | None,
+            foxglove: bool, port: int, as_json: bool) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
-    if keyboard + gamepad + (script is not None) != 1:
-        raise UsageError("say how to drive", expected="one of --keyboard, --gamepad, SCRIPT.py",
+    if keyboard + gamepad + operate + (script is not None) != 1:
+        raise UsageError("say how to drive",
+                         expected="one of --keyboard, --gamepad, --operate, SCRIPT.py",
                          remedy="dart-hal drive --keyboard")
     control = load(script) if script else None
-    manual = None if script else Gamepad() if gamepad else Keyboard()
+    manual = Gamepad() if gamepad else Keyboard() if keyboard else None
     with (closing(manual) if manual else nullcontext(),
           opened(url, car_name, cars, record, poses) as car):
         summary = Summary(car)
@@ -58,11 +70,14 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
             raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
                              remedy="sim://, or serial:///dev/ttyUSB0?i2c=1; "
                              "dart-hal replay runs a recording")
-        car.arm(waive=waive)
-        if control is not None:
-            run_script(car, control, duration or 10.0)
-        elif manual is not None:
-            run_manual(car, manual, max_throttle, duration or float("inf"))
+        with shown_live(car, foxglove or operate, port, operate) as operator:
+            car.arm(waive=waive)
+            if control is not None:
+                run_script(car, control, duration or 10.0, in_time=foxglove)
+            elif manual is not None:
+                run_manual(car, manual, max_throttle, duration or float("inf"))
+            elif operator is not None:
+                run_operated(car, operator, duration or float("inf"))
         car.stop()
         result = summary.as_json({"recording": record} if record else {})
     if as_json:
@@ -128,13 +143,23 @@ def blamed(path: Path) -> Iterator[None]:
                            ) from error
 
 
-def run_script(car: Car, control: Control, duration: float) -> None:
-    """Ask ``control`` at every State."""
-    for state in with_progress(car.states(duration=duration), duration, "driving"):
+def run_script(car: Car, control: Control, duration: float, *, in_time: bool = False) -> None:
+    """Ask ``control`` at every State; in_time: no faster than a person can watch."""
+    states = car.states(duration=duration)
+    for state in with_progress(in_real_time(states) if in_time else states, duration, "driving"):
         wanted = control(state)
         if wanted is None:
             return
         car.drive(steering=wanted[0], throttle=wanted[1], source="script")
+
+
+def run_operated(car: Car, operator: Operator, duration: float) -> None:
+    """Whoever is connected drives, until he goes."""
+    console.print("armed; who advertises /cmd_vel or /drive_command drives")
+    for _ in in_real_time(car.states(duration=duration)):
+        if operator.gone:
+            console.print("the operator has gone: the car is stopped")
+            return
 
 
 def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -> None:

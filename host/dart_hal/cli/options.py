@@ -82,6 +82,15 @@ def drive_options(command: F) -> F:
                         help="s after which it is stopped")(command)
 
 
+def foxglove_options(command: F) -> F:
+    """``--foxglove`` and ``--port``: the drive live in Foxglove."""
+    command = click.option("--port", type=click.IntRange(1, 65535), default=8765,
+                           show_default=True, help="--foxglove: where it is served")(command)
+    return click.option("--foxglove", is_flag=True, help="serve every channel to Foxglove, "
+                        "read-only, at ws://localhost:8765; sim:// goes in real time then"
+                        )(command)
+
+
 def json_option(command: F) -> F:
     """``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,

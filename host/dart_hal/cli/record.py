@@ -6,9 +6,16 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import Number, car_options, json_option, lidar_option, poses_option
+from dart_hal.cli.options import (
+    Number,
+    car_options,
+    foxglove_options,
+    json_option,
+    lidar_option,
+    poses_option,
+)
 from dart_hal.cli.output import print_json, results
-from dart_hal.cli.session import opened, with_progress
+from dart_hal.cli.session import in_real_time, opened, shown_live, with_progress
 from dart_hal.cli.summary import Summary
 
 
@@ -20,13 +27,17 @@ from dart_hal.cli.summary import Summary
               default=Path("runs/run.mcap"), show_default=True, help="file to write")
 @poses_option
 @lidar_option
+@foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float, out: Path,
-            poses: str | None, lidar: str | None, as_json: bool) -> None:
+            poses: str | None, lidar: str | None, foxglove: bool, port: int,
+            as_json: bool) -> None:
     """Record the car's sensors without driving it (to drive: `dart-hal drive --record`)."""
-    with opened(url, car_name, cars, record=out, poses=poses, lidar=lidar) as car:
-        summary = Summary(car)
-        for _ in with_progress(car.states(duration=duration), duration, "recording"):
+    with (opened(url, car_name, cars, record=out, poses=poses, lidar=lidar) as car,
+          shown_live(car, foxglove, port)):
+        summary, states = Summary(car), car.states(duration=duration)
+        for _ in with_progress(in_real_time(states) if foxglove else states, duration,
+                               "recording"):
             pass
         if car.recording_trouble is not None:
             raise car.recording_trouble

@@ -11,6 +11,8 @@ from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.cli.output import notices, progress_bar
 from dart_hal.errors import DartHalError, UsageError
+from dart_hal.foxglove import LAYOUT
+from dart_hal.foxglove.operate import Operator
 from dart_hal.links.base import Backend
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
@@ -32,6 +34,20 @@ def opened(url: str | None, car_name: str, cars: Path | None,
         notices(car.notices)
         yield car
         say_trouble(car)
+
+
+@contextmanager
+def shown_live(car: Car, wanted: bool, port: int, operate: bool = False
+               ) -> Iterator[Operator | None]:
+    """The car in Foxglove while a verb drives it, where that is wanted."""
+    if not wanted:
+        yield None
+        return
+    from dart_hal.foxglove.server import serve  # asyncio: 15 ms that other verbs need not pay
+
+    with serve(car, port=port, operate=operate) as server:
+        notices((f"Foxglove: open ws://localhost:{server.port}; layout to import: {LAYOUT}",))
+        yield server.operator
 
 
 def check_drives_by_lidar(car: Car, room: str) -> None:

@@ -12,6 +12,7 @@ from struct import Struct
 
 import numpy as np
 
+from dart_hal.recording import stamp
 from dart_hal.types import Applied, ExternalPose, FloatArray, Scan, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
@@ -30,8 +31,8 @@ def _text(value: str, at: int, align: int) -> bytes:
 
 
 def _stamp(t: float, zero_ns: int) -> tuple[int, int]:
-    """A time of the car's clock, which was 0 at ``zero_ns`` since 1970, as builtin Time."""
-    return divmod(round(t * 1e9) + zero_ns, 10**9)
+    """A time of the car's clock, which was 0 at ``zero_ns`` since 1970, as in ``log_time``."""
+    return divmod(stamp.split(t)[0] + zero_ns, 10**9)
 
 
 _ODOM_IDS = _text("odom", 8, 4)

@@ -82,6 +82,11 @@ class RunWriter:
         self._closed = False
 
     @property
+    def file(self) -> RunFile:
+        """Where it is written; ``taps`` are hung in there."""
+        return self._file
+
+    @property
     def trouble(self) -> FileTrouble | None:
         """Why nothing is written any more, as on a full disk; None while it is."""
         return self._file.trouble

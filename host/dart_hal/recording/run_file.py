@@ -16,6 +16,7 @@ import logging
 import re
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,9 @@ FLUSH = 0.05
 CARS = "fleet"
 """Name of the attachment that lists the cars of a file."""
 
+Tap = Callable[[int, int, bytes], None]
+"""Hears every message as it comes: channel, ns since 1970, bytes. It may not wait."""
+
 log = logging.getLogger("dart_hal")
 
 
@@ -50,6 +54,7 @@ class RunFile:
 
     A disk that fills up ends the recording and not the drive: ``trouble`` and a warning say so,
     and what stands in the file can be read. Raises OSError where it cannot be made.
+    ``channels``: topic and type by number; ``taps`` hear what is written, on a full disk too.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -57,13 +62,18 @@ class RunFile:
         self.lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
         self._file = PieceWriter(self.path)
         self._writer = mcap_writer(self._file)
+        self._begin()
+
+    def _begin(self) -> None:
         self._schemas: dict[str, int] = {}
         self._cars: dict[str, str] = {}
         self._since_boot: int | None = None
-        self.trouble: FileTrouble | None = None
         self._users = 0
         self._flushed: int | None = None
         self.closed = False
+        self.trouble: FileTrouble | None = None
+        self.channels: dict[int, tuple[str, str]] = {}
+        self.taps: list[Tap] = []
 
     def enter(self, name: str) -> str:
         """A car of a fleet begins its run: what its channels begin with. Raises UsageError."""
@@ -104,6 +114,11 @@ class RunFile:
 
     def channel(self, topic: str, kind: str, zero_ns: int) -> int:
         """A new channel of a car whose clock was 0 then."""
+        number = self._register(topic, kind, zero_ns)
+        self.channels[number] = (topic, kind)
+        return number
+
+    def _register(self, topic: str, kind: str, zero_ns: int) -> int:
         return int(self._writer.register_channel(topic, "cdr", self.schema(kind),
                                                  {ZERO: str(zero_ns)}))
 
@@ -116,8 +131,12 @@ class RunFile:
 
     def add(self, channel: int, ns: int, rest: int, data: bytes) -> None:
         """A message at ns; the lock is held."""
-        if self.trouble is not None:
-            return
+        for tap in self.taps:
+            tap(channel, ns, data)
+        if self.trouble is None:
+            self._write(channel, ns, rest, data)
+
+    def _write(self, channel: int, ns: int, rest: int, data: bytes) -> None:
         self._writer.add_message(channel, ns, data, ns, rest)
         if self._flushed is None or abs(ns - self._flushed) >= FLUSH * 1e9:
             self.flush()  # stamps of host and car are not quite in order

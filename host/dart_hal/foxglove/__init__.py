@@ -1,0 +1,16 @@
+"""Foxglove's live protocol: an open car's channels for Foxglove, Lichtblick and the like.
+
+    from dart_hal.foxglove.server import serve
+
+    with serve(car):        # ws://localhost:8765
+        ...
+
+Read-only. ``serve(car, operate=True)`` lets one client drive by publishing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+LAYOUT = Path(__file__).with_name("layout.json")
+"""A layout to import: path, speed, yaw rate, commands against what the pins carry."""

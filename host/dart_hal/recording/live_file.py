@@ -1,0 +1,38 @@
+"""Messages as a recording would get them, of a car that is not recorded."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from dart_hal.recording.run_file import RunFile
+
+
+class LiveFile(RunFile):
+    """No file: messages go to ``taps`` and are forgotten. Its one car has no prefix."""
+
+    def __init__(self) -> None:
+        self.path = Path("live")
+        self.lock = threading.RLock()
+        self._begin()
+
+    def enter(self, name: str) -> str:
+        return ""
+
+    def schema(self, kind: str) -> int:
+        return 0
+
+    def attach(self, name: str, kind: str, text: str, ns: int) -> None:
+        """Not told live."""
+
+    def flush(self) -> None:
+        """Nothing is held."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _register(self, topic: str, kind: str, zero_ns: int) -> int:
+        return len(self.channels) + 1
+
+    def _write(self, channel: int, ns: int, rest: int, data: bytes) -> None:
+        """Nowhere."""

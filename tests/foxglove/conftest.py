@@ -1,0 +1,131 @@
+"""A car in real time that is served, and clients written from the protocol's text alone."""
+
+from __future__ import annotations
+
+import json
+import struct
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from websockets.sync.client import connect
+
+from dart_hal.car import Car
+from dart_hal.foxglove.server import serve
+
+URL = "sim://?seed=1&nano=mock&pace=1"
+
+
+class Client:
+    """What Foxglove does: reads what is advertised, subscribes, publishes."""
+
+    def __init__(self, socket):
+        self.socket, self.channels, self.said = socket, {}, []
+        self.info = json.loads(socket.recv(timeout=5))
+        self.read_channels()
+
+    def read_channels(self):
+        self.take(self.socket.recv(timeout=5))
+
+    def take(self, message):
+        """A message: (subscription, ns, payload) of data, else None."""
+        if isinstance(message, bytes):
+            opcode, number, ns = struct.unpack_from("<BIQ", message)
+            assert opcode == 1
+            return number, ns, message[13:]
+        told = json.loads(message)
+        if told["op"] == "advertise":
+            self.channels |= {c["topic"]: c for c in told["channels"]}
+        else:
+            self.said.append(told)
+        return None
+
+    def send(self, **message):
+        self.socket.send(json.dumps(message))
+
+    def subscribe(self, *topics):
+        """Subscription n is of the nth topic."""
+        self.send(op="subscribe", subscriptions=[
+            {"id": n, "channelId": self.channels[topic]["id"]} for n, topic in enumerate(topics)])
+
+    def hear(self, seconds):
+        """Data messages that come in so many s, each with when it came."""
+        heard, end = [], time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            try:
+                data = self.take(self.socket.recv(timeout=left))
+            except TimeoutError:
+                break
+            if data is not None:
+                heard.append((time.time_ns(), *data))
+        return heard
+
+    def publish(self, channel, value):
+        self.socket.send(struct.pack("<BI", 1, channel) + json.dumps(value).encode())
+
+    def advertise(self, **topics):
+        """Channels by their numbers: c7="/cmd_vel"."""
+        self.send(op="advertise", channels=[
+            {"id": int(number[1:]), "topic": topic, "encoding": "json", "schemaName": "x"}
+            for number, topic in topics.items()])
+
+    def last_said(self, seconds=2.0):
+        """The status that comes next."""
+        end = time.monotonic() + seconds
+        while not self.said and time.monotonic() < end:
+            self.hear(0.05)
+        return self.said.pop(0)["message"] if self.said else None
+
+
+class Driven:
+    """A car whose States a thread takes, as a program would; ``late``: the longest gap [s]."""
+
+    def __init__(self, car, server):
+        self.car, self.server, self.late, self.count = car, server, 0.0, 0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        last = time.monotonic()
+        for _ in self.car.states():
+            now = time.monotonic()
+            self.late, last, self.count = max(self.late, now - last), now, self.count + 1
+            if self._end.is_set():
+                return
+
+    def end(self):
+        self._end.set()
+        self._thread.join()
+
+    @contextmanager
+    def client(self, **options):
+        with connect(f"ws://localhost:{self.server.port}", compression=None, max_size=None,
+                     close_timeout=0.5,
+                     subprotocols=["foxglove.websocket.v1"], **options) as socket:
+            yield Client(socket)
+
+
+@contextmanager
+def served(*, operate=False, arm=False, **options):
+    with (Car.open(URL, **options) as car, serve(car, port=0, operate=operate) as server):
+        if arm:
+            car.arm()
+        driven = Driven(car, server)
+        try:
+            yield driven
+        finally:
+            driven.end()
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """One that is read-only."""
+    with served() as driven:
+        yield driven
+
+
+@pytest.fixture(scope="session")
+def serving():
+    return served
