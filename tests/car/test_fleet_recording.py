@@ -103,12 +103,24 @@ def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path, monkeypat
     keep.close()
     assert first.path == tmp_path / "run.mcap"
     found = read_mcap(tmp_path / "run.mcap")
-    assert set(found.zeros.values()) == {0, 1_699_999_896_500_000_000, 1_699_999_899_750_000_000}
+    assert set(found.zeros.values()) == {1_699_999_896_500_000_000, 1_699_999_899_750_000_000}
     with (tmp_path / "run.mcap").open("rb") as file:
         stamps = [m.log_time for _, _, m in make_reader(file).iter_messages()]
     assert stamps == [1_699_999_896_833_333_333, 1_699_999_900_083_333_333]
     for name in ("red", "red-2"):
         assert [c.t for c in RunReader(f"{tmp_path / 'run.mcap'}?car={name}").chunks()] == [t]
+
+
+@pytest.mark.parametrize(("first", "second", "zeros"), [
+    (None, 5.0, [0, 0]), (5.0, None, [1_699_999_995 * 10**9] * 2),
+    (5.0, 9.0, [1_699_999_995 * 10**9, 1_699_999_991 * 10**9])])
+def test_the_first_car_decides_whether_a_file_has_a_calendar(tmp_path, monkeypatch, first, second,
+                                                             zeros):
+    """Else a virtual car beside a real one would be 50 years away."""
+    monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
+    shared = RunFile(tmp_path / "run.mcap")
+    assert [shared.zero_of(now) for now in (first, second)] == zeros
+    shared.close()
 
 
 def test_an_old_file_is_kept_and_a_fleet_that_does_not_open_leaves_a_whole_one(tmp_path):

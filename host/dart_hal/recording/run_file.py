@@ -67,7 +67,8 @@ class RunFile:
     def _begin(self) -> None:
         self._schemas: dict[str, int] = {}
         self._cars: dict[str, str] = {}
-        self._since_boot: int | None = None
+        self._zero: int | None = None
+        self._boot: int | None = None
         self._users = 0
         self._flushed: int | None = None
         self.closed = False
@@ -93,14 +94,17 @@ class RunFile:
     def zero_of(self, now: float | None) -> int:
         """ns since 1970 when a car's clock was 0; now: what it shows, None of virtual time.
 
-        The calendar is asked once for a file: should it be set meanwhile, cars that enter later
-        stay beside the first.
+        The first car decides: the calendar is asked once, and a file that begins with virtual
+        time has none. Later cars stay beside the first, should the calendar be set meanwhile.
         """
-        if now is None:
-            return 0
-        if self._since_boot is None:
-            self._since_boot = time.time_ns() - time.monotonic_ns()
-        return self._since_boot + time.monotonic_ns() - nanoseconds(now)
+        boot = None if now is None else time.monotonic_ns() - nanoseconds(now)
+        if self._zero is None:
+            self._zero = 0 if now is None else time.time_ns() - nanoseconds(now)
+        if boot is None:
+            return self._zero
+        if self._boot is None:
+            self._boot = boot
+        return max(self._zero + boot - self._boot, 0)
 
     def begin(self) -> None:
         """One run more."""
