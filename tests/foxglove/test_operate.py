@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from math import atan, inf, nan
 
@@ -151,7 +152,7 @@ def test_the_pin_is_neutral_a_quarter_of_a_second_after_the_operator(serving, wa
             driven_by(client, pin, 0.5)
             last = pin.world.t
             if way == "killed":
-                client.socket.socket.close()
+                client.socket.socket.shutdown(socket.SHUT_RDWR)
             elif way == "left":
                 client.send(op="unadvertise", channelIds=[1])
             time.sleep(0.5)
