@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rosbags.highlevel import AnyReader
+from rosbags.highlevel import AnyReader, AnyReaderError
 
 from dart_hal.recording.log import LogNames
+from dart_hal.recording.repair import repair
 from dart_hal.types import ExternalPose, Scan
 
 TOPICS = {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom", "/imu", "/drive", "/scan",
@@ -82,3 +83,14 @@ def test_stamps_are_in_order_for_who_reads_by_time(full_run):
 
 def test_topics_are_absolute(full_run):
     assert all(topic.startswith("/") for topic in counts(full_run))
+
+
+def test_a_killed_run_opens_everywhere_once_it_is_repaired(full_run):
+    """Nobody wrote its index; only ours opens it without."""
+    full_run.write_bytes(full_run.read_bytes()[:-3000])
+    with pytest.raises(AnyReaderError), AnyReader([full_run]):
+        pass
+    done = repair(full_run)
+    with AnyReader([full_run]) as reader:
+        found = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
+    assert len(found) == done.messages > 80
