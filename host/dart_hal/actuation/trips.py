@@ -22,8 +22,8 @@ TRIPS: dict[str, tuple[str, str]] = {
     "GUARD_SILENT": ("the guard process does not answer", "close other programs; open it again"),
     "CUT_OFF": ("the hardware cut-off does not pass the pulses on",
                 "check the Nano and its wiring; dart-hal doctor"),
-    "RUN_STOP": ("all cars of the room were stopped, or nobody watches it any more",
-                 "see who did and why: member.held"),
+    "RUN_STOP": ("STOP was pressed at a live page, all cars of the room were stopped, or nobody "
+                 "watches it any more", "see who did and why: member.held"),
 }
 """Cause: what happened, and what to do. CAR_MOVES ends RAW alone."""
 

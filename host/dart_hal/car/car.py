@@ -247,6 +247,7 @@ class Car(Arming, Shown):
         self._refuse_if_disarmed()
         with self._commanding() as now:
             planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
+            self._asked = (steering, throttle)
             if self._recorder is not None:
                 self._recorder.command(now, steering, throttle, source)
             return engine.driver.applied if engine.answer() else planned

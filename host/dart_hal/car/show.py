@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from dart_hal.car.engine import Engine
+from dart_hal.car.viewers import open_viewer
 from dart_hal.config import CarFiles
 from dart_hal.notebook import card
 from dart_hal.types import Contact, State
@@ -17,6 +19,7 @@ class Shown:
     url: str
     _engine: Engine
     _state: State | None
+    _asked: tuple[float, float] | None = None
 
     @property
     def mode(self) -> str:
@@ -24,9 +27,23 @@ class Shown:
         return self._engine.driver.mode.value
 
     @property
+    def asked(self) -> tuple[float, float] | None:
+        """Steering [rad] and throttle of the last ``drive``, as they were asked for; None: none."""
+        return self._asked
+
+    @property
     def contacts(self) -> tuple[Contact, ...]:
         """With the other emulated cars of its world (``sim://?world=NAME``), so far."""
         return self._engine.backend.contacts()
+
+    def view(self, **options: Any) -> Any:
+        """Serve a live page of this car: ``with car.view() as page: print(page.urls)``.
+
+        Whoever opens it may stop the car; the program goes on driving. options: those of
+        ``dart_hal.view.serve.serve``, such as port and lan. Raises UsageError for a port that is in
+        use, and without the package websockets.
+        """
+        return open_viewer("page", self, options)
 
     def __repr__(self) -> str:
         last = f"; {self._state!r}" if self._state is not None else ""

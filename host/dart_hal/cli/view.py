@@ -1,0 +1,101 @@
+"""``dart-hal view``: a live page of a car, to watch and to drive it from a desk or a phone."""
+
+from __future__ import annotations
+
+from io import StringIO
+from math import inf
+from pathlib import Path
+
+import click
+
+from dart_hal.car import Car
+from dart_hal.cli.options import (
+    Number,
+    car_options,
+    lidar_option,
+    map_option,
+    poses_option,
+    waive_option,
+)
+from dart_hal.cli.output import console
+from dart_hal.cli.session import opened
+from dart_hal.errors import UsageError
+from dart_hal.links.base import Url
+from dart_hal.localisation.grid import lines_of_grid, read_grid
+from dart_hal.view.access import PORT
+
+
+@click.command("view")
+@car_options
+@click.argument("run", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--lan", is_flag=True, help="other computers and phones may open it: prints address, "
+              "token and QR code")
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True,
+              help="where it is served; 0 takes any that is free")
+@click.option("--duration", type=Number(min=0.1), default=None, help="s (default: until Ctrl-C)")
+@click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
+              help="of a stick that is pushed to its end")
+@waive_option
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+              help="write the run to this MCAP file")
+@poses_option
+@lidar_option
+@map_option
+def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
+            port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
+            record: Path | None, poses: str | None, lidar: str | None, chart: Path | None) -> None:
+    """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
+
+    Everybody who opens it may stop the car; who has the token may drive it, one at a time.
+    """
+    if run is not None:
+        play(run, port, lan, duration or inf)
+        return
+    lines = None if chart is None else lines_of_grid(read_grid(chart))
+    with opened(paced(url), car_name, cars, record, poses, lidar) as car:
+        car.raise_on_trip = False  # the page says what tripped it
+        with car.view(port=port, lan=lan, drives=car.drives, lines=lines, waive=waive,
+                      max_throttle=max_throttle) as page:
+            tell(page.urls, lan)
+            page.run(duration or inf)
+        car.stop()
+
+
+def paced(url: str | None) -> str:
+    """The URL; a simulated car keeps to the time of who looks at it, as a real one does."""
+    text = url or "sim://"
+    known = Url.parse(text)
+    if known.scheme != "sim" or "pace" in known.options:
+        return text
+    return text + ("&" if "?" in text else "?") + "pace=1"
+
+
+def play(run: Path, port: int, lan: bool, duration: float) -> None:
+    """Serve a recording until Ctrl-C, or for ``duration`` s."""
+    import time
+
+    from dart_hal.view.player import Player, run_of
+
+    if not run.is_file():
+        raise UsageError(f"there is no recording {run}", expected="an MCAP file of this project",
+                         remedy="dart-hal record --help")
+    with Car.open(f"replay://{run}") as car:
+        whole = run_of(car)
+    with Player(whole, port, lan) as player:
+        tell(player.urls, lan)
+        until = time.monotonic() + duration
+        while time.monotonic() < until:
+            time.sleep(0.2)
+
+
+def tell(urls: tuple[str, ...], lan: bool) -> None:
+    """Where to look; for phones, as a picture."""
+    for url in urls:
+        console.print(url, markup=False, highlight=False, soft_wrap=True)
+    if lan:
+        import segno
+
+        console.print("whoever has this address may drive the car", style="yellow")
+        picture = StringIO()
+        segno.make(urls[0], micro=False).terminal(out=picture, compact=True)
+        console.print(picture.getvalue(), markup=False, highlight=False, soft_wrap=True)

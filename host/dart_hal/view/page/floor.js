@@ -1,0 +1,91 @@
+"use strict";
+// The floor from above: map, path, covariance, scan and the car. Metres, x right, y up.
+const Floor = (() => {
+  const KEPT = 6000, BODY = [0.30, 0.19, 0.0625];  // rows of the path; m: length, width, rear overhang
+  const canvas = document.getElementById("floor"), pen = canvas.getContext("2d");
+  let scale = 90, centre = [0, 0], follow = true, dirty = true;
+  const path = [];
+  let car = null, scan = [], map = [], others = [];
+
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
+  const px = (x, y) => [canvas.width / 2 + (x - centre[0]) * scale * devicePixelRatio,
+                        canvas.height / 2 - (y - centre[1]) * scale * devicePixelRatio];
+  const line = (points, colour, width) => {
+    pen.strokeStyle = colour; pen.lineWidth = width * devicePixelRatio; pen.beginPath();
+    points.forEach(([x, y], n) => { const at = px(x, y); n ? pen.lineTo(...at) : pen.moveTo(...at); });
+    pen.stroke();
+  };
+
+  function raster() {
+    const step = scale > 50 ? 0.5 : scale > 12 ? 1 : 5, k = scale * devicePixelRatio;
+    const w = canvas.width / 2 / k, h = canvas.height / 2 / k;
+    for (let x = Math.ceil((centre[0] - w) / step) * step; x < centre[0] + w; x += step) line([[x, centre[1] - h], [x, centre[1] + h]], style("--line"), 0.5);
+    for (let y = Math.ceil((centre[1] - h) / step) * step; y < centre[1] + h; y += step) line([[centre[0] - w, y], [centre[0] + w, y]], style("--line"), 0.5);
+    pen.fillStyle = style("--quiet"); pen.font = `${12 * devicePixelRatio}px system-ui`;
+    pen.fillText(`grid ${step} m`, 8 * devicePixelRatio, canvas.height - 10 * devicePixelRatio);
+  }
+
+  // Two sigma of the position: the ellipse of the covariance, by its eigenvectors.
+  function ellipse({ x, y, sxx, sxy, syy }) {
+    if (!(sxx > 0) || !(syy > 0)) return;
+    const mean = (sxx + syy) / 2, off = Math.hypot((sxx - syy) / 2, sxy), turn = Math.atan2(2 * sxy, sxx - syy) / 2;
+    const k = 2 * scale * devicePixelRatio;
+    pen.strokeStyle = style("--orange"); pen.lineWidth = 1.5 * devicePixelRatio; pen.beginPath();
+    pen.ellipse(...px(x, y), k * Math.sqrt(mean + off), k * Math.sqrt(Math.max(mean - off, 0)), -turn, 0, 2 * Math.PI);
+    pen.stroke();
+  }
+
+  function body({ x, y, yaw }, colour) {
+    const [length, width, rear] = BODY, c = Math.cos(yaw), s = Math.sin(yaw);
+    const at = (a, b) => [x + c * a - s * b, y + s * a + c * b];
+    const corners = [at(-rear, -width / 2), at(length - rear, -width / 2), at(length - rear, width / 2), at(-rear, width / 2)];
+    pen.fillStyle = colour; pen.beginPath();
+    corners.forEach((p, n) => n ? pen.lineTo(...px(...p)) : pen.moveTo(...px(...p)));
+    pen.fill();
+    line([at(0, 0), at(length, 0)], style("--card"), 2);
+  }
+
+  function draw() {
+    requestAnimationFrame(draw);
+    const box = canvas.getBoundingClientRect(), w = Math.round(box.width * devicePixelRatio), h = Math.round(box.height * devicePixelRatio);
+    if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; dirty = true; }
+    if (!dirty) return;
+    dirty = false;
+    if (follow && car) centre = [car.x, car.y];
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    raster();
+    for (const [a, b, c, d] of map) line([[a, b], [c, d]], style("--ink"), 2);
+    line(path, style("--blue"), 1.5);
+    pen.fillStyle = style("--red");
+    for (let n = 0; n < scan.length; n += 2) { const [a, b] = px(scan[n], scan[n + 1]); pen.fillRect(a - 1, b - 1, 2 * devicePixelRatio, 2 * devicePixelRatio); }
+    others.forEach((other) => body(other, style("--quiet")));
+    if (car) { ellipse(car); body(car, style("--blue")); }
+  }
+
+  const zoom = (by) => { scale = Math.min(400, Math.max(4, scale * by)); dirty = true; };
+  document.getElementById("near").onclick = () => zoom(1.4);
+  document.getElementById("far").onclick = () => zoom(1 / 1.4);
+  document.getElementById("follow").onchange = (event) => { follow = event.target.checked; dirty = true; };
+  canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(event.deltaY < 0 ? 1.15 : 1 / 1.15); }, { passive: false });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!event.buttons) return;
+    follow = document.getElementById("follow").checked = false;
+    centre = [centre[0] - event.movementX / scale, centre[1] + event.movementY / scale];
+    dirty = true;
+  });
+  requestAnimationFrame(draw);
+
+  return {
+    add(row) {
+      if (row.x === null || row.y === null) return;
+      if (car && Math.hypot(row.x - car.x, row.y - car.y) > 0.5) path.length = 0;  // another frame of reference
+      path.push([row.x, row.y]);
+      if (path.length > KEPT) path.splice(0, path.length - KEPT);
+      car = row; dirty = true;
+    },
+    clear() { path.length = 0; car = null; dirty = true; },
+    scan(points) { scan = points; dirty = true; },
+    map(lines) { map = lines; dirty = true; },
+    others(list) { others = list; dirty = true; },
+  };
+})();

@@ -1,0 +1,46 @@
+"use strict";
+// What the hand wants: stick, keys or gamepad. Held = a dead man's switch; `Stick.read()` is null when nothing is held.
+const Stick = (() => {
+  const face = document.getElementById("stick"), knob = document.getElementById("knob");
+  const KEYS = { KeyW: [0, 1], ArrowUp: [0, 1], KeyS: [0, -1], ArrowDown: [0, -1], KeyA: [1, 0], ArrowLeft: [1, 0], KeyD: [-1, 0], ArrowRight: [-1, 0] };
+  const BUMPER = 5, STEER = 0, THROTTLE = 3, DEAD_ZONE = 0.05;  // of the standard gamepad
+  const down = new Set();
+  let held = null, pointer = null;
+
+  const show = (at) => { knob.style.transform = at ? `translate(${-at[0] * 62}px, ${-at[1] * 62}px)` : ""; };
+  function put(event) {
+    const box = face.getBoundingClientRect(), r = box.width / 2;
+    const cut = (v) => Math.max(-1, Math.min(1, v));
+    held = [cut(-(event.clientX - box.left - r) / r), cut(-(event.clientY - box.top - r) / r)];
+  }
+  function drop() { held = null; pointer = null; }
+  face.addEventListener("pointerdown", (event) => { if (pointer === null) { pointer = event.pointerId; face.setPointerCapture(pointer); put(event); event.preventDefault(); } });
+  face.addEventListener("pointermove", (event) => { if (event.pointerId === pointer) put(event); });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) face.addEventListener(name, (event) => { if (event.pointerId === pointer) drop(); });
+  const typing = (event) => ["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName);
+  addEventListener("keydown", (event) => { if (event.code in KEYS && !typing(event)) { down.add(event.code); event.preventDefault(); } });
+  addEventListener("keyup", (event) => down.delete(event.code));
+  // A page that is not looked at holds nothing.
+  const blind = () => { drop(); down.clear(); };
+  addEventListener("blur", blind);
+  addEventListener("pagehide", blind);
+  document.addEventListener("visibilitychange", () => { if (document.hidden) blind(); });
+
+  const worn = (v) => Math.abs(v) > DEAD_ZONE ? v : 0;
+  function pad() {
+    for (const one of navigator.getGamepads ? navigator.getGamepads() : [])
+      if (one && one.buttons[BUMPER] && one.buttons[BUMPER].pressed) return [-worn(one.axes[STEER]), -worn(one.axes[THROTTLE])];
+    return null;
+  }
+  function keys() {
+    if (!down.size) return null;
+    const sum = [0, 0];
+    for (const code of down) { sum[0] += KEYS[code][0]; sum[1] += KEYS[code][1]; }
+    return sum.map((v) => Math.max(-1, Math.min(1, v)));
+  }
+  return {
+    read() { const at = document.hidden ? null : held || keys() || pad(); show(at); return at; },
+    enable(on) { face.classList.toggle("off", !on); },
+    drop: blind,
+  };
+})();

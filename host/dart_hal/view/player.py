@@ -1,0 +1,89 @@
+"""A recorded run on the same page: all of it is sent at once, and the page has the time bar."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Iterable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from dart_hal.car import Car
+from dart_hal.types import Scan
+from dart_hal.view import messages as m
+from dart_hal.view.access import Access
+from dart_hal.view.operator import Refused
+from dart_hal.view.rows import FIELDS, Row, points, row
+from dart_hal.view.server import Server, bound
+
+MOST_ROWS = 360_000
+"""An hour at 100 Hz, 40 MB of JSON: more is no page."""
+
+
+def run_of(car: Car) -> dict[str, Any]:
+    """The message with a whole recorded run: rows of ``FIELDS`` and, for each new scan, the index
+    of its row and its points. What of it is longer than an hour is left out."""
+    rows: list[Row] = []
+    scans: list[tuple[int, list[float]]] = []
+    last: Scan | None = None
+    for state in car.states():
+        rows.append(row(state, None))
+        if state.scan is not None and state.scan is not last:
+            last = state.scan
+            scans.append((len(rows) - 1, points(last, state)))
+        if len(rows) == MOST_ROWS:
+            break
+    return {"type": "run", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
+            "rows": rows, "scans": scans}
+
+
+def save(run: dict[str, Any], path: Path) -> Path:
+    """As a file beside the page, which then needs no server: ``index.html?run=run.json``."""
+    path.write_text(json.dumps(run, separators=(",", ":")), encoding="utf-8")
+    return path
+
+
+class Player:
+    """Serves a run until ``close``; a context manager."""
+
+    def __init__(self, run: dict[str, Any], port: int, lan: bool) -> None:
+        self._run = msgspec.json.encode(run).decode()
+        place = bound(port, lan)
+        self.access = Access.at(place.getsockname()[1], lan)
+        self._server = Server(place, self.access, self)
+        self._server.start()
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Addresses of the page."""
+        return tuple(url.partition("#")[0] for url in self.access.urls)
+
+    def joined(self, page: Hashable) -> Iterable[str]:
+        """The run."""
+        yield self._run
+
+    def said(self, page: Hashable, message: m.Message) -> str | None:
+        """Raises Refused: a recording obeys nobody."""
+        raise Refused("this is a recording: there is nothing to drive or to stop")
+
+    def left(self, page: Hashable) -> None:
+        """Nothing of it remains."""
+
+    def batch(self) -> Iterable[str]:
+        """Nothing happens in a recording."""
+        return ()
+
+    def refusal(self, why: str) -> str:
+        """A sentence for the list of what was said."""
+        return msgspec.json.encode({"type": "said", "text": why}).decode()
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._server.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

@@ -1,0 +1,184 @@
+"""A thread that serves the page and its socket; what is said goes to a ``Listener``.
+
+Nothing here waits for a page: what a page does not read in time ends its socket, and no other's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import threading
+from collections.abc import Iterable
+from http import HTTPStatus
+from importlib.resources import files
+from typing import Protocol
+
+from websockets.asyncio.server import Server as Socket
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from dart_hal.errors import UsageError
+from dart_hal.view.access import Access
+from dart_hal.view.messages import LONGEST, Malformed, Message, read
+from dart_hal.view.operator import Refused
+
+RATE = 30.0
+"""Batches a second."""
+MOST_WAITING = 1 << 20
+"""Bytes that may wait for a page: 20 s of all there is. One that reads nothing is sent away."""
+SEND_BUFFER = 16384
+"""Bytes that the kernel keeps for a page, and as much again: news that waits longer is old."""
+MOST_PAGES = 50
+MOST_MALFORMED = 20
+"""Messages that are none, until their page is sent away."""
+SILENT = 4.0
+"""s without an answer to a ping until a socket counts as gone."""
+
+TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf-8",
+         "css": "text/css; charset=utf-8"}
+FILES = ("index.html", "style.css", "app.js", "floor.js", "plots.js", "player.js",
+         "stick.js")
+VENDOR = ("uPlot.iife.min.js", "uPlot.min.css")
+SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
+                                   "img-src 'self' data:; frame-ancestors 'none'",
+        "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store"}
+
+log = logging.getLogger("dart_hal")
+
+
+class Listener(Protocol):
+    """Whom the pages talk to. All of it is called in the server's thread."""
+
+    def joined(self, page: ServerConnection) -> Iterable[str]:
+        """Messages for a page that has just come."""
+
+    def said(self, page: ServerConnection, message: Message) -> str | None:
+        """The answer to this page. Raises Refused."""
+
+    def left(self, page: ServerConnection) -> None:
+        """Its socket is closed."""
+
+    def batch(self) -> Iterable[str]:
+        """Messages for all pages now; called 30 times a second."""
+
+    def refusal(self, why: str) -> str:
+        """The message that tells one page why not."""
+
+
+def assets() -> dict[str, tuple[str, bytes]]:
+    """Path of a request: its type and its bytes."""
+    room = files("dart_hal.view")
+    served = {f"/{name}": room / "page" / name for name in FILES}
+    served |= {f"/vendor/{name}": room / "vendor" / name for name in VENDOR}
+    found = {path: (TYPES[path.rpartition(".")[2]], place.read_bytes())
+             for path, place in served.items()}
+    return found | {"/": found["/index.html"]}
+
+
+def bound(port: int, lan: bool) -> socket.socket:
+    """A socket that listens; port 0: any. Raises UsageError for a port that is in use."""
+    place = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    place.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    try:
+        place.bind(("0.0.0.0" if lan else "127.0.0.1", port))
+    except OSError as why:
+        place.close()
+        raise UsageError(f"port {port} cannot be served", found=str(why),
+                         expected="a port that no other program has",
+                         remedy=f"--port {port + 1}, or --port 0 for any") from why
+    return place
+
+
+class Server:
+    """Begins with ``start``; ``close`` ends thread and sockets."""
+
+    def __init__(self, place: socket.socket, access: Access, listener: Listener) -> None:
+        self._place, self._access, self._listener = place, access, listener
+        self._assets = assets()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended: asyncio.Event | None = None
+        self._up = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._main()),
+                                        name="dart-hal view", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+        self._up.wait()
+
+    def close(self) -> None:
+        """Idempotent."""
+        if self._loop is not None and self._ended is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._ended.set)
+        self._thread.join(timeout=2.0)
+
+    async def _main(self) -> None:
+        self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
+        async with serve(self._page, sock=self._place, process_request=self._request,
+                         origins=[None, *self._access.origins()],  # type: ignore[list-item]
+                         max_size=LONGEST, max_queue=16, compression=None, ping_interval=SILENT,
+                         ping_timeout=SILENT, close_timeout=0.5) as sockets:
+            self._up.set()
+            while not self._ended.is_set():
+                self._send(sockets)
+                await asyncio.sleep(1.0 / RATE)
+
+    def _send(self, sockets: Socket) -> None:
+        try:
+            batch = list(self._listener.batch())
+        except Exception as why:  # noqa: BLE001 - what cannot be told must not end the page
+            log.error("the live page could not be told: %r", why)
+            return
+        pages = sockets.connections
+        for page in pages:
+            if page.transport.get_write_buffer_size() > MOST_WAITING:
+                log.warning("a page that does not read is sent away: %s", page.remote_address)
+                page.transport.abort()
+        for text in batch:
+            broadcast(pages, text)
+
+    async def _page(self, page: ServerConnection) -> None:
+        malformed = 0
+        try:
+            for text in self._listener.joined(page):
+                await page.send(text)
+            async for data in page:
+                try:
+                    if (answer := self._listener.said(page, read(data))) is not None:
+                        await page.send(answer)
+                except Malformed as why:
+                    malformed += 1
+                    await page.send(self._listener.refusal(f"not understood: {why}"))
+                except Refused as why:
+                    await page.send(self._listener.refusal(str(why)))
+                    malformed += MOST_MALFORMED if why.away else 0
+                if malformed >= MOST_MALFORMED:
+                    await page.close(1008, "too much that was refused")
+        except ConnectionClosed:
+            pass
+        finally:
+            self._listener.left(page)
+
+    def _request(self, page: ServerConnection, request: Request) -> Response | None:
+        if not self._access.own_host(request.headers.get("Host", "")):
+            return _answer(HTTPStatus.FORBIDDEN, TYPES["html"],
+                           b"open this page by the address that was printed")
+        path = request.path.partition("?")[0]
+        if path == "/socket":
+            full = len(page.server.connections) >= MOST_PAGES
+            return _answer(HTTPStatus.SERVICE_UNAVAILABLE, TYPES["html"],
+                           b"too many pages are open") if full else None
+        kind, body = self._assets.get(path, ("", b""))
+        if not kind:
+            return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no such page")
+        return _answer(HTTPStatus.OK, kind, body)
+
+
+def _answer(status: HTTPStatus, kind: str, body: bytes) -> Response:
+    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)),
+                       "Connection": "close", **SAFE})
+    return Response(status.value, status.phrase, headers, body)

@@ -1,0 +1,60 @@
+"""What a page is told of a car besides its samples: mode, what keeps it from driving, health."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dart_hal.actuation.arming import BY_NAME
+from dart_hal.actuation.trips import disarmed
+from dart_hal.car import Car
+from dart_hal.types import FloatArray, State
+from dart_hal.view.rows import FIELDS
+
+MOST_LINES = 4000
+"""Lines of a map that are drawn; a room of boards has 30, a grid of 10 m some thousand."""
+
+
+def begin(car: Car, lines: FloatArray | None, drives: bool) -> dict[str, Any]:
+    """Once for each page: who the car is, and the map (m, 4) [m] it drives in."""
+    limits = car.files.config.limits
+    told = {"type": "begin", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
+            "drives": drives, "lock": limits.max_steering, "notices": list(car.notices)}
+    if lines is not None:
+        told["map"] = lines[:MOST_LINES].round(2).tolist()
+    return told
+
+
+def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
+    """Some times a second; ``extra``: what the desk adds, such as who drives."""
+    health, timing = state.health, car.timing
+    external = state.external
+    return {"type": "status", "t": round(state.t, 3), "mode": car.mode,
+            "frame": state.estimate.frame, "tracking": str(state.estimate.tracking),
+            "limited": list(state.applied.limited), "doubts": sorted(health.doubts),
+            "flags": sorted(health.flags), "vcc": health.vcc,
+            "us": [round(state.applied.steering_us, 1), round(state.applied.throttle_us, 1)],
+            "link": {"lost": timing.lost, "damaged": timing.damaged,
+                     "age_ms": round(1e3 * timing.link_age, 1)},
+            "loop": {"p99_ms": _ms(timing.p99), "late": timing.late, "skipped": timing.skipped},
+            "pose_age": None if external is None or external.age > 1e6 else round(external.age, 3),
+            "refusals": [refusal(name) for name in car.refusals()],
+            "trips": trips(car), "cautions": [str(c) for c in car.cautions], **extra}
+
+
+def refusal(name: str) -> dict[str, str]:
+    """What keeps the car from arming, and what to do."""
+    known = BY_NAME[name]
+    return {"name": name, "text": known.text, "remedy": known.remedy}
+
+
+def trips(car: Car) -> dict[str, str] | None:
+    """What tripped the car last, while it says TRIPPED or LOCKED."""
+    if car.mode not in ("TRIPPED", "LOCKED") or not car.causes:
+        return None
+    error = disarmed(car.causes)
+    return {"name": ", ".join(car.causes), "text": error.found, "remedy": error.remedy}
+
+
+def _ms(seconds: float) -> float | None:
+    return round(1e3 * seconds, 1) if seconds == seconds else None

@@ -1,0 +1,80 @@
+"""A desk in virtual time: an emulated car, pages that are names, and the pulses at the ESC."""
+
+from __future__ import annotations
+
+import json
+
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+from dart_hal.view import messages as m
+from dart_hal.view.access import Access
+from dart_hal.view.desk import Desk
+
+NEUTRAL_US, NEAR_US = 1500.0, 5.0
+TOKEN = "right"
+ON_THE_WAY = 0.03
+"""s that the page's newest news is old when its command arrives."""
+
+
+class AtTheDesk:
+    """``drive(seconds, each)``: the desk's loop, with ``each(t)`` at every State."""
+
+    def __init__(self, seed=1, drives=True):
+        backend = open_backend(f"sim://?nano=mock&seed={seed}")
+        self.world = world_of(backend)
+        self.pulses, self.modes, self.told = [], [], []
+        self.world.watchers.append(
+            lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
+        self.car = Car.over(backend, raise_on_trip=False)
+        self.desk = Desk(self.car, Access(8642, token=TOKEN), drives=drives, clock=self.now)
+        self._each = lambda t: None
+        self._count = 0
+        self.car.on_state(self._step)
+        for page in ("one", "two"):
+            list(self.desk.joined(page))
+
+    def now(self):
+        return self.car.now
+
+    def _step(self, state):
+        self.modes.append((self.now(), self.car.mode))
+        self._each(self.now())
+        self._count += 1
+        if self._count % 3 == 0:
+            self.told += map(json.loads, self.desk.batch())
+
+    def drive(self, seconds, each=lambda t: None):
+        self._each = each
+        self.desk.run(seconds)
+
+    def say(self, page, message):
+        return self.desk.said(page, message)
+
+    def hold(self, page="one", throttle=1.0, old=ON_THE_WAY):
+        self.say(page, m.Drive(0.0, throttle, self.now() - old))
+
+    def take_and_arm(self, page="one"):
+        self.say(page, m.Take(TOKEN))
+        self.say(page, m.Arm())
+        self._each = lambda t: None
+        self.desk.run(4.0, lambda: self.car.mode == "ARMED")
+        assert self.car.mode == "ARMED", self.told[-1]
+
+    def driving(self, since):
+        """(rise, fall) of the pulses at the ESC that end after that and are not neutral."""
+        return [(rise, fall) for rise, fall in self.pulses if fall > since
+                and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEAR_US]
+
+    def last_driving(self, since):
+        return max((fall - since for _, fall in self.driving(since)), default=0.0)
+
+    def said(self):
+        return [one["text"] for one in self.told if one["type"] == "said"]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.desk.close()
+        self.car.close()

@@ -1,0 +1,107 @@
+"""What may come in: origins, hosts, tokens, messages."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dart_hal.view import messages as m
+from dart_hal.view.access import Access
+from dart_hal.view.messages import Malformed, read
+from dart_hal.view.operator import TRIES, Operator, Refused
+
+
+@pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.Drive(0.5, -1.0, 3.25),
+                                     m.Release(), m.Record(True)])
+def test_what_a_page_may_say_is_read_back(message):
+    assert read(msgspec.json.encode(message)) == message
+
+
+@pytest.mark.parametrize("text", [
+    "", "{", "[]", "null", '"stop"', '{"type":"go"}', '{"type":"stop","x":1}', '{"type":"take"}',
+    '{"type":"take","token":7}', '{"type":"drive","steering":1,"throttle":"1","heard":0}',
+    '{"type":"drive","steering":NaN,"throttle":1,"heard":0}',
+    '{"type":"drive","steering":1e999,"throttle":1,"heard":0}', '{"type":"drive"}',
+    '{"type":"take","token":"' + "x" * 5000 + '"}', "[" * 900, b"\xff\xfe", b"\x00" * 40])
+def test_everything_else_is_refused(text):
+    with pytest.raises(Malformed):
+        read(text)
+
+
+@given(st.one_of(st.binary(max_size=200), st.text(max_size=200), st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=12).map(json.dumps)))
+def test_nothing_that_comes_raises_another_error(data):
+    with suppress(Malformed):
+        read(data)
+
+
+ACTS = ("take", "leave", "release", "drive", "stop", "armed", "wanted")
+
+
+@given(st.lists(st.tuples(st.sampled_from(ACTS), st.sampled_from("ab"), st.floats(-0.1, 0.4), st.floats(0.0, 0.3)),
+                max_size=60))
+def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
+    """A reference that keeps no state but the last command of the page that holds the wheel."""
+    one = Operator(Access(1, token="t"))
+    now, last = 10.0, None
+    for what, page, old, later in steps:
+        now += later
+        try:
+            if what == "take":
+                one.take(page, "t")
+            elif what == "leave":
+                one.gone(page)
+            elif what == "release":
+                one.release(page)
+            elif what == "drive":
+                one.drive(page, 0.5, 0.5, now - old, now)
+                last = (page, now - old)
+            elif what == "stop":
+                one.stop()
+            elif what == "armed":
+                one.armed()
+        except Refused:
+            pass
+        wanted = one.wanted(now)
+        if wanted is not None:
+            assert last is not None
+            assert one.page == last[0]
+            assert now < last[1] + 0.2
+            assert what not in ("stop", "armed")
+            assert not (what in ("leave", "release") and page == last[0])
+            assert 0.0 < wanted.left <= 0.2
+
+
+def test_wrong_tokens_are_counted_and_the_page_sent_away():
+    one = Operator(Access(1, token="right"))
+    for n in range(TRIES):
+        with pytest.raises(Refused) as refused:
+            one.take("page", f"wrong{n}")
+        assert refused.value.away is (n == TRIES - 1)
+    assert one.page is None
+    one.take("page", "right")
+
+
+def test_the_address_has_the_token_behind_its_hash():
+    access = Access.at(8642, lan=False)
+    (url,) = access.urls
+    assert url == f"http://localhost:8642/#{access.token}"
+    assert len(access.token) >= 12
+    assert access.token != Access.at(8642, lan=False).token
+
+
+@pytest.mark.parametrize(("host", "own"), [
+    ("localhost:8642", True), ("127.0.0.1:8642", True), ("[::1]:8642", True),
+    ("localhost", False), ("evil.example:8642", False), ("localhost:8642.evil.example", False),
+    ("", False), ("x" * 4000, False)])
+def test_only_names_of_this_computer_are_served(host, own):
+    access = Access.at(8642, lan=False)
+    assert access.own_host(host) is own
+    assert (f"http://{host}" in access.origins()) is own

@@ -1,0 +1,185 @@
+"""A page that drives: what the ESC gets when the hand, the page or the network lets go."""
+
+from __future__ import annotations
+
+import pytest
+from at_the_desk import AtTheDesk
+
+from dart_hal.view import desk, operator
+from dart_hal.view import messages as m
+from dart_hal.view.operator import Operator, Refused
+
+NEUTRAL = 0.250
+"""s from the end of a hold to the end of the last driving pulse."""
+AT_ONCE = 0.050
+"""s where the end is told: one State, one PWM frame and a pulse."""
+
+
+def end_of_hold(how, seed=1):
+    """(s until neutral, what happened) of a car that a page has driven for half a second."""
+    at = AtTheDesk(seed)
+    at.take_and_arm()
+    at.drive(0.5, lambda t: at.hold())
+    ended = at.now()
+    assert at.driving(ended - 0.1), "it drove until then"
+    how(at)
+    at.drive(0.6)
+    return at.last_driving(ended), at
+
+
+ENDS = {"released": lambda at: at.say("one", m.Release()),
+        "gone": lambda at: at.desk.left("one"),
+        "left": lambda at: at.say("one", m.Leave()),
+        "stopped by another": lambda at: at.say("two", m.Stop())}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_an_end_that_is_told_is_at_the_pin_at_once(how):
+    last, at = end_of_hold(ENDS[how])
+    assert last <= AT_ONCE
+    assert at.car.mode != "ARMED", "it is armed again by hand"
+
+
+def test_a_page_that_falls_silent_leaves_the_car_neutral():
+    last, at = end_of_hold(lambda at: None)
+    assert AT_ONCE < last <= NEUTRAL
+    assert at.car.mode != "ARMED"
+    assert any("silent" in text for text in at.said())
+
+
+def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
+    monkeypatch.setattr(operator, "HOLD", 0.4)
+    assert end_of_hold(lambda at: None)[0] > NEUTRAL
+
+
+def test_control_a_release_that_nobody_hears_is_seen_at_the_pin(monkeypatch):
+    monkeypatch.setattr(Operator, "release", lambda self, page: None)
+    assert end_of_hold(ENDS["released"])[0] > AT_ONCE
+
+
+def test_the_age_of_a_command_is_taken_off_its_validity():
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        at.drive(0.5, lambda t: at.hold(old=0.15))
+        ended = at.now()
+        at.drive(0.4)
+        assert 0.0 < at.last_driving(ended) <= NEUTRAL - 0.15 + 0.01
+        with pytest.raises(Refused, match="at most 200"):
+            at.hold(old=0.21)
+        with pytest.raises(Refused):
+            at.hold(old=-0.1)  # of the future: another program's time
+
+
+def test_a_stick_that_is_held_while_it_arms_moves_nothing():
+    with AtTheDesk() as at:
+        at.say("one", m.Take("right"))
+        at.say("one", m.Arm())
+        at.drive(4.0, lambda t: at.hold())
+        assert at.car.mode == "ARMED"
+        assert at.driving(0.0) == []
+        at.say("one", m.Release())
+        at.drive(0.3, lambda t: at.hold())
+        assert at.driving(0.0)
+
+
+def test_control_without_that_rule_it_drives_off(monkeypatch):
+    monkeypatch.setattr(Operator, "armed", lambda self: None)
+    with AtTheDesk() as at:
+        at.say("one", m.Take("right"))
+        at.say("one", m.Arm())
+        at.drive(4.0, lambda t: at.hold())
+        assert at.driving(0.0)
+
+
+def stop_while_arming(after):
+    with AtTheDesk() as at:
+        at.say("one", m.Take("right"))
+        at.say("one", m.Arm())
+        begun = at.now()
+        stopped = []
+
+        def each(t):
+            if not stopped and t >= begun + after:
+                stopped.append(t)
+                at.say("two", m.Stop())
+
+        at.drive(4.0, each)
+        return [mode for t, mode in at.modes if t > stopped[0] + 0.02], at
+
+
+def test_stop_while_it_arms_ends_the_arming():
+    modes, at = stop_while_arming(1.0)
+    assert "ARMED" not in modes
+    assert "ARMING" not in modes
+    assert any("RUN_STOP" in text for text in at.said()), "the page is told why it did not arm"
+
+
+@pytest.mark.more
+@pytest.mark.cpu(200)
+def test_stop_at_a_hundred_moments_of_arming_and_driving():
+    lasts = []
+    for n in range(50):
+        modes, _ = stop_while_arming(0.05 + 0.035 * n)
+        assert "ARMED" not in modes, n
+    for n in range(50):
+        with AtTheDesk(seed=n) as at:
+            at.take_and_arm()
+            at.drive(0.2 + 0.0137 * n, lambda t, at=at: at.hold())
+            pressed = at.now()
+            at.say("two", m.Stop())
+            at.drive(0.3, lambda t, at=at: at.hold())
+            lasts.append(at.last_driving(pressed))
+            assert at.driving(pressed - 0.1), "control: it drove"
+    assert max(lasts) <= AT_ONCE
+
+
+def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        at.drive(0.3, lambda t: at.hold())
+        at.say("two", m.Stop())
+        stopped = at.now()
+        at.drive(1.0, lambda t: at.hold())
+        assert at.last_driving(stopped) <= AT_ONCE
+        at.say("one", m.Release())
+        at.take_and_arm()
+        at.drive(0.3, lambda t: at.hold())
+        assert at.driving(at.now() - 0.1)
+
+
+def test_who_drives_leaves_while_it_arms():
+    with AtTheDesk() as at:
+        at.say("one", m.Take("right"))
+        at.say("one", m.Arm())
+        begun = at.now()
+        at.drive(4.0, lambda t: at.desk.left("one") if 1.0 < t - begun < 1.015 else None)
+        assert "ARMED" not in [mode for _, mode in at.modes]
+
+
+def test_one_drives_and_the_others_are_refused():
+    with AtTheDesk() as at:
+        at.say("one", m.Take("right"))
+        with pytest.raises(Refused, match="another page"):
+            at.say("two", m.Take("right"))
+        for message in (m.Arm(), m.Drive(0.0, 1.0, at.now()), m.Record(True)):
+            with pytest.raises(Refused, match="does not drive"):
+                at.say("two", message)
+        at.say("two", m.Leave())
+        at.say("two", m.Release())
+        at.say("one", m.Leave())
+        assert at.say("two", m.Take("right")) == desk.TAKEN
+
+
+def test_a_page_that_only_watches_can_stop_and_nothing_else():
+    with AtTheDesk(drives=False) as at:
+        with pytest.raises(Refused, match="driven by a program"):
+            at.say("one", m.Take("right"))
+        at.car.arm()
+        for state in at.car.states(duration=0.3):
+            at.car.drive(throttle=0.25)
+        pressed = at.now()
+        at.say("two", m.Stop())
+        for state in at.car.states(duration=0.3):
+            at.car.drive(throttle=0.25)
+        assert at.driving(pressed - 0.1)
+        assert at.last_driving(pressed) <= AT_ONCE
