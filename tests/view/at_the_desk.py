@@ -17,6 +17,12 @@ ON_THE_WAY = 0.03
 """s that the page's newest news is old when its command arrives."""
 
 
+def driving(pulses, since):
+    """(rise, fall) of those at the ESC that end after that and are not neutral."""
+    return [(rise, fall) for rise, fall in list(pulses) if fall > since
+            and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEAR_US]
+
+
 class AtTheDesk:
     """``drive(seconds, each)``: the desk's loop, with ``each(t)`` at every State."""
 
@@ -62,9 +68,7 @@ class AtTheDesk:
         assert self.car.mode == "ARMED", self.told[-1]
 
     def driving(self, since):
-        """(rise, fall) of the pulses at the ESC that end after that and are not neutral."""
-        return [(rise, fall) for rise, fall in self.pulses if fall > since
-                and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEAR_US]
+        return driving(self.pulses, since)
 
     def last_driving(self, since):
         return max((fall - since for _, fall in self.driving(since)), default=0.0)

@@ -10,13 +10,20 @@ from contextlib import contextmanager
 from websockets.sync.client import connect
 
 from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
 
 
 @contextmanager
 def live_page(drives=True, url="sim://?nano=mock&pace=1", **options):
-    """An emulated car and its page; the desk's loop runs in a thread of its own."""
-    with Car.open(url, raise_on_trip=False) as car, \
+    """An emulated car and its page, with the pulses at the ESC; its loop runs in a thread."""
+    backend = open_backend(url)
+    pulses = []
+    world_of(backend).watchers.append(
+        lambda channel, pulse: pulses.append(pulse) if channel == 1 else None)
+    with Car.over(backend, raise_on_trip=False) as car, \
             car.view(port=0, drives=drives, **options) as page:
+        page.pulses = pulses
         ended = threading.Event()
         loop = threading.Thread(target=lambda: page.run(60.0, ended.is_set))
         loop.start()

@@ -45,8 +45,8 @@ def test_nothing_that_comes_raises_another_error(data):
 ACTS = ("take", "leave", "release", "drive", "stop", "armed", "wanted")
 
 
-@given(st.lists(st.tuples(st.sampled_from(ACTS), st.sampled_from("ab"), st.floats(-0.1, 0.4), st.floats(0.0, 0.3)),
-                max_size=60))
+@given(st.lists(st.tuples(st.sampled_from(ACTS), st.sampled_from("ab"), st.floats(-0.1, 0.4),
+                          st.floats(0.0, 0.3)), max_size=60))
 def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
     """A reference that keeps no state but the last command of the page that holds the wheel."""
     one = Operator(Access(1, token="t"))

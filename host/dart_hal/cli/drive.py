@@ -23,7 +23,7 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, print_json, results
-from dart_hal.cli.session import in_real_time, opened, shown_live, with_progress
+from dart_hal.cli.session import in_real_time, opened, paced, shown_live, with_progress
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
@@ -46,6 +46,8 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
               help="seconds of the car's time (a script: 10)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
               help="scale of keyboard and gamepad")
+@click.option("--view", is_flag=True, help="serve a live page that watches the car, and stops it; "
+              "sim:// runs in real time then")
 @waive_option
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="write the run to this MCAP file")
@@ -55,7 +57,7 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
             keyboard: bool, gamepad: bool, operate: bool, duration: float | None,
             max_throttle: float, waive: tuple[str, ...], record: Path | None, poses: str | None,
-            foxglove: bool, port: int, as_json: bool) -> None:
+            foxglove: bool, port: int, view: bool, as_json: bool) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
     if keyboard + gamepad + operate + (script is not None) != 1:
         raise UsageError("say how to drive",
@@ -64,7 +66,10 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
     control = load(script) if script else None
     manual = Gamepad() if gamepad else Keyboard() if keyboard else None
     with (closing(manual) if manual else nullcontext(),
-          opened(url, car_name, cars, record, poses) as car):
+          opened(paced(url) if view else url, car_name, cars, record, poses) as car,
+          car.view() if view else nullcontext() as page):
+        if page is not None:
+            console.print(page.urls[-1], markup=False, highlight=False, soft_wrap=True)
         summary = Summary(car)
         if not car.drives:
             raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",

@@ -13,7 +13,7 @@ from dart_hal.cli.output import notices, progress_bar
 from dart_hal.errors import DartHalError, UsageError
 from dart_hal.foxglove import LAYOUT
 from dart_hal.foxglove.operate import Operator
-from dart_hal.links.base import Backend
+from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.source import open_source
@@ -102,6 +102,15 @@ def with_progress(states: Iterator[State], duration: float, title: str) -> Itera
             if n % 20 == 0:
                 bar.update(task, completed=state.t - start)
             yield state
+
+
+def paced(url: str | None) -> str:
+    """The URL; a simulated car keeps to the time of who looks at it, as a real one does."""
+    text = url or "sim://"
+    known = Url.parse(text)
+    if known.scheme != "sim" or "pace" in known.options:
+        return text
+    return text + ("&" if "?" in text else "?") + "pace=1"
 
 
 def in_real_time(states: Iterator[State]) -> Iterator[State]:

@@ -18,9 +18,8 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console
-from dart_hal.cli.session import opened
+from dart_hal.cli.session import opened, paced
 from dart_hal.errors import UsageError
-from dart_hal.links.base import Url
 from dart_hal.localisation.grid import lines_of_grid, read_grid
 from dart_hal.view.access import PORT
 
@@ -59,15 +58,6 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
             tell(page.urls, lan)
             page.run(duration or inf)
         car.stop()
-
-
-def paced(url: str | None) -> str:
-    """The URL; a simulated car keeps to the time of who looks at it, as a real one does."""
-    text = url or "sim://"
-    known = Url.parse(text)
-    if known.scheme != "sim" or "pace" in known.options:
-        return text
-    return text + ("&" if "?" in text else "?") + "pace=1"
 
 
 def play(run: Path, port: int, lan: bool, duration: float) -> None:

@@ -103,9 +103,14 @@
     socket.onclose = () => { wheel(false); heard = null; badge("gone"); if (first) say("the program that serves this page has ended, or the network is gone"); first = false; setTimeout(open, 1000); };
   }
 
-  $("stop").addEventListener("pointerdown", () => { Stick.drop(); send({ type: "stop" }); });
-  $("stop").addEventListener("click", () => { Stick.drop(); send({ type: "stop" }); });
-  addEventListener("keydown", (event) => { if (event.code === "Space" && event.target.tagName !== "SELECT") { event.preventDefault(); Stick.drop(); send({ type: "stop" }); } });
+  let pressed = -1e9;  // ms; a finger is heard when it comes down, and its click is the same press
+  function stop() {
+    Stick.drop();
+    if (performance.now() - pressed > 400) send({ type: "stop" });
+    pressed = performance.now();
+  }
+  for (const name of ["pointerdown", "click"]) $("stop").addEventListener(name, stop);
+  addEventListener("keydown", (event) => { if (event.code === "Space" && event.target.tagName !== "SELECT") { event.preventDefault(); stop(); } });
   $("take").onclick = () => { if (mine) { wheel(false); send({ type: "leave" }); } else send({ type: "take", token }); };
   $("arm").onclick = () => send({ type: "arm" });
   $("unlock").onclick = () => send({ type: "unlock" });

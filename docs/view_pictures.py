@@ -1,0 +1,83 @@
+"""Pictures of the live page, by a headless browser: a page drives an emulated car on the track.
+
+    python docs/view_pictures.py docs/pictures
+
+Needs chromium with its driver (sh firmware/toolchain.sh --apt chromium chromium-driver) and the
+packages of dart-hal[dev].
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+from dart_hal import Car
+
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync",
+         "--hide-scrollbars")
+SIZES = {"view_desk": (1280, 800), "view_phone": (390, 844)}
+URL = "sim://?nano=mock&pace=1&lidar=1&map=track"
+
+
+def browser() -> webdriver.Chrome:
+    """A window without a screen."""
+    options = webdriver.ChromeOptions()
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.binary_location = shutil.which("chromium") or ""
+    return webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+
+
+def shoot(url: str, folder: Path) -> None:
+    """Drive off by the page, and take its picture in both sizes."""
+    window = browser()
+    try:
+        resize(window, SIZES["view_desk"])
+        window.get(url)
+        for name, says in (("take", "DISARMED"), ("arm", "DISARMED")):
+            while window.find_element("id", "mode").text != says:
+                time.sleep(0.1)
+            time.sleep(1.0)
+            window.find_element("id", name).click()
+        while window.find_element("id", "mode").text != "ARMED":
+            time.sleep(0.1)
+        hand = webdriver.ActionChains(window)
+        hand.move_to_element(window.find_element("id", "stick")).click_and_hold()
+        hand.move_by_offset(-30, -50).perform()
+        time.sleep(2.5)
+        for name, size in SIZES.items():
+            resize(window, size)
+            time.sleep(0.6)
+            window.save_screenshot(str(folder / f"{name}.png"))
+    finally:
+        window.quit()
+
+
+def resize(window: webdriver.Chrome, size: tuple[int, int]) -> None:
+    """The page's own width and height [px]."""
+    window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+        "width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 500})
+
+
+def main(folder: str) -> None:
+    """Both pictures."""
+    with Car.open(URL, raise_on_trip=False) as car, car.view(port=0, drives=True) as page:
+        ended = threading.Event()
+        loop = threading.Thread(target=lambda: page.run(ended=ended.is_set))
+        loop.start()
+        try:
+            shoot(page.urls[0], Path(folder))
+        finally:
+            ended.set()
+            loop.join()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,191 @@
+"""The page in a real browser: headless chromium, driven as a person would."""
+
+from __future__ import annotations
+
+import shutil
+import time
+
+import pytest
+from at_the_desk import driving
+from sockets import live_page
+
+from dart_hal.car import Car
+from dart_hal.view.player import Player, run_of
+
+selenium = pytest.importorskip("selenium.webdriver")
+from selenium.webdriver.chrome.service import Service  # noqa: E402 - after the skip
+
+pytestmark = [pytest.mark.realtime, pytest.mark.more]
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync")
+DESK, PHONE = (1280, 800), (390, 844)
+NEUTRAL = 0.250
+
+
+class Browser:
+    """One window."""
+
+    def __init__(self):
+        options = selenium.ChromeOptions()
+        for flag in FLAGS:
+            options.add_argument(flag)
+        options.binary_location = shutil.which("chromium")
+        self.driver = selenium.Chrome(options=options,
+                                      service=Service(shutil.which("chromedriver")))
+
+    def open(self, url, size=DESK):
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size == PHONE})
+        self.driver.get(url)
+
+    def __getitem__(self, name):
+        return self.driver.find_element("id", name)
+
+    def press(self, name):
+        self[name].click()
+
+    def text(self, name):
+        return self[name].text
+
+    def until(self, what, name, within=10.0):
+        ends = time.monotonic() + within
+        while time.monotonic() < ends:
+            said = self.text(name)
+            if said == what if name == "mode" else what in said:
+                return
+            time.sleep(0.05)
+        raise AssertionError(f"{name} says {self.text(name)!r}, not {what!r}")
+
+    def run(self, script):
+        return self.driver.execute_script(script)
+
+    def hold(self):
+        hand = selenium.ActionChains(self.driver)
+        hand.move_to_element(self["stick"]).click_and_hold().move_by_offset(-20, -80).perform()
+
+    def let_go(self):
+        selenium.ActionChains(self.driver).release().perform()
+
+
+def drives_off(browser, page, car, tries=5):
+    """Arm and hold the stick until the car drives: on a busy computer a hold may end by itself."""
+    browser.press("take")
+    browser.until("Let go of the wheel", "take")
+    for _ in range(tries):
+        browser.until("DISARMED", "mode")
+        browser.press("arm")
+        browser.until("ARMED", "mode")
+        browser.hold()
+        time.sleep(0.8)
+        if driving(page.pulses, car.now - 0.05):
+            return
+        browser.let_go()
+    raise AssertionError(browser.text("said"))
+
+
+@pytest.fixture
+def browsers():
+    """Opens windows and closes them."""
+    if not (shutil.which("chromium") and shutil.which("chromedriver")):
+        pytest.skip("chromium is not installed: sh firmware/toolchain.sh --apt chromium "
+                    "chromium-driver")
+    opened = []
+
+    def new():
+        opened.append(Browser())
+        return opened[-1]
+
+    yield new
+    for one in opened:
+        one.driver.quit()
+
+
+def hides(browser):
+    browser.run("Object.defineProperty(document, 'hidden', {get: () => true});"
+                "document.dispatchEvent(new Event('visibilitychange'))")
+
+
+ENDS = {"let go": Browser.let_go, "hidden": hides,
+        "away": lambda browser: browser.run("location.href = 'about:blank'")}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_it_drives_while_the_stick_is_held_and_not_longer(browsers, how):
+    with live_page() as (car, page):
+        one = browsers()
+        one.open(page.urls[0])
+        drives_off(one, page, car)
+        ended = car.now
+        ENDS[how](one)
+        told = car.now  # the browser has acted by now
+        time.sleep(0.8)
+        assert driving(page.pulses, ended - 0.1), "it drove until then"
+        assert max(fall for _, fall in driving(page.pulses, 0.0)) - told <= NEUTRAL
+        assert car.mode != "ARMED"
+
+
+def test_a_page_that_hangs_drives_no_longer(browsers):
+    """Its socket stays open, and nothing comes."""
+    with live_page() as (car, page):
+        one = browsers()
+        one.open(page.urls[0])
+        drives_off(one, page, car)
+        hung = car.now
+        one.run("setTimeout(() => { const t = Date.now(); while (Date.now() < t + 1500); }, 0)")
+        time.sleep(1.0)
+        assert max(fall for _, fall in driving(page.pulses, hung - 0.2)) - hung <= NEUTRAL
+        assert car.mode != "ARMED"
+
+
+def test_anybody_stops_it_and_says_so_to_all(browsers):
+    with live_page() as (car, page):
+        one, other = browsers(), browsers()
+        one.open(page.urls[0])
+        other.open(page.urls[0].partition("#")[0], PHONE)
+        drives_off(one, page, car)
+        other.until("ARMED", "mode")
+        other.press("stop")
+        one.until("TRIPPED", "mode", within=3.0)
+        one.until("STOP was pressed", "said")
+        other.until("RUN_STOP", "trouble", within=3.0)
+        other.until("TRIPPED", "mode")
+        one.press("take")
+        one.until("Take the wheel", "take")
+        time.sleep(0.5)
+        other.press("take")
+        other.until("wrong token", "said")
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_it_fits_and_asks_nobody_else(browsers, size):
+    with live_page(url="sim://?nano=mock&pace=1&lidar=1&map=room") as (_, page):
+        one = browsers()
+        one.open(page.urls[0], size)
+        one.until("DISARMED", "mode")
+        time.sleep(1.0)
+        assert one.run("return document.documentElement.scrollWidth") <= size[0]
+        names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
+        assert names
+        assert all(name.startswith(f"http://localhost:{page.access.port}/") for name in names)
+        stop = one["stop"].rect
+        assert stop["y"] + stop["height"] <= size[1]
+        assert [log for log in one.driver.get_log("browser") if log["level"] == "SEVERE"] == []
+
+
+def test_a_recording_has_a_time_bar(browsers, tmp_path):
+    path = tmp_path / "run.mcap"
+    with Car.open("sim://?nano=mock", record=path) as car:
+        car.arm()
+        for _ in car.states(duration=3.0):
+            car.drive(steering=0.2, throttle=0.3)
+    with Car.open(f"replay://{path}") as car:
+        run = run_of(car)
+    with Player(run, 0, lan=False) as player:
+        one = browsers()
+        one.open(player.urls[0])
+        one.until("recorded", "mode")
+        one.run("const bar = document.getElementById('time'); bar.value = 1;"
+                "bar.dispatchEvent(new Event('input'))")
+        length = run["rows"][-1][0] - run["rows"][0][0]
+        one.until(f"{length:.1f} s of {length:.1f} s", "at")
+        assert not one["stop"].is_displayed()
