@@ -17,7 +17,9 @@ from pathlib import Path
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
-from dart_hal import Car
+from dart_hal import Car, Fleet
+from dart_hal.fleet.station import Station
+from dart_hal.view.fleet_desk import FleetPage
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
          "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -60,6 +62,37 @@ def shoot(url: str, folder: Path) -> None:
         window.quit()
 
 
+def shoot_fleet(folder: Path) -> None:
+    """Four emulated cars of a room, one of which is gone."""
+    places = ("0,0,0", "1.5,0.6,1", "-1,1.2,2", "0.5,-1.2,3")
+    urls = [f"sim://?nano=mock&pace=1&world=page&seed={n + 1}&at={place}"
+            for n, place in enumerate(places)]
+    with Fleet.open(urls, room="local://page") as fleet, Station("local://page") as station, \
+            FleetPage([station], 0, lan=False) as page:
+        fleet.arm()
+        ends = time.monotonic() + 3.0
+        for n, car in enumerate(fleet.cars[:2]):
+            threading.Thread(target=circle, args=(car, 0.3 - 0.5 * n, ends + 9.0)).start()
+        fleet.members[3].close()
+        window = browser()
+        try:
+            resize(window, SIZES["view_desk"])
+            window.get(page.urls[0])
+            time.sleep(3.0)
+            window.save_screenshot(str(folder / "view_fleet.png"))
+        finally:
+            window.quit()
+            time.sleep(max(ends + 9.5 - time.monotonic(), 0.0))
+
+
+def circle(car: Car, steering: float, until: float) -> None:
+    """Drive at a steady steering angle [rad] until then."""
+    for _ in car.states():
+        if time.monotonic() > until:
+            return
+        car.drive(steering=steering, throttle=0.2)
+
+
 def resize(window: webdriver.Chrome, size: tuple[int, int]) -> None:
     """The page's own width and height [px]."""
     window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
@@ -67,7 +100,7 @@ def resize(window: webdriver.Chrome, size: tuple[int, int]) -> None:
 
 
 def main(folder: str) -> None:
-    """Both pictures."""
+    """All pictures."""
     with Car.open(URL, raise_on_trip=False) as car, car.view(port=0, drives=True) as page:
         ended = threading.Event()
         loop = threading.Thread(target=lambda: page.run(ended=ended.is_set))
@@ -77,6 +110,7 @@ def main(folder: str) -> None:
         finally:
             ended.set()
             loop.join()
+    shoot_fleet(Path(folder))
 
 
 if __name__ == "__main__":

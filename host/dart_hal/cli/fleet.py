@@ -12,6 +12,7 @@ from rich.table import Table
 
 from dart_hal.cli.options import Number, json_option
 from dart_hal.cli.output import console, notices, print_json, say
+from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.control.keyboard import Terminal
 from dart_hal.errors import UsageError
 from dart_hal.fleet.discovery import found, listed
@@ -115,6 +116,25 @@ def watch_command(rooms: tuple[str, ...], duration: float | None, as_json: bool)
             time.sleep(REPEAT)
         if as_json:
             print_json({"cars": [_json(s, seen) for s in stations for seen in s.cars()]})
+
+
+@command.command("page")
+@room_option
+@lan_option
+@click.option("--duration", type=Number(min=0.1), default=None, help="s (default: until Ctrl-C)")
+def page_command(rooms: tuple[str, ...], lan: bool, port: int, duration: float | None) -> None:
+    """One page in the browser with all cars of a room, and a STOP for all of them.
+
+    It watches as ``fleet watch`` does, while the programs of the cars run.
+    """
+    from dart_hal.view.fleet_desk import FleetPage
+
+    end = time.monotonic() + (duration or float("inf"))
+    with ExitStack() as stack:
+        stations = _entered(rooms, stack)
+        tell(stack.enter_context(FleetPage(stations, port, lan)).urls, lan)
+        while time.monotonic() < end:
+            time.sleep(0.1)
 
 
 def _entered(rooms: tuple[str, ...], stack: ExitStack) -> list[Station]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from io import StringIO
 from math import inf
 from pathlib import Path
 
@@ -17,20 +16,16 @@ from dart_hal.cli.options import (
     poses_option,
     waive_option,
 )
-from dart_hal.cli.output import console
+from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.cli.session import opened, paced
 from dart_hal.errors import UsageError
 from dart_hal.localisation.grid import lines_of_grid, read_grid
-from dart_hal.view.access import PORT
 
 
 @click.command("view")
 @car_options
 @click.argument("run", required=False, type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--lan", is_flag=True, help="other computers and phones may open it: prints address, "
-              "token and QR code")
-@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True,
-              help="where it is served; 0 takes any that is free")
+@lan_option
 @click.option("--duration", type=Number(min=0.1), default=None, help="s (default: until Ctrl-C)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
               help="of a stick that is pushed to its end")
@@ -76,16 +71,3 @@ def play(run: Path, port: int, lan: bool, duration: float) -> None:
         until = time.monotonic() + duration
         while time.monotonic() < until:
             time.sleep(0.2)
-
-
-def tell(urls: tuple[str, ...], lan: bool) -> None:
-    """Where to look; for phones, as a picture."""
-    for url in urls:
-        console.print(url, markup=False, highlight=False, soft_wrap=True)
-    if lan:
-        import segno
-
-        console.print("whoever has this address may drive the car", style="yellow")
-        picture = StringIO()
-        segno.make(urls[0], micro=False).terminal(out=picture, compact=True)
-        console.print(picture.getvalue(), markup=False, highlight=False, soft_wrap=True)

@@ -9,7 +9,7 @@ import asyncio
 import logging
 import socket
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Protocol
@@ -39,9 +39,10 @@ SILENT = 4.0
 
 TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf-8",
          "css": "text/css; charset=utf-8"}
-FILES = ("index.html", "style.css", "app.js", "floor.js", "plots.js", "player.js",
-         "stick.js")
 VENDOR = ("uPlot.iife.min.js", "uPlot.min.css")
+CAR = ("index.html", "style.css", "app.js", "floor.js", "plots.js", "player.js", "stick.js")
+FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js")
+"""Files of the two pages; the first is the page itself."""
 SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
                                    "img-src 'self' data:; frame-ancestors 'none'",
         "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
@@ -69,14 +70,14 @@ class Listener(Protocol):
         """The message that tells one page why not."""
 
 
-def assets() -> dict[str, tuple[str, bytes]]:
+def assets(page: Sequence[str]) -> dict[str, tuple[str, bytes]]:
     """Path of a request: its type and its bytes."""
     room = files("dart_hal.view")
-    served = {f"/{name}": room / "page" / name for name in FILES}
+    served = {f"/{name}": room / "page" / name for name in page}
     served |= {f"/vendor/{name}": room / "vendor" / name for name in VENDOR}
     found = {path: (TYPES[path.rpartition(".")[2]], place.read_bytes())
              for path, place in served.items()}
-    return found | {"/": found["/index.html"]}
+    return found | {"/": found[f"/{page[0]}"]}
 
 
 def bound(port: int, lan: bool) -> socket.socket:
@@ -97,9 +98,11 @@ def bound(port: int, lan: bool) -> socket.socket:
 class Server:
     """Begins with ``start``; ``close`` ends thread and sockets."""
 
-    def __init__(self, place: socket.socket, access: Access, listener: Listener) -> None:
+    def __init__(self, place: socket.socket, access: Access, listener: Listener,
+                 page: Sequence[str] = CAR) -> None:
         self._place, self._access, self._listener = place, access, listener
-        self._assets = assets()
+        self._assets = assets(page)
+        self._trouble = ""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended: asyncio.Event | None = None
         self._up = threading.Event()
@@ -131,7 +134,9 @@ class Server:
         try:
             batch = list(self._listener.batch())
         except Exception as why:  # noqa: BLE001 - what cannot be told must not end the page
-            log.error("the live page could not be told: %r", why)
+            if repr(why) != self._trouble:  # each once: this is called 30 times a second
+                self._trouble = repr(why)
+                log.error("the live page could not be told: %r", why)
             return
         pages = sockets.connections
         for page in pages:

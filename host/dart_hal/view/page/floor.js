@@ -58,7 +58,10 @@ const Floor = (() => {
     line(path, style("--blue"), 1.5);
     pen.fillStyle = style("--red");
     for (let n = 0; n < scan.length; n += 2) { const [a, b] = px(scan[n], scan[n + 1]); pen.fillRect(a - 1, b - 1, 2 * devicePixelRatio, 2 * devicePixelRatio); }
-    others.forEach((other) => body(other, style("--quiet")));
+    others.forEach((other) => {
+      body(other, style("--quiet"));
+      if (other.name) { pen.fillStyle = style("--ink"); pen.fillText(other.name, ...px(other.x + 0.3, other.y + 0.12)); }
+    });
     if (car) { ellipse(car); body(car, style("--blue")); }
   }
 

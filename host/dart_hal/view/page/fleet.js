@@ -1,0 +1,55 @@
+"use strict";
+// All cars of the rooms: a card each, a place on the floor, one STOP.
+(() => {
+  const $ = (id) => document.getElementById(id);
+  const cards = new Map();
+  let socket = null, pressed = -1e9;
+
+  function say(text) {
+    const item = document.createElement("li");
+    item.textContent = `${new Date().toLocaleTimeString()}  ${text}`;
+    $("said").prepend(item);
+    while ($("said").children.length > 100) $("said").lastChild.remove();
+  }
+  function badge(text, css) { $("mode").textContent = text; $("mode").className = `badge ${css}`; }
+  function card(key) {
+    if (!cards.has(key)) {
+      const item = document.createElement("article");
+      item.append(...["b", "span", "p", "p"].map((tag) => document.createElement(tag)));
+      cards.set(key, item);
+      $("cars").append(item);
+    }
+    return cards.get(key);
+  }
+  function show(car) {
+    const item = card(`${car.room} ${car.name}`), [name, state, where, why] = item.children, p = car.pose;
+    item.className = car.state;
+    item.dataset.name = car.name;
+    name.textContent = car.name;
+    state.textContent = car.state === "lost" ? `lost for ${car.silent.toFixed(1)} s` : car.state;
+    where.textContent = p ? `${p.speed.toFixed(2)} m/s at ${p.x.toFixed(2)}, ${p.y.toFixed(2)} m (${p.frame})` : "no pose";
+    why.textContent = [car.state === "refused" ? car.mode : "", car.why].filter(Boolean).join(": ");
+  }
+  const said = {
+    rooms(message) { $("rooms").textContent = message.rooms.join("  "); },
+    cars(message) {
+      const lost = message.cars.filter((car) => car.state === "lost").length;
+      badge(`${message.cars.length} car${message.cars.length === 1 ? "" : "s"}${lost ? `, ${lost} lost` : ""}`, lost ? "gone" : "");
+      message.cars.forEach(show);
+      Floor.others(message.cars.filter((car) => car.pose).map((car) => ({ ...car.pose, name: car.name })));
+    },
+    said(message) { say(message.text); },
+  };
+  function open() {
+    socket = new WebSocket(`ws://${location.host}/socket`);
+    socket.onmessage = (event) => { const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
+    socket.onclose = () => { badge("this page has lost its program: it can stop nothing", "gone"); setTimeout(open, 1000); };
+  }
+  function stop() {
+    if (performance.now() - pressed > 400 && socket.readyState === 1) socket.send('{"type":"stop"}');
+    pressed = performance.now();
+  }
+  for (const name of ["pointerdown", "click"]) $("stop").addEventListener(name, stop);
+  addEventListener("keydown", (event) => { if (event.code === "Space") { event.preventDefault(); stop(); } });
+  open();
+})();

@@ -1,0 +1,114 @@
+"""The page of a fleet: what it says of each car, and its STOP at the pins of all."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from dart_hal.fleet.station import Station
+from dart_hal.fleet.stopping import StopRule
+from dart_hal.view import messages as m
+from dart_hal.view.fleet_desk import FleetDesk, FleetPage
+from dart_hal.view.operator import Refused
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "fleet"))
+from rooms import Pins
+
+WITHIN = 0.3
+
+
+class Watched:
+    """Two emulated cars that drive, and a page that listens."""
+
+    def __init__(self, room):
+        self.pins = Pins(room)
+        self.station = Station(room, now=lambda: self.pins.fleet.cars[0].now)
+        self.desk = FleetDesk([self.station])
+        self.states, self.said = [], []
+        self.count = 0
+
+    def look(self):
+        self.count += 1
+        if self.count % 3:
+            return
+        for message in map(json.loads, self.desk.batch()):
+            if message["type"] == "cars":
+                self.states.append({car["name"]: car for car in message["cars"]})
+            elif message["type"] == "said":
+                self.said.append(message["text"])
+
+    def drive(self, seconds, **options):
+        self.pins.drive(seconds, each=self.look, **options)
+        return {name: car["state"] for name, car in self.states[-1].items()}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.station.close()
+        self.pins.fleet.close()
+
+
+def stopped(room="local://page"):
+    with Watched(room) as watched:
+        assert set(watched.drive(0.4, only=[]).values()) == {"link"}
+        watched.pins.fleet.arm()
+        assert set(watched.drive(0.2, only=[]).values()) == {"armed"}
+        assert set(watched.drive(0.8).values()) == {"driving"}
+        pressed = watched.pins.now()
+        assert all(watched.pins.driving(n, t - 0.1) for n, t in enumerate(pressed))
+        watched.desk.said("page", m.Stop())
+        states = watched.drive(0.6)
+        return [watched.pins.last_driving(n, t) for n, t in enumerate(pressed)], states, watched
+
+
+@pytest.mark.cpu(6)
+def test_its_stop_is_at_the_pins_of_all_cars():
+    lasts, states, watched = stopped()
+    assert max(lasts) <= WITHIN
+    assert set(states.values()) == {"refused"}
+    assert all("TRIPPED" in car["mode"] for car in watched.states[-1].values())
+    assert watched.said == ["STOP ALL was pressed", "all cars have answered"]
+
+
+@pytest.mark.cpu(6)
+def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
+    monkeypatch.setattr(StopRule, "held", lambda self, now: "")
+    lasts, states, _ = stopped("local://deaf")
+    assert max(lasts) > WITHIN
+    assert "driving" in states.values()
+
+
+@pytest.mark.cpu(4)
+def test_a_car_that_falls_silent_is_lost_within_a_second():
+    with Watched("local://lost") as watched:
+        watched.drive(0.4, only=[])
+        watched.pins.fleet.members[1].close()
+        gone = watched.pins.now()[0]
+        while len({car["state"] for car in watched.states[-1].values()}) == 1:
+            watched.drive(0.05, only=[])
+            assert watched.pins.now()[0] - gone < 1.0
+        names = list(watched.states[-1])
+        assert watched.states[-1][names[1]]["state"] == "lost"
+
+
+def test_it_drives_nobody():
+    with Station("local://page2") as station:
+        desk = FleetDesk([station])
+        for message in (m.Take("x"), m.Arm(), m.Drive(0.0, 1.0, 0.0), m.Record(True)):
+            with pytest.raises(Refused, match="stops them all"):
+                desk.said("page", message)
+
+
+@pytest.mark.realtime
+def test_it_is_served():
+    from sockets import join, until
+
+    with Station("local://page3") as station, FleetPage([station], 0, lan=False) as page:
+        assert "#" not in page.urls[0]
+        with join(page) as socket:
+            assert until(socket, "rooms")["rooms"] == ["local://page3"]
+            assert until(socket, "cars")["cars"] == []
