@@ -24,7 +24,7 @@ test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (abou
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
 
-test-more: $(VENV)/.dev toolchain ## the other cases of it, and more examples of each law
+test-more: $(VENV)/.dev toolchain browser ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "more and realtime and not slow" $(ARGS) $(REALTIME) || test $$? -eq 5
 
@@ -90,6 +90,11 @@ hardware: .venv-hardware/.ready ## rebuild parts, drawings and pictures and comp
 .PHONY: toolchain
 toolchain:
 	@sh firmware/toolchain.sh
+
+# The live page is tested in a real browser; without one those tests are skipped, and say so.
+.PHONY: browser
+browser:
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || sh firmware/toolchain.sh --apt chromium chromium-driver || echo "-- no chromium: no tests in a browser"
 
 setup: $(VENV)/.dev toolchain ## install everything without running anything
 

@@ -91,20 +91,21 @@ def test_control_without_that_rule_it_drives_off(monkeypatch):
         assert at.driving(0.0)
 
 
-def stop_while_arming(after):
-    with AtTheDesk() as at:
-        at.say("one", m.Take("right"))
-        at.say("one", m.Arm())
-        begun = at.now()
-        stopped = []
+def stop_while_arming(after, within=2.0):
+    """(modes from 20 ms behind the STOP on, until ``within`` s behind it, what happened)."""
+    at = AtTheDesk()
+    at.say("one", m.Take("right"))
+    at.say("one", m.Arm())
+    begun = at.now()
+    stopped = []
 
-        def each(t):
-            if not stopped and t >= begun + after:
-                stopped.append(t)
-                at.say("two", m.Stop())
+    def each(t):
+        if not stopped and t >= begun + after:
+            stopped.append(t)
+            at.say("two", m.Stop())
 
-        at.drive(4.0, each)
-        return [mode for t, mode in at.modes if t > stopped[0] + 0.02], at
+    at.drive(after + within, each)
+    return [mode for t, mode in at.modes if t > stopped[0] + 0.02], at
 
 
 def test_stop_while_it_arms_ends_the_arming():
@@ -115,21 +116,20 @@ def test_stop_while_it_arms_ends_the_arming():
 
 
 @pytest.mark.more
-@pytest.mark.cpu(200)
+@pytest.mark.cpu(120)
 def test_stop_at_a_hundred_moments_of_arming_and_driving():
     lasts = []
     for n in range(50):
-        modes, _ = stop_while_arming(0.05 + 0.035 * n)
+        modes, at = stop_while_arming(0.05 + 0.035 * n, within=0.3)
         assert "ARMED" not in modes, n
-    for n in range(50):
-        with AtTheDesk(seed=n) as at:
-            at.take_and_arm()
-            at.drive(0.2 + 0.0137 * n, lambda t, at=at: at.hold())
-            pressed = at.now()
-            at.say("two", m.Stop())
-            at.drive(0.3, lambda t, at=at: at.hold())
-            lasts.append(at.last_driving(pressed))
-            assert at.driving(pressed - 0.1), "control: it drove"
+        at.drive(0.6)  # a STOP holds for half a second
+        at.take_and_arm()
+        at.drive(0.2 + 0.0137 * n, lambda t, at=at: at.hold())
+        pressed = at.now()
+        at.say("two", m.Stop())
+        at.drive(0.3, lambda t, at=at: at.hold())
+        lasts.append(at.last_driving(pressed))
+        assert at.driving(pressed - 0.1), "control: it drove"
     assert max(lasts) <= AT_ONCE
 
 
