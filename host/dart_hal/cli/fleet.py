@@ -122,7 +122,9 @@ def watch_command(rooms: tuple[str, ...], duration: float | None, as_json: bool)
 @room_option
 @lan_option
 @click.option("--duration", type=Number(min=0.1), default=None, help="s (default: until Ctrl-C)")
-def page_command(rooms: tuple[str, ...], lan: bool, port: int, duration: float | None) -> None:
+@json_option
+def page_command(rooms: tuple[str, ...], lan: bool, port: int, duration: float | None,
+                 as_json: bool) -> None:
     """One page in the browser with all cars of a room, and a STOP for all of them.
 
     It watches as ``fleet watch`` does, while the programs of the cars run.
@@ -132,7 +134,7 @@ def page_command(rooms: tuple[str, ...], lan: bool, port: int, duration: float |
     end = time.monotonic() + (duration or float("inf"))
     with ExitStack() as stack:
         stations = _entered(rooms, stack)
-        tell(stack.enter_context(FleetPage(stations, port, lan)).urls, lan)
+        tell(stack.enter_context(FleetPage(stations, port, lan)).urls, lan, as_json)
         while time.monotonic() < end:
             time.sleep(0.1)
 

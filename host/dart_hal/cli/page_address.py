@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from dart_hal.cli.output import console
+from dart_hal.cli.output import console, print_json
 from dart_hal.view.access import PORT
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -23,8 +23,11 @@ def lan_option(command: F) -> F:
                         "prints their address, as a QR code too")(command)
 
 
-def tell(urls: tuple[str, ...], lan: bool) -> None:
-    """Where to look; for phones, as a picture."""
+def tell(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
+    """Where to look; for phones, as a picture; for machines, one object at once."""
+    if as_json:
+        print_json({"urls": list(urls)})
+        return
     for url in urls:
         console.print(url, markup=False, highlight=False, soft_wrap=True)
     if lan:

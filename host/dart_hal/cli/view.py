@@ -11,6 +11,7 @@ from dart_hal.car import Car
 from dart_hal.cli.options import (
     Number,
     car_options,
+    json_option,
     lidar_option,
     map_option,
     poses_option,
@@ -35,27 +36,29 @@ from dart_hal.localisation.grid import lines_of_grid, read_grid
 @poses_option
 @lidar_option
 @map_option
+@json_option
 def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
             port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
-            record: Path | None, poses: str | None, lidar: str | None, chart: Path | None) -> None:
+            record: Path | None, poses: str | None, lidar: str | None, chart: Path | None,
+            as_json: bool) -> None:
     """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
 
     Everybody who opens it may stop the car; who has the token may drive it, one at a time.
     """
     if run is not None:
-        play(run, port, lan, duration or inf)
+        play(run, port, lan, duration or inf, as_json)
         return
     lines = None if chart is None else lines_of_grid(read_grid(chart))
     with opened(paced(url), car_name, cars, record, poses, lidar) as car:
         car.raise_on_trip = False  # the page says what tripped it
         with car.view(port=port, lan=lan, drives=car.drives, lines=lines, waive=waive,
                       max_throttle=max_throttle) as page:
-            tell(page.urls, lan)
+            tell(page.urls, lan, as_json)
             page.run(duration or inf)
         car.stop()
 
 
-def play(run: Path, port: int, lan: bool, duration: float) -> None:
+def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> None:
     """Serve a recording until Ctrl-C, or for ``duration`` s."""
     import time
 
@@ -67,7 +70,7 @@ def play(run: Path, port: int, lan: bool, duration: float) -> None:
     with Car.open(f"replay://{run}") as car:
         whole = run_of(car)
     with Player(whole, port, lan) as player:
-        tell(player.urls, lan)
+        tell(player.urls, lan, as_json)
         until = time.monotonic() + duration
         while time.monotonic() < until:
             time.sleep(0.2)
