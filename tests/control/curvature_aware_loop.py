@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from math import cos, sin
 
 import numpy as np
-from tests.control.mpc_loop import HALF_LENGTH, Loop, P, figures, limits_of
+from tests.control.mpc_loop import HALF_LENGTH, LATE, Loop, P, figures, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
@@ -34,6 +34,10 @@ WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
 KINEMATIC = replace(UPSTREAM_2024, kind="kinematic", delay=Delay())
 """The later set without slip and lags: the published controller's own model."""
 
+PAPERS = replace(PAPER, delay=Delay(LATE, LATE))
+"""The paper's tyres, which hold 1.4 m/s in these bends, without its delay of 0.15 s: that is longer
+than the 0.1 s for which ``Loop`` predicts."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -48,9 +52,10 @@ class Case:
 CASES = {
     "kinematic car, its model": Case(KINEMATIC, KINEMATIC, 0.0, 2.0),
     "later set with lags, kinematic model": Case(UPSTREAM_2024, KINEMATIC, 0.0, 2.0),
-    "later set with lags, 40 ms late, its model": Case(P, P, 0.04, 2.0),
-    "paper's set, kinematic model": Case(PAPER, replace(PAPER, kind="kinematic"), 0.0, 1.3),
-    "paper's set, its model": Case(PAPER, PAPER, 0.0, 1.3),
+    "later set with lags, 40 ms late, its model": Case(P, P, LATE, 2.0),
+    "paper's set, 40 ms late, kinematic model": Case(
+        PAPERS, replace(PAPERS, kind="kinematic"), 0.0, 1.3),
+    "paper's set, 40 ms late, its model": Case(PAPERS, PAPERS, LATE, 1.3),
 }
 
 
@@ -70,7 +75,7 @@ class Found:
     def __str__(self) -> str:
         return (f"plan {100 * self.plan_end:5.2f} cm at its end, {100 * self.plan:5.2f} all; "
                 f"car {100 * self.rms:5.2f} / {100 * self.most:5.1f} cm; left {self.left}; "
-                f"lap {self.lap:5.2f} s" + ("" if self.lap > 0.0 else f", lost at {self.driven:.1f} m"))
+                f"lap {self.lap:5.2f} s; {self.driven:.1f} m")
 
 
 def error_on_arc(law: Law, radius: float, inside: float, speed: float, kernel: bool = False
