@@ -1,11 +1,13 @@
 """MPCC beside CA-MPCC, by the published weights and by tuned ones, on the 22.92 m track.
 
-    python -m tests.control.curvature_aware_loop [--laps 3] [--obstacles 20] [--noise]
+    python -m tests.control.curvature_aware_loop [--laps 3] [--noise] [--rough]
     python -m tests.control.curvature_aware_loop --arcs
+    python -m tests.control.curvature_aware_loop --obstacles 10
 
 On the light simulation, by their own throttle and steering: progress error of the plans (rms of
 their ends, of all stages), rms and largest error of the true rear axle, how often it left the lane
-of +-0.30 m, flying laps. --arcs: progress error beside an exact arc. --obstacles: passes of a disc
+of +-0.30 m, flying laps. --rough: the path's curvature as it steps, not its mean over 0.2 m.
+--arcs: progress error beside an exact arc. --obstacles: passes of a disc
 that moves on in the lane. The emulated car: ``curvature_aware_emulated``.
 """
 
@@ -16,7 +18,7 @@ from dataclasses import dataclass, replace
 from math import cos, sin
 
 import numpy as np
-from tests.control.mpc_loop import HALF_LENGTH, LATE, Loop, P, figures, limits_of
+from tests.control.mpc_loop import LATE, Loop, P, figures, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
@@ -28,8 +30,8 @@ from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 TRACK = track_named("racetrack_vicon_2")
-LANE, BEHIND = 0.30, 3.0
-"""m to either side; m of way that no figure counts."""
+LANE, BEHIND, HALF_LENGTH = 0.30, 3.0, 0.15
+"""m to either side; m of way that no figure counts; m of the body."""
 WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
 KINEMATIC = replace(UPSTREAM_2024, kind="kinematic", delay=Delay())
 """The later set without slip and lags: the published controller's own model."""
@@ -97,6 +99,14 @@ def controller(case: Case, law: Law, weights: PathWeights, make=TwoLayers) -> Tw
                 law=law, path_weights=weights)
 
 
+class Rough(TwoLayers):
+    """One whose curvature is not smoothed."""
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.reference.curvatures = TRACK.curvatures
+
+
 def left_lane(error: np.ndarray) -> int:
     """How often."""
     return int(np.sum(np.diff((np.abs(error) > LANE).astype(int), prepend=0) > 0))
@@ -159,6 +169,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--laps", type=float, default=3.0)
     parser.add_argument("--noise", action="store_true")
+    parser.add_argument("--rough", action="store_true")
     parser.add_argument("--obstacles", type=int, default=0)
     parser.add_argument("--arcs", action="store_true")
     given = parser.parse_args()
@@ -179,8 +190,9 @@ def main() -> None:
         for name, weights in WEIGHTS.items():
             for law in Law:
                 rng = np.random.default_rng(3) if given.noise else None
-                print(f"  {name:9s} {law.value:7s} "
-                      f"{drive(case, law, weights, given.laps, noise=rng)}", flush=True)
+                found = drive(case, law, weights, given.laps, Rough if given.rough else TwoLayers,
+                              noise=rng)
+                print(f"  {name:9s} {law.value:7s} {found}", flush=True)
 
 
 if __name__ == "__main__":
