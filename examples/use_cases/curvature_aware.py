@@ -68,13 +68,14 @@ def drive(where, cars, law, weights, obstacle=False):
     def make(path, plant):
         return TwoLayerTracker(path, plant, Lqr(path, plant), law=law, path_weights=weights)
 
-    plans, seen = [], None
+    plans, seen, rolled = [], None, URL is not None
     with Car.open(where, cars=cars) as car:
         follower = Follower(TRACK, plant_of(car.files), SPEED, make,
                             Rules(1.0, duration=60.0, lane=LOST, here=True))
         car.arm()
         for state in car.states(duration=90.0):
-            if URL is None and state.pose.x < ROLL:
+            rolled = rolled or state.pose.x > ROLL
+            if not rolled:
                 car.drive_speed(steering=0.0, speed=WALK)
                 continue
             motion = state.estimate.at(car.now)
@@ -102,6 +103,16 @@ def place(path, obstacles, t):
     o = obstacles[0]
     spot = path.at(o.s + o.speed * (t - o.t))
     return spot.x - o.offset * sin(spot.heading), spot.y + o.offset * cos(spot.heading)
+
+
+def air(found):
+    """Least distance [m] of the body to the obstacle, at the times of the plans."""
+    least = np.inf
+    for _, _, _, pose, _, at in found.plans:
+        dx, dy, c, s = at[0] - pose.x, at[1] - pose.y, cos(pose.yaw), sin(pose.yaw)
+        beyond = np.abs((dx * c + dy * s - 0.09, dy * c - dx * s)) - (0.15, 0.1)
+        least = min(least, float(np.hypot(*np.maximum(beyond, 0.0))) - RADIUS)
+    return least
 
 
 def lane(axes, path):
@@ -175,7 +186,8 @@ def animate(found, file):
 
 
 def main(picture=None, animation=None):
-    """{drive: (plan's error, rms, largest [m], times out of the lane)}; last the obstacle's."""
+    """{drive: (plan's error, rms, largest [m], times out of the lane)}, distance [m] kept to the
+    obstacle."""
     with tempfile.TemporaryDirectory() as folder:
         where, cars = URL, None
         if URL is None:
@@ -193,6 +205,7 @@ def main(picture=None, animation=None):
         plan, rms, most, out = found.figures()
         print(f"{name:20s} plan {100 * plan:5.2f} cm, car {100 * rms:5.1f} cm rms, "
               f"{100 * most:5.1f} at most, {out} times out of the lane; {found.follower.why}")
+    print(f"least distance of the body to the obstacle {100 * air(passing):.1f} cm")
     if picture:
         import matplotlib
 
@@ -200,7 +213,7 @@ def main(picture=None, animation=None):
         draw(drives, picture)
         if animation:
             animate(passing, animation)
-    return {name: found.figures() for name, found in drives.items()}, passing
+    return {name: found.figures() for name, found in drives.items()}, air(passing)
 
 
 if __name__ == "__main__":

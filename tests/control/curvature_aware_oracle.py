@@ -64,7 +64,7 @@ class Converged(TwoLayers):
 
     layers = None
 
-    def _iterated(self, plan, steps, aim):
+    def _iterated(self, plan, steps, aim, *, anew=False):
         self.layers = self.layers or (self._path_layer(), self._follow_layer())
         high, low = self.layers
         first = self.generator.first(aim.state, aim.s)

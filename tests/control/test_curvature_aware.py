@@ -150,6 +150,27 @@ def test_a_start_outside_the_lane_comes_back():
     assert set(loop.mpc.outcomes.elements()) == {Outcome.SOLVED}
 
 
+@pytest.mark.more
+def test_a_first_plan_from_anywhere_is_one_or_is_none():
+    """Up to 1 m and 90 deg beside the path, at any speed: nothing is raised, no input is beyond the
+    stops, and what runs away is named: 1 of 200 when written."""
+    rng, plans = np.random.default_rng(0), []
+    p, limits = ITS_OWN.model, controller(ITS_OWN, Law.CA, TUNED).limits
+    for k in range(60):
+        layers = controller(ITS_OWN, list(Law)[k % 2], (TUNED, PathWeights())[k // 2 % 2])
+        s, beside, turn = rng.uniform(0.0, 22.0), rng.uniform(-1.0, 1.0), rng.uniform(-1.6, 1.6)
+        spot = TRACK.at(s)
+        state = np.array((spot.x - beside * np.sin(spot.heading),
+                          spot.y + beside * np.cos(spot.heading), spot.heading + turn,
+                          rng.uniform(0.0, 2.2), 0.0, 0.0, -p.motor.g, rng.uniform(-0.5, 0.5)))
+        plan = layers.plan(0.0, state, s, (0.0, 0.0))
+        plans.append(plan.outcome)
+        assert np.isfinite(plan.inputs).all()
+        assert np.abs(plan.inputs[1]).max() <= limits.st[1] + 1e-9
+    assert set(plans) <= {Outcome.SOLVED, Outcome.DIVERGED}
+    assert plans.count(Outcome.SOLVED) >= 57
+
+
 def test_a_path_that_the_car_does_not_turn_is_refused():
     tight = Path([(1.0, 0.0), (0.6, 1.0 / 0.35), (1.0, 0.0)], closed=False)
     with pytest.raises(UsageError, match=r"tighter than the car turns: at 1\.00 m") as told:

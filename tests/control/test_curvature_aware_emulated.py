@@ -42,10 +42,10 @@ def test_the_example(monkeypatch, tmp_path):
                                                   FOLDER / "curvature_aware.py")
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
-    drives, passing = example.main(tmp_path / "laps.png", tmp_path / "obstacle.gif")
+    drives, air = example.main(tmp_path / "laps.png", tmp_path / "obstacle.gif")
     assert drives["CA-MPCC, published"][0] < 0.4 * drives["MPCC, published"][0]
     for name in ("MPCC, tuned", "CA-MPCC, tuned"):
         assert drives[name][1] < 0.025
         assert drives[name][3] == 0
-    assert passing.follower.why == "the path is driven"
+    assert air > 0.03
     assert (tmp_path / "obstacle.gif").stat().st_size > 10_000

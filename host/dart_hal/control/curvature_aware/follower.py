@@ -19,10 +19,10 @@ import numpy as np
 
 from dart_hal.control.curvature_aware.generator import PHI, PSI, STAGES, X_R, Y_R, Way
 from dart_hal.control.curvature_aware.lane import Bounds, beside, keep
-from dart_hal.control.curvature_aware.programme import Programme, slopes
+from dart_hal.control.curvature_aware.programme import RHO_INPUT, Programme, slopes
 from dart_hal.control.drivetrain import Inverse
 from dart_hal.control.mpc.model import STAGE, linearised, make_stage
-from dart_hal.control.mpc.problem import RHO_INPUT, Limits, condensed
+from dart_hal.control.mpc.problem import Limits, condensed
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering_inverse
@@ -107,13 +107,14 @@ class PathFollower:
         faster = np.diff(np.append(state[V_X], at[:, 3])) / STAGE
         programme.squares(faster, np.diff(by[:, 3], axis=0, prepend=0.0) / STAGE, w.acceleration)
         one = np.eye(2 * STAGES, programme.size)
-        programme.squares(inputs.ravel(), one, w.input)
-        programme.bound(inputs.ravel(), one, self._low, self._high, RHO_INPUT)
+        held = inputs.ravel()
+        programme.squares(held, one, w.input)
+        programme.bound(held, one, self._low, self._high, RHO_INPUT)
         keep(programme, at[:, 4:], by[:, 4:], self.limits.lane, bounds)
         found = programme.solved(iterations, late)
         if found is None:
             return None
-        change = found[:2 * STAGES]
+        change = np.clip(held + found[:2 * STAGES], self._low, self._high) - held
         most = np.abs(change[STAGES:]).max()
         change = change * min(1.0, LARGEST / most) if most > LARGEST else change
         return Motion(np.vstack([state, states[1:] + moved.free + moved.forced @ change]),

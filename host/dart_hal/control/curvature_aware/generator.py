@@ -17,10 +17,10 @@ import numpy as np
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
 from dart_hal.control.curvature_aware.lane import Bounds, beside, keep
-from dart_hal.control.curvature_aware.programme import Programme, slopes
+from dart_hal.control.curvature_aware.programme import RHO_INPUT, Programme, slopes
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage
 from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.problem import RHO_INPUT, condensed
+from dart_hal.control.mpc.problem import condensed
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.types import FloatArray
 
@@ -130,7 +130,7 @@ class Generator:
         found = programme.solved(iterations, late)
         if found is None:
             return None
-        change = found[:STAGES]
+        change = np.clip(turns + found[:STAGES], -TURNS, TURNS) - turns
         moved_by = moved.free + moved.forced @ change
         return Way(np.vstack([first, states[1:] + moved_by]), turns + change)
 

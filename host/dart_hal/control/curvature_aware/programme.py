@@ -17,6 +17,9 @@ from dart_hal.control.mpc.problem import Condensed
 from dart_hal.types import FloatArray
 
 Value = Any
+RHO_INPUT = 1.0
+"""Of the rows of inputs: with 0.1, as in ``mpc``, the price of a slack outweighs the stops, and 40
+iterations from a start far outside the lane do not hold them."""
 
 
 def slopes(f: Callable[..., tuple[Value, ...]], at: FloatArray) -> tuple[FloatArray, FloatArray]:

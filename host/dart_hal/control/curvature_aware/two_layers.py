@@ -109,7 +109,7 @@ class TwoLayers:
         if guess is None or (plan is not None and plan.outcome is Outcome.DIVERGED):
             self.outcomes[Outcome.DIVERGED] += plan is not None
             guess = self._guess(aim)
-            plan = self._iterated(guess, BEGINNING, aim)
+            plan = self._iterated(guess, BEGINNING, aim, anew=True)
         return self._kept(plan or replace(guess, outcome=Outcome.LATE))
 
     def _kept(self, plan: TwoLayerPlan) -> TwoLayerPlan:
@@ -117,31 +117,49 @@ class TwoLayers:
         self.last = None if plan.outcome is Outcome.DIVERGED else plan
         return plan
 
-    def _iterated(self, plan: TwoLayerPlan, steps: int, aim: _Aim) -> TwoLayerPlan | None:
-        """The path by so many steps, then the inputs by as many; None where late."""
-        first, way = self.generator.first(aim.state, aim.s), plan.way
-        motion = Motion(plan.states, plan.inputs[:2], plan.slopes)
+    def _iterated(self, plan: TwoLayerPlan, steps: int, aim: _Aim, *, anew: bool = False
+                  ) -> TwoLayerPlan | None:
+        """The path by so many steps, then the inputs by as many, anew from that path or from the
+        last ones; None where late."""
         bounds = self._bounds(aim.t)
-        with np.errstate(over="ignore", invalid="ignore"):  # it is looked at below
-            for _ in range(steps):
-                better = self.generator.step(way, first, aim.s, aim.speed, bounds,
-                                             self.iterations, aim.late)
-                if better is None:
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # it is looked at
+                way = self._generated(plan.way, steps, aim, bounds)
+                if way is None:
                     return None
-                way = better
-            within = bounds(aim.s + way.states[1:, S])
-            for _ in range(steps):
-                moved = self.follower.step(motion, aim.state, way, aim.speed, within,
-                                           self.iterations, aim.late)
-                if moved is None:
-                    return None
-                motion = moved
-            apart = max(np.abs(motion.states - motion.states[0]).max(),
-                        np.abs(way.states - first).max())
-        if not apart < FAR:
+                within = bounds(aim.s + way.states[1:, S])
+                motion = (self.follower.guess(way, aim.state, aim.speed) if anew
+                          else Motion(plan.states, plan.inputs[:2], plan.slopes))
+                moved = self._followed(motion, steps, aim, way, within)
+        except np.linalg.LinAlgError:
             return replace(plan, outcome=Outcome.DIVERGED)
+        if moved is None:
+            return None
         blocked = within is not None and self.corridor.blocked
-        return _plan(aim, way, motion, Outcome.BLOCKED if blocked else Outcome.SOLVED)
+        return _plan(aim, way, moved, Outcome.BLOCKED if blocked else Outcome.SOLVED)
+
+    def _generated(self, way: Way, steps: int, aim: _Aim,
+                   bounds: Callable[[FloatArray], Bounds | None]) -> Way | None:
+        first = self.generator.first(aim.state, aim.s)
+        for _ in range(steps):
+            better = self.generator.step(way, first, aim.s, aim.speed, bounds, self.iterations,
+                                         aim.late)
+            if better is None:
+                return None
+            way = better
+            _near(way.states)
+        return way
+
+    def _followed(self, motion: Motion, steps: int, aim: _Aim, way: Way,
+                  within: Bounds | None) -> Motion | None:
+        for _ in range(steps):
+            better = self.follower.step(motion, aim.state, way, aim.speed, within,
+                                        self.iterations, aim.late)
+            if better is None:
+                return None
+            motion = better
+            _near(motion.states)
+        return motion
 
     def _bounds(self, t: float) -> Callable[[FloatArray], Bounds | None]:
         times = t + STAGE * np.arange(1.0, STAGES + 1.0)
@@ -167,6 +185,12 @@ def _plan(aim: _Aim, way: Way, motion: Motion, outcome: Outcome) -> TwoLayerPlan
     s = way.states[:, S]
     inputs = np.vstack([motion.inputs, np.diff(s) / STAGE])
     return TwoLayerPlan(aim.t, motion.states, aim.s + s, inputs, outcome, motion.slopes, way)
+
+
+def _near(states: FloatArray) -> None:
+    """Raises LinAlgError for a plan that runs away, as its next programme would."""
+    if not np.abs(states - states[0]).max() < FAR:
+        raise np.linalg.LinAlgError("the plan diverged")
 
 
 def _check(path: Path, p: Vehicle, limits: Limits) -> None:
