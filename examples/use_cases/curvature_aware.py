@@ -179,7 +179,7 @@ def animate(found, file):
         figure.savefig(buffer)
         plt.close(figure)
         frames.append(Image.open(buffer).convert("RGB"))
-    palette = frames[0].quantize(16)
+    palette = frames[0].quantize(32, method=Image.Quantize.MAXCOVERAGE)
     frames = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
     frames[0].save(file, save_all=True, append_images=frames[1:], duration=100, loop=0,
                    optimize=True)

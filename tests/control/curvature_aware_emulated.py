@@ -1,6 +1,6 @@
 """MPCC beside CA-MPCC on emulated cars around the later published set, by their lidars' poses.
 
-    python -m tests.control.curvature_aware_emulated --seeds 4 [--first 1] [--laps 2] [--speed 2]
+    python -m tests.control.curvature_aware_emulated --seeds 6 [--first 1] [--laps 2] [--speed 2]
         [--poses lidar|mocap] [--published]
 
 What the car's files know is the truth with the errors of calibrations and of an identification, as
