@@ -8,7 +8,8 @@ import handbook
 import pytest
 from handbook import DOCS, ROOT
 
-KINDS = {"tutorials", "build_guide", "how_to", "reference", "explanation", "results"}
+KINDS = {"tutorials", "build_guide", "how_to", "use_cases", "reference", "explanation",
+         "results"}
 WORDS = 900  # of the README
 
 

@@ -80,22 +80,23 @@ class Follower(Ending):
     ``cap`` [m/s] may be set at any time. ``begun_at`` [m]: where on the path the car was.
     """
 
-    def __init__(self, path: Path, plant: Plant, cap: float = inf, tracker: str = "lqr",
+    def __init__(self, path: Path, plant: Plant, cap: float = inf,
+                 tracker: str | Callable[[Path, Plant], Tracker] = "lqr",
                  rules: Rules | None = None, most: float = MOST) -> None:
-        """most [m/s]: of the profile, whatever the cap. Raises UsageError as ``speed_profile``, and
-        for laps of an open path."""
+        """tracker: one of ``TRACKERS``, or what makes one; most [m/s]: of the profile, whatever the
+        cap. Raises UsageError as ``speed_profile``, and for laps of an open path."""
         super().__init__()
         self.rules = rules or Rules()
         if self.rules.laps > 1.0 and not path.closed:
             raise UsageError("the path is not closed, so it has no laps",
                              found=f"its ends are {_gap(path):.2f} m apart", expected="--laps 1",
                              remedy="repeat the first row of the file as its last")
-        self.plant, self._tracker_name = plant, tracker
+        self.plant, self._make = plant, TRACKERS[tracker] if isinstance(tracker, str) else tracker
         self.cap = cap
         self.clock: Callable[[], float] = lambda: 0.0
         """s that go on while the tracker thinks, as ``car.now``; may be set before the start."""
         self.path, self.profile = path, speed_profile(path, plant, most)
-        self.tracker: Tracker = TRACKERS[tracker](path, plant)
+        self.tracker = self._make(path, plant)
         self.begun_at = 0.0
         self.joined = 0
         """Rows of ``driven`` before it was in the lane and under way."""
@@ -158,7 +159,7 @@ class Follower(Ending):
         if self.rules.here:
             self.path = self.path.moved(pose.x, pose.y, pose.yaw)
             self.profile = SpeedProfile(self.path, self.profile.speed)
-            self.tracker = TRACKERS[self._tracker_name](self.path, self.plant)
+            self.tracker = self._make(self.path, self.plant)
         self.begun_at = start_of(self.path, pose)
         self.tracker.pace, self.tracker.clock = self._pace, self.clock
         self.tracker.begin(self.begun_at)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.mpc.admm import Rows
-from dart_hal.control.mpc.model import STAGE, STATES
+from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.reference import Errors
 from dart_hal.types import FloatArray
 
@@ -67,21 +67,22 @@ class Limits:
 
 
 class Condensed(NamedTuple):
-    """Changes of the states behind each stage: free (n, 8), and (n, 8, 2 n) for each change of
-    tau, then of st."""
+    """Changes of the states behind each stage: free (n, states), and (n, states, inputs n) for each
+    change of the first input (tau), then of the next (st)."""
 
     free: FloatArray
     forced: FloatArray
 
 
 def condensed(first: FloatArray, a: FloatArray, b: FloatArray, gaps: FloatArray) -> Condensed:
-    """From the change of the first state (8,), slopes (n, 8, 8), (n, 8, 2) and gaps (n, 8)."""
-    n = len(a)
-    free, forced = np.empty((n, STATES)), np.empty((n, STATES, 2 * n))
-    at, by = first, np.zeros((STATES, 2 * n))
+    """From the change of the first state (states,), slopes (n, states, states), (n, states, inputs)
+    and gaps (n, states)."""
+    n, states, inputs = b.shape
+    free, forced = np.empty((n, states)), np.empty((n, states, inputs * n))
+    at, by = first, np.zeros((states, inputs * n))
     for k in range(n):
         at, by = a[k] @ at + gaps[k], a[k] @ by
-        by[:, k], by[:, n + k] = b[k, :, 0], b[k, :, 1]
+        by[:, k::n] = b[k]
         free[k], forced[k] = at, by
     return Condensed(free, forced)
 

@@ -1,0 +1,129 @@
+"""Both layers of the curvature-aware controller as published, solved by IPOPT: the lane as squares,
+the cosine as a cosine, states as variables. What one iteration a sample is measured against.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from tests.control.mpc_oracle import QUIET
+
+from dart_hal.control.curvature_aware import curvature, progress
+from dart_hal.control.curvature_aware.follower import Motion
+from dart_hal.control.curvature_aware.generator import REACH, STAGES, TURNS, Way
+from dart_hal.control.curvature_aware.lane import MOST_SLACK, SLACK
+from dart_hal.control.curvature_aware.progress import Law
+from dart_hal.control.curvature_aware.two_layers import TwoLayers, _plan
+from dart_hal.control.mpc.iteration import Outcome
+from dart_hal.control.mpc.model import STAGE, make_stage
+from dart_hal.vehicle.namespace import adapt
+
+LENGTH = REACH * STAGES * STAGE
+"""Of the grid, by the speed."""
+
+
+class Shooting:
+    """min cost, after each stage z = stage(z, u), inside the lane; inputs u and a slack [m]."""
+
+    def __init__(self, stage, cost, ends, apart, half, low, high, parameters):
+        """cost, ends(k, z, u, p), apart(k, z, p): distance squared; low, high of the inputs."""
+        nz, nu, n = stage.size1_in(0), len(low), STAGES
+        z, u, slack = ca.SX.sym("z", nz, n), ca.SX.sym("u", nu, n), ca.SX.sym("slack", n)
+        first, p = ca.SX.sym("first", nz), ca.SX.sym("p", parameters)
+        at, total, gaps, room = first, SLACK * ca.sumsqr(slack), [], []
+        for k in range(n):
+            gaps.append(stage(at, u[:, k], p) - z[:, k])
+            total += cost(k, at, z[:, k], u[:, k], p)
+            at = z[:, k]
+            room.append((half + 0.5 * slack[k]) ** 2 - apart(k, at, p))
+        total += ends(at, p)
+        self.nz, self.nu, free = nz, nu, np.full(nz * n, np.inf)
+        self.low = np.concatenate([-free, np.tile(low, n), np.zeros(n)])
+        self.high = np.concatenate([free, np.tile(high, n), np.full(n, MOST_SLACK)])
+        self.solver = ca.nlpsol("layer", "ipopt", {
+            "x": ca.vertcat(ca.vec(z), ca.vec(u), slack), "p": ca.vertcat(first, p), "f": total,
+            "g": ca.vertcat(*gaps, *room)}, {**QUIET, "ipopt.max_iter": 300})
+
+    def solve(self, first, states, inputs, p):
+        """(states (n + 1, nz), inputs (nu, n)) from a guess of both."""
+        n, nz = STAGES, self.nz
+        x0 = np.concatenate([states[1:].ravel(), inputs.T.ravel(), np.zeros(n)])
+        found = self.solver(x0=x0, p=np.concatenate([first, p]), lbx=self.low, ubx=self.high,
+                            lbg=np.zeros((nz + 1) * n),
+                            ubg=np.append(np.zeros(nz * n), np.full(n, np.inf)))
+        assert self.solver.stats()["success"], self.solver.stats()["return_status"]
+        x = np.array(found["x"]).ravel()
+        return (np.vstack([first, x[:nz * n].reshape(n, nz)]),
+                x[nz * n:(nz + self.nu) * n].reshape(n, self.nu).T)
+
+
+class Converged(TwoLayers):
+    """A ``TwoLayers`` whose layers are optima."""
+
+    layers = None
+
+    def _iterated(self, plan, steps, aim, *, anew=False):
+        self.layers = self.layers or (self._path_layer(), self._follow_layer())
+        high, low = self.layers
+        first = self.generator.first(aim.state, aim.s)
+        k = curvature.weights_of(self.reference.curvatures(aim.s + LENGTH * aim.speed
+                                                           * curvature.GRID))
+        states, turns = high.solve(first, plan.way.states, plan.way.turns[None],
+                                   np.append(aim.speed, k))
+        way = Way(states, turns[0])
+        motion = low.solve(aim.state, plan.states, plan.inputs[:2],
+                           np.append(aim.speed, way.states[1:].ravel()))
+        return replace(_plan(aim, way, Motion(*motion, plan.slopes), Outcome.SOLVED))
+
+    def _path_layer(self):
+        law, w, f = self.generator.law, self.generator.weights, adapt(ca)
+        z, u, p = ca.SX.sym("z", 7), ca.SX.sym("u"), ca.SX.sym("p", 1 + curvature.POINTS)
+
+        def bend(s):
+            away = ca.fabs(s / (LENGTH * p[0]) - curvature.GRID) / curvature.WIDTH
+            return ca.dot(curvature.matern(away, ca.exp), p[1:])
+
+        stage = progress.make_stage(progress.make_rates(law, p[0], bend, f), STAGE)
+        stage = ca.Function("stage", [z, u, p], [ca.vertcat(*stage(*ca.vertsplit(z), u))])
+
+        def apart(_k, z, _p=None):
+            return (z[0] - z[4]) ** 2 + (z[1] - z[5]) ** 2
+
+        def cost(_k, z, _after, u, _p):
+            if law is Law.CA:
+                return w.contour * apart(0, z) + w.input * u**2
+            dx, dy, c, d = z[0] - z[4], z[1] - z[5], ca.cos(z[6]), ca.sin(z[6])
+            return (w.contour * (d * dx - c * dy) ** 2 + w.lag * (c * dx + d * dy) ** 2
+                    + w.input * u**2)
+
+        def ends(z, _p):
+            return w.end_position * apart(0, z) - w.end_turn * ca.cos(z[2] - z[6])
+
+        return Shooting(stage, cost, ends, apart, self.limits.lane, [-TURNS], [TURNS],
+                        1 + curvature.POINTS)
+
+    def _follow_layer(self):
+        w, limits = self.follower.weights, self.limits
+        z, u, p = ca.SX.sym("z", 8), ca.SX.sym("u", 2), ca.SX.sym("p", 1 + 7 * STAGES)
+        after = make_stage(self.vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u))
+        stage = ca.Function("stage", [z, u, p], [ca.vertcat(*after)])
+
+        def reference(k, p):
+            return p[1 + 7 * k:8 + 7 * k]
+
+        def apart(k, z, p):
+            r = reference(k, p)
+            return (z[0] - r[4]) ** 2 + (z[1] - r[5]) ** 2
+
+        def cost(k, at, z, u, p):
+            r, last = reference(k, p), k == STAGES - 1
+            place, turn = (w.end_position, w.end_turn) if last else (w.position, w.turn)
+            return (w.speed * (z[3] - p[0]) ** 2 + w.acceleration * ((z[3] - at[3]) / STAGE) ** 2
+                    + place * ((z[0] - r[0]) ** 2 + (z[1] - r[1]) ** 2)
+                    + turn * (z[2] - r[2]) ** 2 + w.input * ca.sumsqr(u))
+
+        return Shooting(stage, cost, lambda z, p: 0.0, apart, limits.lane,
+                        [limits.tau[0], limits.st[0]], [limits.tau[1], limits.st[1]],
+                        1 + 7 * STAGES)

@@ -1,0 +1,51 @@
+"""MPCC beside CA-MPCC on emulated cars: by the lidar's poses, and as the example has it."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+from tests.control.curvature_aware_emulated import drive
+
+from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
+from dart_hal.control.curvature_aware.progress import Law
+from dart_hal.control.mpc.iteration import Outcome
+
+FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
+
+
+@pytest.mark.more
+def test_a_lap_by_the_lidar():
+    """A car that nobody looked at before; localisation is part of the error."""
+    found, follower = drive(4, Law.CA, TUNED, laps=1.0)
+    assert follower.why == "the path is driven"
+    assert found.rms < 0.03
+    assert found.left == 0
+    assert found.plan_end < 0.02
+    assert set(follower.tracker.layers.outcomes.elements()) == {Outcome.SOLVED}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6])
+def test_the_plain_law_promises_more_on_every_car(seed):
+    plain, aware = (drive(seed, law, PathWeights())[0] for law in (Law.MPCC, Law.CA))
+    assert plain.plan_end > 0.03
+    assert aware.plan_end < 0.4 * plain.plan_end
+
+
+@pytest.mark.slow
+def test_the_example(monkeypatch, tmp_path):
+    """By the diagnosed model: plans, tracking, and the obstacle is passed."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    spec = importlib.util.spec_from_file_location("curvature_aware",
+                                                  FOLDER / "curvature_aware.py")
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    drives, air = example.main(tmp_path / "laps.png", tmp_path / "obstacle.gif")
+    assert drives["CA-MPCC, published"][0] < 0.4 * drives["MPCC, published"][0]
+    for name in ("MPCC, tuned", "CA-MPCC, tuned"):
+        assert drives[name][1] < 0.025
+        assert drives[name][3] == 0
+    assert air > 0.03
+    assert (tmp_path / "obstacle.gif").stat().st_size > 10_000
