@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from dart_hal.errors import UsageError
-from dart_hal.predict.actuators import actuated, delayed, first_order_lag, low_pass
+from dart_hal.predict.actuators import actuated, delayed, first_order_lag, low_pass, reached
 from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
+from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
 
@@ -95,6 +96,17 @@ def carrying(p, *values, **hooks):
                     tuple(Parameter(f"k{i}", "-", -1.0, 1.0, (0.1, 0.2, 0.3))
                           for i in range(len(values))), (), "none", **hooks)
     return replace(p, effects=(ActiveEffect(effect, values),))
+
+
+@pytest.mark.parametrize("name", [n for n, e in catalogue().items() if "steering" in e.signals])
+def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(name):
+    """The diagnosis keeps it while map, tyres and motor move."""
+    s, t = np.random.default_rng(5).uniform(-1, 1, 100), np.arange(100) * 0.01
+    k = catalogue()[name].parameters[0].sizes[2]
+    other = replace(UPSTREAM_2024, steering=replace(PAPER.steering, k_left=3.0))
+    a, b = (reached(apply(p, name, k=k), "steering", s, t, "mean") for p in (PAPER, other))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, s)
 
 
 def test_effects_on_commands_enter_where_they_say(empty):

@@ -94,6 +94,7 @@ class ScanPolicy:
     # where what an effect explains has several tops: a fifth apart
     faint: float = 3.0  # loss that a parabola must promise for a look at larger sizes
     kept: float = 0.05  # of what a parabola promises: as near its top is where it says
+    known: float = 0.25  # of what sizes did in the round before; as slopes are kept (Shamanskii)
     refinements: int = 6  # parabola steps after the ladder; most end after one, at its promise
     met: float = 0.02  # of a promise; a parabola that keeps it that well is at the top
     resolved: float = 0.1  # of a size; a rung is no nearer to the best one where parabolas fail

@@ -106,10 +106,23 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
 def behind_lag(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
                sampled: Sampled = "start") -> FloatArray:
     """What is left of ``behind_actuator`` of a settled vehicle after delay and lag (n,)."""
-    series = _through(p, channel, series, t, sampled)
-    if channel == "throttle":
-        return series
-    return _through(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(series)), t, sampled)
+    series = reached(p, channel, series, t, sampled)
+    return series if channel == "throttle" else turned(p, series, t, sampled)
+
+
+def reached(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+            sampled: Sampled = "start") -> FloatArray:
+    """A command (n,) after delay and lag behind the effects on it: where the servo is.
+
+    Of the steering, nothing of the vehicle matters for that but these effects.
+    """
+    return _through(p, channel, series, t, sampled)
+
+
+def turned(p: Vehicle, servo: FloatArray, t: FloatArray, sampled: Sampled = "start"
+           ) -> FloatArray:
+    """Road-wheel angle (n,) [rad] of a settled vehicle with its servo at (n,): map and linkage."""
+    return _through(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(servo)), t, sampled)
 
 
 def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,

@@ -116,6 +116,20 @@ def test_residuals_are_the_same_every_time(plain):
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
 
 
+def test_what_is_kept_of_the_servo_is_of_that_servo(plain):
+    """Whatever was asked before: the residuals of each vehicle, to the last bit."""
+    limited = apply(PAPER, "steering_rate_limit", k=0.2)
+    lagging = replace(limited, delay=replace(limited.delay, steering_lag_s=0.03))
+    cars = (limited, apply(limited, "steering_trim", k=0.05), apply(PAPER, "steering_trim", k=0.05),
+            apply(limited, "steering_backlash", k=0.05), apply(PAPER, "steering_rate_limit", k=0.5),
+            apply(limited, "pwm_quantisation", k=0.1), lagging)
+    kept = [plain.residuals(p).motion for p in cars]
+    for p, motion in zip(cars, kept, strict=True):
+        plain._kept.clear()
+        assert np.array_equal(plain.residuals(p).motion, motion)
+    assert len({motion.tobytes() for motion in kept}) == len(cars)
+
+
 def test_recordings_that_hold_nothing_give_no_rows_and_say_so():
     nothing = evidence()
     r = nothing.residuals(PAPER)

@@ -9,7 +9,6 @@ in all read-outs of a window, where the whitening finds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from .onboard_drive import (
     Session,
     counted,
 )
-from .onboard_windows import Actuated, actuated, predicted
+from .onboard_windows import Actuated, predicted, pulled, reaches, steered
 from .readings import SENSORS, at_rest, resting
 from .residuals import SENSED, Evidence, Residuals, pulled_by, steered_by
 from .space import EXACT, Timing
@@ -110,10 +109,10 @@ class OnboardEvidence(Evidence):
         self.tell()
         p = timing.advanced(p)
         q = settled(p)
-        throttle, angle = (
-            self._once((channel, *of(p, q), timing.late, timing.spread),
-                       partial(self._actuated, p, channel, timing))
-            for channel, of in (("throttle", pulled_by), ("steering", steered_by)))
+        throttle = self._once(("throttle", *pulled_by(p, q), timing.late, timing.spread),
+                              lambda: [pulled(d, q, timing) for d in self.drives])
+        angle = self._once(("steering", *steered_by(p, q), timing.late, timing.spread),
+                           lambda: self._steered(q, timing))
         still = self._once("resting", lambda: [resting(d) for d in self.drives])
         rest = [at_rest(d, p, rest=r) for d, r in zip(self.drives, still, strict=True)]
         parts = [(np.empty((0, MESSAGES_AHEAD * len(MOTION))), np.empty((0, 4))),
@@ -125,8 +124,12 @@ class OnboardEvidence(Evidence):
                 sensors[:, k] = spread(len(sensors))
         return Residuals(motion, sensors)
 
-    def _actuated(self, p: Vehicle, channel: str, timing: Timing) -> list[Actuated]:
-        return [actuated(drive, p, channel, timing) for drive in self.drives]
+    def _steered(self, q: Vehicle, timing: Timing) -> list[Actuated]:
+        """No trim, play or map changes where the servo is, which takes longest."""
+        servo = self._once(("servo", q.delay.steering_s, q.delay.steering_lag_s, timing.spread,
+                            *(a for a in q.effects if "steering" in a.effect.signals)),
+                           lambda: [reaches(d, q, "steering", timing) for d in self.drives])
+        return [steered(d, q, timing, one) for d, one in zip(self.drives, servo, strict=True)]
 
 
 def unseen() -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.predict.actuators import behind_actuator
+from dart_hal.predict.actuators import delayed, first_order_lag, reached, turned
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import states
 from dart_hal.predict.sensors import driven, motion, sensed
@@ -39,12 +39,24 @@ class Actuated:
     windows: FloatArray
 
 
-def actuated(drive: Session, p: Vehicle, channel: str, timing: Timing) -> Actuated:
-    """The throttle, or of "steering" the road-wheel angle in FINE steps per sample."""
-    series = behind_actuator(p, channel, spread_over(getattr(drive.grid, channel), timing.spread),
-                             drive.grid.t, smooth=True, sampled="mean")
-    at = _samples(drive) - timing.late / SAMPLE
-    return Actuated(series, fine(series, at) if channel == "steering" else _along(series, at))
+def pulled(drive: Session, q: Vehicle, timing: Timing) -> Actuated:
+    """The throttle of a settled vehicle."""
+    series = reaches(drive, q, "throttle", timing)
+    return Actuated(series, _along(series, _samples(drive) - timing.late / SAMPLE))
+
+
+def steered(drive: Session, q: Vehicle, timing: Timing, servo: FloatArray) -> Actuated:
+    """The road-wheel angle of a settled vehicle with its servo at (n,): FINE steps a sample."""
+    series = turned(q, servo, drive.grid.t, "mean")
+    return Actuated(series, fine(series, _samples(drive) - timing.late / SAMPLE))
+
+
+def reaches(drive: Session, q: Vehicle, channel: str, timing: Timing) -> FloatArray:
+    """Where servo or throttle of a settled vehicle are, means over samples (n,)."""
+    delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
+    command = spread_over(getattr(drive.grid, channel), timing.spread)
+    return reached(q, channel, first_order_lag(delayed(command, delay, smooth=True), lag, "mean"),
+                   drive.grid.t, "mean")
 
 
 def _samples(drive: Session) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 
 from dart_hal.predict.actuators import (
     behind_actuator,
-    behind_lag,
     delayed,
     first_order_lag,
+    reached,
+    turned,
 )
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
@@ -36,8 +38,8 @@ SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
                            "accel": ("accel_x", "accel_y")})
 """By signal that is only read: channels of the residuals in which an effect on it shows."""
 ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
-POSE, THROTTLE, STEERING = (frozenset(c) for c in (
-    ("pose",), ("throttle",), ("steering", "angle")))
+POSE, THROTTLE, SERVO, STEERING = (frozenset(c) for c in (
+    ("pose",), ("throttle",), ("steering",), ("steering", "angle")))
 KEPT = 32  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
@@ -199,12 +201,23 @@ class Evidence:
     def _inputs(self, q: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
         """Of all windows, what an actuator did with its command: (samples, n) or finer."""
         delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
-        lagged = self._once((channel, delay, lag, spread), lambda: self._lagged(
+        lagged = partial(self._once, (channel, delay, lag, spread), lambda: self._lagged(
             channel, delay, lag, spread))
-        parts = [read(behind_lag(q, channel, series, drive.grid.t, "mean"),
-                      drive.starts + np.arange(AT[-1])[:, None])
-                 for drive, series in zip(self.drives, lagged, strict=True)]
+        if channel == "throttle":
+            series = self._each(partial(reached, q, channel), lagged())
+        else:  # the slowest of it, and no trim, play or map changes it
+            servo = self._once(("servo", delay, lag, spread, _on(q, SERVO)),
+                               lambda: self._each(partial(reached, q, channel), lagged()))
+            series = self._each(partial(turned, q), servo)
+        parts = [read(one, drive.starts + np.arange(AT[-1])[:, None])
+                 for drive, one in zip(self.drives, series, strict=True)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def _each(self, behind: Callable[..., FloatArray], series: Sequence[FloatArray]
+              ) -> list[FloatArray]:
+        """A series of each drive behind a part of its actuator, in means over samples."""
+        return [behind(one, drive.grid.t, "mean")
+                for drive, one in zip(self.drives, series, strict=True)]
 
     def _lagged(self, channel: str, delay: float, lag: float, spread: float) -> list[FloatArray]:
         """Of each drive, means of a command over samples behind delay and lag, spread by so

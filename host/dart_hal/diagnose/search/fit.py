@@ -37,15 +37,14 @@ ALL = slice(None)
 
 @dataclass(frozen=True, slots=True)
 class Sums:
-    """Of rows: weighted normal matrix (k, k), slope (k,), robust loss."""
+    """Of rows: weighted normal matrix (k, k), slope (k,)."""
 
     normal: FloatArray
     slope: FloatArray
-    loss: float
 
-    def after(self, move: FloatArray) -> float:
-        """The loss after a move (k,), from above: to second order, with the weights it has."""
-        return float(self.loss + 2.0 * self.slope @ move + move @ self.normal @ move)
+    def rise(self, move: FloatArray) -> float:
+        """Of the loss by a move (k,), from above: to second order, with the weights it has."""
+        return float(2.0 * self.slope @ move + move @ self.normal @ move)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +86,7 @@ class Point:
         """What some rows of other residuals (N,) say about a move."""
         jac, weight, r = self.jacobian[rows], self.weight[rows], residual[rows]
         weighted = jac * (weight * self.noise.robust_weight(r))[:, None]
-        return Sums(weighted.T @ jac, weighted.T @ r, float(weight @ self.noise.loss(r)))
+        return Sums(weighted.T @ jac, weighted.T @ r)
 
     def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
         """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -31,6 +31,7 @@ OLDER = (-0.025, -0.008, 0.008, 0.025)
 """s, by which commands are moved to see what their age does; a step does it at one instant."""
 WITHIN_FRAME = (-0.4 * FRAME, 0.4 * FRAME)
 """s, the same where commands wait for a frame: nearly as far as that goes."""
+Before = tuple[Noise, Mapping[str, Sequence[Line]]] | None
 PASSES = 2  # the second with the sizes of the residuals of the first
 
 
@@ -80,7 +81,7 @@ class Search:
         self._fitted = fitted
         self._base = base
         self._done, self._dropped = 0.0, False
-        self._before: tuple[Noise, dict[str, tuple[Line, ...]]] | None = None
+        self._before: Before = None
 
     def run(self) -> SearchResult:
         """Search until nothing passes."""
@@ -279,15 +280,17 @@ class Search:
         """What each cause cannot be told from, beside all the others that were found."""
         if len(named) < 2 and not self._dropped:
             return named
-        found = each(partial(self._confounded, point, noise), named, self._settings.jobs)
+        found = each(partial(self._confounded, point, noise, self._before), named,
+                     self._settings.jobs)
         return sorted(found, key=lambda n: (-n.gain, n.effect))
 
-    def _confounded(self, point: Point, noise: Noise, one: Named) -> Named:
+    def _confounded(self, point: Point, noise: Noise, before: Before, one: Named) -> Named:
         if not one.alternatives:
             return one
         without = self._without(point, noise, one.effect)
         policy = self._settings.policy
-        trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan)
+        trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan,
+                      before=before)
         mine = next(t for t in trials if t.effect == one.effect)
         close = [t for t in correlated(without, mine, trials, policy.confounders)
                  if t.gain > policy.naming.close * mine.gain]

@@ -6,7 +6,8 @@ k: size of effect a, over a ladder and a few parabola steps; d: what is free (ba
 effects found before, timing) follows r(a = k) to first order. J: see ``fit``.
 
 What an effect does, r(a = k) - r, hardly changes from round to round, only what there is to explain
-does: an effect whose change in the round before promises next to nothing now is not rolled out.
+does: an effect whose change in the round before promises next to nothing now is not rolled out, and
+where it promises a best size between others, only that one and what is next to it are.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..policy import USUAL, ScanPolicy
-from .fit import Point, Sums
+from .fit import Point
 
 Progress = Callable[[float, str], None]
 
@@ -63,6 +64,10 @@ class Trial:
     lines: tuple[Line, ...] = ()
 
 
+Known = tuple[Line, Mapping[float, float]]
+"""What was tried before, and what each size would gain by that now."""
+
+
 class Scan:
     """The gain of any effect over a fitted point."""
 
@@ -72,6 +77,7 @@ class Scan:
         motion = len(evidence.motion_drive) * len(point.noise.motion)
         self._parts = (slice(0, motion), slice(motion, None))
         self._still = tuple(point.sums(point.residual, part) for part in self._parts)
+        self._stands = tuple(self._lost(point.residual[part], part) for part in self._parts)
         # what has moved to the point may move on a little: judged by the same linear answer
         self.null = self._loss(point.residual)
 
@@ -81,16 +87,20 @@ class Scan:
 
     def _loss(self, residual: FloatArray) -> float:
         """Once all that is free has followed; what an effect leaves as it is is known already."""
-        point, every = self.point, list[Sums]()
+        point = self.point
         same = [np.array_equal(residual[p], point.residual[p]) for p in self._parts]
-        for part, still, unchanged in zip(self._parts, self._still, same, strict=True):
-            every.append(still if unchanged else point.sums(residual, part))
+        every = [still if unchanged else point.sums(residual, part)
+                 for part, still, unchanged in zip(self._parts, self._still, same, strict=True)]
         move = point.step(every[0].normal + every[1].normal, every[0].slope + every[1].slope)
         total = point.prior(move)
-        for part, sums, unchanged in zip(self._parts, every, same, strict=True):
-            total += sums.after(move) if unchanged else float(point.weight[part] @ point.noise.loss(
-                residual[part] + point.jacobian[part] @ move))
+        for i, part in enumerate(self._parts):
+            total += (self._stands[i] + every[i].rise(move) if same[i]
+                      else self._lost(residual[part] + point.jacobian[part] @ move, part))
         return total
+
+    def _lost(self, r: FloatArray, part: slice) -> float:
+        """Robust loss of residuals of a part."""
+        return float(self.point.weight[part] @ self.point.noise.loss(r))
 
     def gain(self, residual: FloatArray) -> float:
         """By how much the loss drops with other residuals (N,)."""
@@ -100,22 +110,28 @@ class Scan:
         """By how much residuals (N,) differ from those of the point, in standard deviations."""
         return float(np.sqrt(self.point.weight @ (residual - self.point.residual)**2))
 
-    def best(self, name: str) -> Trial:
-        """The size of an effect that takes away most."""
+    def best(self, name: str, before: Sequence[Known] = ()) -> Trial:
+        """The size of an effect that takes away most; before: what other sizes did before."""
         effect = catalogue()[name]
         found, lines = Trial(name, {}, 0.0, self.point.residual), list[Line]()
+        known = {(b.parameter.name, *b.beside.values()): (b, gains) for b, gains in before}
         for parameter in scanned(effect):
             for beside in settings_of(effect):
-                trial = self._along(effect, parameter, beside)
+                one = known.get((parameter.name, *beside.values()))
+                trial = (one and self._near(effect, *one)) or self._along(
+                    effect, parameter, beside)
                 lines += trial.lines
                 found = trial if trial.gain > found.gain else found
         return replace(found, lines=tuple(lines))
 
-    def again(self, name: str, lines: Sequence[Line]) -> Trial | None:
+    def tried(self, one: tuple[str, Sequence[Known]]) -> Trial:
+        """``best`` of (name, what was tried before)."""
+        return self.best(*one)
+
+    def again(self, name: str, known: Sequence[Known]) -> Trial | None:
         """The same from what other sizes did before; None where that promises anything."""
         found = Trial(name, {}, 0.0, self.point.residual)
-        for line in lines:
-            gains = self._promised(line)
+        for line, gains in known:
             if _promises(gains, line, self._policy):
                 return None
             k = max(gains, key=lambda k: gains[k])
@@ -123,15 +139,35 @@ class Scan:
                 values = {**line.beside, line.parameter.name: k}
                 found = max(found, Trial(name, values, gains[k], self.point.residual
                                          + line.changes[k]), key=lambda t: t.gain)
-        return replace(found, lines=tuple(lines))
+        return replace(found, lines=tuple(line for line, _ in known))
 
-    def _promised(self, line: Line) -> dict[float, float]:
+    def promised(self, line: Line) -> dict[float, float]:
         """Gain by size, from what each did before."""
         return {line.parameter.null: 0.0,
                 **{k: self.gain(self.point.residual + d) for k, d in line.changes.items()}}
 
-    def _along(self, effect: Effect, parameter: Parameter,
-               beside: Mapping[str, float]) -> Trial:
+    def _near(self, effect: Effect, line: Line, promised: Mapping[float, float]) -> Trial | None:
+        """From the best size by what was tried before; None where that may lead astray.
+
+        That is where it is the last one tried, or explains something with several tops, or where
+        the car does not keep what was promised.
+        """
+        p, at = line.parameter, _bracket(promised)
+        gain, kept = self._gain_of(effect, p, line.beside)
+        if p.tops or at is None or promised[at[1]] <= self._policy.faint:
+            return None
+        gains = dict(promised)
+        _refine(gains, p, gain, self._policy)
+        best = max(gains, key=lambda k: gains[k])
+        if best not in kept:
+            gains[best] = gain(best)
+        if abs(gains[best] - promised[at[1]]) > self._policy.known * promised[at[1]]:
+            return None
+        return Trial(effect.name, {**line.beside, p.name: best}, gains[best], kept[best], (line,))
+
+    def _gain_of(self, effect: Effect, parameter: Parameter, beside: Mapping[str, float]
+                 ) -> tuple[Callable[[float], float], dict[float, FloatArray]]:
+        """(gain by size, residuals (N,) of every size that it was asked for)."""
         kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
 
         def gain(k: float) -> float:
@@ -141,6 +177,12 @@ class Scan:
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
             return self.gain(kept[k])
+
+        return gain, kept
+
+    def _along(self, effect: Effect, parameter: Parameter,
+               beside: Mapping[str, float]) -> Trial:
+        gain, kept = self._gain_of(effect, parameter, beside)
 
         def moved(k: float) -> float:
             return self._moved(kept[k]) if k in kept else np.inf
@@ -155,9 +197,10 @@ class Scan:
                 gains[k] = gain(k)
             _find_onset(gains, parameter, gain, moved, self._policy)
             _refine(gains, parameter, gain, self._policy)
-        best = max(gains, key=lambda k: gains[k])
+        best, around = max(gains, key=lambda k: gains[k]), _bracket(gains)
+        known = (*near, *(around or ()), *(() if around and len(near) > 1 else far[:2]))
         return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best],
-                     (self._line(parameter, beside, kept, (*near, *far[:2])),))
+                     (self._line(parameter, beside, kept, known),))
 
     def _faint_on_both_sides(self, p: Parameter, k: float, kept: Mapping[float, FloatArray]
                              ) -> bool:
@@ -166,12 +209,13 @@ class Scan:
             return False
         change = (kept[k] - self.point.residual).astype(np.float32)
         line = Line(p, {}, {k: change, 2.0 * p.null - k: -change})
-        return not _promises(self._promised(line), line, self._policy)
+        return not _promises(self.promised(line), line, self._policy)
 
     def _line(self, p: Parameter, beside: Mapping[str, float], kept: Mapping[float, FloatArray],
               ks: Sequence[float]) -> Line:
-        """Of the first sizes: what they did; the other side the opposite where it was not tried."""
-        changes = {k: (kept[k] - self.point.residual).astype(np.float32) for k in ks if k in kept}
+        """What sizes did; the other side the opposite where it was not tried."""
+        changes = {k: (kept[k] - self.point.residual).astype(np.float32) for k in ks
+                   if k in kept and k != p.null}
         if len(changes) == 1 and p.low < p.null < p.high:
             (k, change), = changes.items()
             changes[2.0 * p.null - k] = -change
@@ -323,13 +367,13 @@ def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
     wanted = [n for n in (catalogue() if names is None else names) if n not in has]
     noise, lines = before or (point.noise, {})
     windows = len(evidence.motion_drive)
-    trials = list[Trial]()
-    for name in [n for n in wanted if lines.get(n)]:
-        known = [line.seen_by(point.noise, noise, windows) for line in lines[name]]
-        if trial := work.again(name, known):
-            trials.append(trial)
+    seen = {n: [line.seen_by(point.noise, noise, windows) for line in lines[n]]
+            for n in wanted if lines.get(n)}
+    known = {n: [(line, work.promised(line)) for line in mine] for n, mine in seen.items()}
+    trials = [t for t in (work.again(name, before) for name, before in known.items()) if t]
     done = {t.effect for t in trials}
-    for trial in each(work.best, [n for n in wanted if n not in done], jobs):
+    todo = [(n, known.get(n, ())) for n in wanted if n not in done]
+    for trial in each(work.tried, todo, jobs):
         trials.append(trial)
         if progress is not None:
             progress(len(trials) / len(wanted), trial.effect)
