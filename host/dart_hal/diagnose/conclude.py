@@ -43,6 +43,7 @@ from .search.forward import Search, SearchResult
 from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
 from .unexplained.structure import groups, shares, unexplained
+from .unexplained.waits import unwaited
 
 TOGETHER = "all fitted together"  # where that is better than one after the other
 
@@ -121,7 +122,7 @@ def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:
 def _left(q: Question, at: Mounted) -> tuple[Unexplained, ...]:
     """Structure that neither causes explain nor how the sensors are mounted."""
     evidence, point = q.train.evidence, at.point
-    r = evidence.residuals(point.vehicle, point.timing)
+    r = unwaited(evidence, point.vehicle, point.timing, at.noise)
     return unexplained(evidence, point.vehicle, r, at.noise, q.settings.seed,
                        q.settings.false_alarm, q.settings.policy.unexplained)
 
@@ -154,7 +155,7 @@ def _spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]) -> 
 def _structure(q: Question, found: SearchResult, point: Point) -> dict[str, float]:
     """By channel, loss that a flexible function of what the car was doing would take away."""
     evidence, rows = q.train.evidence, _rows(q, point)
-    r = evidence.residuals(point.vehicle, point.timing)
+    r = unwaited(evidence, point.vehicle, point.timing, found.noise)
     policy = q.settings.policy.unexplained
     share = shares(groups(evidence, point.vehicle, r, found.noise, policy), q.settings.seed, policy)
     total = _by_channel(q, rows, point.weight * point.noise.loss(point.residual))

@@ -1,0 +1,88 @@
+"""Pulses wait for their frame, and for a while all alike: that is no structure, all else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from onboard_files import evidence, recorded
+
+from dart_hal.control.drivetrain import FRAME
+from dart_hal.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_hal.diagnose.evidence.space import EXACT, Timing
+from dart_hal.diagnose.search.forward import Search
+from dart_hal.diagnose.search.selection import Settings
+from dart_hal.diagnose.unexplained.features import window_features
+from dart_hal.diagnose.unexplained.structure import unexplained
+from dart_hal.diagnose.unexplained.waits import unwaited
+from dart_hal.recording.dart import RUN
+from dart_hal.vehicle import PAPER
+
+GYRO = slice(1, None, 2)
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+
+
+@pytest.fixture
+def run(published):
+    """The same drive as a run of our own: every command has its instant."""
+    return type(published)([replace(d, recording=replace(d.recording, schema=RUN))
+                            for d in published.drives], PAPER.body.l_r)
+
+
+def erring(monkeypatch, seen, error):
+    """What it is off, for the right model: ``error`` (n, c) and noise of 5 mm/s and 5 mrad/s."""
+    right, rng, residuals = seen.residuals(PAPER).motion, np.random.default_rng(3), seen.residuals
+    off = error + 0.005 * rng.normal(size=error.shape)
+
+    def with_error(p, timing=EXACT):
+        r = residuals(p, timing)
+        return replace(r, motion=r.motion - right + off)
+
+    monkeypatch.setattr(seen, "residuals", with_error)
+
+
+def waited(seen):
+    """Frames keep step with the messages: all pulses wait 7 ms longer than in the mean."""
+    older = (seen.residuals(PAPER, Timing(command_age=0.004)).motion
+             - seen.residuals(PAPER, Timing(command_age=-0.004)).motion) / 0.008
+    return 0.35 * FRAME * older
+
+
+def turned(seen):
+    """A gyro that says less the further the wheels are turned."""
+    error = np.zeros((len(seen.motion_drive), 2 * MESSAGES_AHEAD))
+    error[:, GYRO] = 0.05 * np.tanh(3.0 * window_features(seen, PAPER, 50)["steering_angle"]
+                                    )[:, None]
+    return error
+
+
+def structure(seen, r):
+    noise = Search(seen, PAPER, Settings())._measured(PAPER, EXACT)
+    return {u.channel for u in unexplained(seen, PAPER, r(noise), noise) if u.channel == "gyro"}
+
+
+@pytest.mark.parametrize(("error", "as_it_is", "left"), [
+    (waited, {"gyro"}, set()), (turned, {"gyro"}, {"gyro"})])
+def test_what_a_wait_does_is_no_structure_and_all_else_is(monkeypatch, run, error, as_it_is, left):
+    erring(monkeypatch, run, error(run))
+    assert structure(run, lambda noise: run.residuals(PAPER)) == as_it_is
+    assert structure(run, lambda noise: unwaited(run, PAPER, EXACT, noise)) == left
+
+
+def test_no_pulse_waits_longer_than_a_frame(monkeypatch, run):
+    most = waited(run) / 0.35 / 2.0  # half a frame to either side of the mean
+    erring(monkeypatch, run, 8.0 * most)
+    noise = Search(run, PAPER, Settings())._measured(PAPER, EXACT)
+    taken = np.abs(unwaited(run, PAPER, EXACT, noise).motion - run.residuals(PAPER).motion)
+    assert taken.max() == pytest.approx(np.abs(most).max(), rel=0.3)
+
+
+def test_where_ages_are_fitted_nothing_is_taken_off(published):
+    noise = Search(published, PAPER, Settings())._measured(PAPER, EXACT)
+    assert np.array_equal(unwaited(published, PAPER, EXACT, noise).motion,
+                          published.residuals(PAPER).motion)
