@@ -181,7 +181,7 @@ def test_one_motion_capture_sees_all_cars_of_a_room():
         for states in fleet.states(duration=0.5):
             pass
         for state, at in zip(states, places, strict=True):
-            assert state.estimate.frame == "room"
+            assert state.estimate.frame == "mocap"
             pose = state.estimate.pose
             assert hypot(pose.x - at[0], pose.y - at[1]) < 0.1
             assert abs(pose.yaw - at[2]) < 0.1
