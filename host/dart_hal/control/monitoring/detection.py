@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from dart_hal.control.monitoring.lissajous import Lissajous
@@ -31,23 +33,27 @@ def coverage(curve: Lissajous, robots: FloatArray, radius: float, cells: int = 6
     return now.mean(axis=1), float(now.any(axis=0).mean())
 
 
-def cleared(curve: Lissajous, t: FloatArray, robots: FloatArray, radius: float, cells: int = 81
-            ) -> float:
-    """The time [s] of t (k,) from which on no target can be unseen, however fast it is and
-    whatever it knows: robots (k, n, 2) [m]; inf.
-
-    A target that was not seen is anywhere in what is free of the robots' discs and connected with
-    where it may have been before: cells x cells places, joined across corners too.
-    """
+def hiding(curve: Lissajous, robots: FloatArray, radius: float, cells: int = 81
+           ) -> Iterator[BoolArray]:
+    """Where a target that was not seen yet may be, (cells, cells) of y and x, at each time: robots
+    (k, n, 2) [m]. However fast it is and whatever it knows, it is in what is free of the robots'
+    discs and connected, across corners too, with where it may have been before."""
     from scipy.ndimage import label
 
     edge = np.linspace(-1.0, 1.0, cells)
     spots = np.stack(np.meshgrid(curve.A * edge, curve.B * edge), axis=-1)
     may_be = np.ones((cells, cells), dtype=bool)
-    for now, each in zip(t, robots, strict=True):
+    for each in robots:
         free = ~seen(each, spots, radius)
         regions, _ = label(free, np.ones((3, 3)))
         may_be = free & np.isin(regions, np.unique(regions[may_be & free]))
+        yield may_be
+
+
+def cleared(curve: Lissajous, t: FloatArray, robots: FloatArray, radius: float, cells: int = 81
+            ) -> float:
+    """The time [s] of t (k,) from which on no target is unseen, as ``hiding``; inf."""
+    for now, may_be in zip(t, hiding(curve, robots, radius, cells), strict=True):
         if not may_be.any():
             return float(now)
     return float("inf")

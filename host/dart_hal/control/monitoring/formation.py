@@ -14,7 +14,7 @@ are a closed fence. What follows for targets: docs/use_cases/monitoring.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import gcd, pi, sin
+from math import cos, gcd, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ class Formation:
 
     def __post_init__(self) -> None:
         a, b, n = self.curve.a, self.curve.b, self.n
-        good = [p for p in range(1, n) if stable(n, p) and gcd(self.alpha * p, n) == 1]
+        good = self.windings
         if n != a + b:
             raise UsageError(f"a {a}:{b} curve is fenced by {a + b} robots", found=f"{n} robots",
                              expected=f"n = a + b = {a + b}",
@@ -64,6 +64,13 @@ class Formation:
                              expected="alpha p and n without a common divisor",
                              remedy=f"for alpha = {self.alpha}: {_one_of(good)}")
 
+    @property
+    def windings(self) -> list[int]:
+        """All p that are stable and spread the robots over n places; which one a team finds depends
+        on where it begins."""
+        return [p for p in range(1, self.n)
+                if stable(self.n, p) and gcd(self.alpha * p, self.n) == 1]
+
     def slots(self, X: FloatArray | float = 0.0) -> FloatArray:
         """X (..., n) of the robots in the order of the ring, where that of the first is X."""
         apart = 2.0 * pi * self.alpha * self.p / self.n
@@ -74,6 +81,13 @@ class Formation:
     def sensing_radius(self) -> float:
         """r_s [m]: robots that see so far fence any target in."""
         return self.curve.diagonal * sin(pi / self.n)
+
+    @property
+    def proven(self) -> bool:
+        """Whether the area is not too long for the proof of the bound: the fence then reaches all
+        four walls. 1.41 for 3 robots, 2.9 for 5, 5.6 for 9."""
+        long, short = max(self.curve.A, self.curve.B), min(self.curve.A, self.curve.B)
+        return long * sin(0.5 * pi / self.n) <= short * sqrt(cos(pi / self.n))
 
     def bound(self, rate: float) -> float:
         """s within which any target in the area is seen, for a rate X' [rad/s] of the curve's

@@ -8,8 +8,9 @@ Both are pieces of the curve. A car goes on only where that brings no place of `
 that is late or lost makes the other's piece longer, never shorter. What comes behind on the same
 branch ends at this car: who is in front does not wait for it.
 
-Of two, the later one in the ring's order also keeps off the way that the other has before it
-(``CLEAR``), so that neither stands in the other's; unless it is in that way already.
+Of two whose ways cross, one also keeps off the way that the other has before it (``CLEAR``), so
+that neither stands in the other's: the one that is not in it yet, if the other is; if none is, the
+later one in the ring's order.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from dart_hal.control.monitoring.course import Course
 from dart_hal.control.stopping import SLOWS
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.types import FloatArray
 
 AHEAD = 0.0875
 """m from the rear axle to the middle of the body, 0.30 x 0.19 m."""
@@ -34,8 +35,12 @@ REACTS, TELLS = 0.15, 0.05
 the next, what another car may decide meanwhile."""
 PULLS = 2.8
 """m/s2 at most of a car that speeds up (``lap.ALONG``)."""
-CLEAR = 0.8
-"""m beyond the other's stop that who gives way keeps off: two bodies and a little."""
+CLEAR = 1.0
+"""m beyond a stop that is the way before a car: over a crossing, two bodies and a little."""
+KEEPS_OFF = APART + 0.2
+"""m from that way, so that a car that waits, and might start (0.16 m), is not in it."""
+BEHIND = APART + 0.1
+"""m behind this car on its own branch, where another one is no concern of it."""
 GRAIN, NEARER = 0.06, 1e-3
 """m between the places of a piece (half of it is 5 mm of a distance, within ``LANE``); m."""
 
@@ -68,28 +73,40 @@ class Guard:
     def __init__(self, course: Course) -> None:
         self._path = course.path
 
-    def free(self, s: float, v: float, other: Stretch, *, yields: bool) -> bool:
-        """Whether a car at s [m] with v [m/s] may go on, beside one on a stretch (at most a lap
-        behind s); yields: it gives way to that one."""
-        mine = self._middles(stopping(s, v + PULLS * TELLS))
-        end = min(other.end, s) if other.begin < s else other.end
-        if self._comes_near(mine, self._middles(Stretch(other.begin, end))).any():
+    def free(self, s: float, v: float, other: Stretch, *, yields: bool, sure: bool = True) -> bool:
+        """Whether a car at s [m] with v [m/s] may go on, beside one on a stretch (that begins at
+        most a lap behind s); yields: it gives way to that one; sure: that was heard lately, so
+        that its stretch is one short piece, which is left as a whole or not."""
+        if other.begin < s:
+            other = replace(other, end=min(other.end, s - BEHIND))
+        stop = stopping(s, v + PULLS * TELLS)
+        mine, its = self._middles(stop), self._middles(other)
+        if self._comes_near(mine, its, sure):
             return False
-        if not yields:
+        ahead = self._middles(replace(stop, end=stop.end + CLEAR))
+        if not yields and not (_to(ahead, its[:1]) < APART).any():
             return True
-        way = self._middles(Stretch(other.begin, min(end + CLEAR, max(s, end))))
-        stands_in_it = bool((_to(mine[:1], way) < APART).any())
-        return stands_in_it or not self._comes_near(mine, way).any()
+        way = replace(other, end=min(other.end + CLEAR, s - BEHIND) if other.begin < s
+                      else other.end + CLEAR)
+        its = self._middles(way)
+        in_it = bool((_to(mine[:1], its) < APART).any())
+        return in_it or not self._comes_near(mine, its, sure, KEEPS_OFF)
 
-    def _comes_near(self, mine: FloatArray, its: FloatArray) -> BoolArray:
-        """Which places of mine are too near to one of its, and nearer than where I am."""
+    def _comes_near(self, mine: FloatArray, its: FloatArray, sure: bool, apart: float = APART
+                    ) -> bool:
+        """Whether a place of mine is too near to one of its, and nearer than where I am: than I am
+        to any of its if that is sure, else to that one."""
+        if not len(its):
+            return False
         to = _to(mine, its)
-        return np.asarray((to[1:] < APART) & (to[1:] < to[0] - NEARER), dtype=np.bool_)
+        here = to[0].min() if sure else to[0]
+        return bool(((to[1:] < apart) & (to[1:] < here - NEARER)).any())
 
     def _middles(self, piece: Stretch) -> FloatArray:
-        """Middles (n, 2) [m] of a body on a piece, both ends included."""
+        """Middles (n, 2) [m] of a body on a piece, both ends included; none of one that ends before
+        it begins."""
         path = self._path
-        n = int(np.ceil(max(piece.end - piece.begin, 0.0) / GRAIN)) + 2
+        n = int(np.ceil((piece.end - piece.begin) / GRAIN)) + 2 if piece.end >= piece.begin else 0
         k = np.rint(np.linspace(piece.begin, piece.end, n) / path.spacing).astype(int) % len(path.x)
         return np.stack([path.x[k] + AHEAD * np.cos(path.heading[k]),
                          path.y[k] + AHEAD * np.sin(path.heading[k])], axis=-1)

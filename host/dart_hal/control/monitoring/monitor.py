@@ -32,8 +32,10 @@ from dart_hal.types import FloatArray, MotionEstimate
 IN_STEP = 0.2
 """rad of a neighbour's phase from its slot: 4 % of the way from one robot to the next of five."""
 
-HURRY = 2.0
-"""Times the rate of the formation, which no car of the team exceeds: by that the others reckon."""
+LINGER, HURRY = 0.3, 2.0
+"""Times the rate of the formation, which no car of the team falls below (none stands in another's
+way for the sake of its phase) or exceeds (by that the others reckon). The law is still a descent:
+what is cut keeps its sign."""
 
 
 class Mode(str, Enum):
@@ -78,11 +80,12 @@ class Monitor:
         self.follower = Follower(self.course.path, plant, tracker=tracker,
                                  rules=Rules(laps=inf, duration=duration))
         self.omega, self.k = omega, k
+        assert plant.gains  # made here: they take a second, in which a car must not drive
         fastest = fastest_rate(self.course, self.follower.profile)
         check_rate(omega, fastest)
         self.fastest = min(fastest, HURRY * omega)
         self.peers = {name: Peer(self.course) for name in names if name != own}
-        self._names, self._at = tuple(names), names.index(own)
+        self.names, self._at = tuple(names), names.index(own)
         self._ring = tuple(names[(self._at + d) % len(names)] for d in (-1, 1))
         self._guard = Guard(self.course) if guard else None
         curve = formation.curve
@@ -119,11 +122,19 @@ class Monitor:
         speed[0] = max(self._moves, 0.0)
         return np.array([(p.x, p.y, p.heading, v) for p, v in zip(spots, speed, strict=True)])
 
+    @property
+    def most_beside(self) -> float:
+        """m beside the curve at most, by its own belief, once it was under way."""
+        offset = self.follower.driven.table[self.follower.joined:, 3]
+        return float(np.abs(offset).max(initial=0.0))
+
     def disagreement(self, now: float) -> float:
-        """Largest error [rad] of a neighbour's phase from its slot, by what is known of it."""
-        step = 2.0 * pi * self.formation.p / self.formation.n
+        """Largest error [rad] of a neighbour's phase from its slot, by what is known of it, in the
+        spread that is nearest: cars that begin anywhere find one of ``formation.windings``."""
         before, after = (self.peers[name].phase(now) for name in self._ring)
-        return max(abs(apart(self.X - before, step)), abs(apart(after - self.X, step)))
+        steps = (2.0 * pi * p / self.formation.n for p in self.formation.windings)
+        return min(max(abs(apart(self.X - before, step)), abs(apart(after - self.X, step)))
+                   for step in steps)
 
     def _cap(self, motion: MotionEstimate) -> float:
         """m/s; 0: it stands."""
@@ -138,7 +149,7 @@ class Monitor:
             return 0.0
         before, after = (self.peers[name].phase(now) for name in self._ring)
         wanted = self.omega + repulsion(self.X, before, after, self.k)
-        self.rate = min(max(wanted, 0.0), self.fastest)
+        self.rate = min(max(wanted, LINGER * self.omega), self.fastest)
         speed = self.rate * float(self.formation.curve.rate(np.array(self.X)))
         return speed if speed > 0.5 * CRAWL else 0.0
 
@@ -165,7 +176,8 @@ class Monitor:
         at += length * np.floor((s - at) / length)  # behind this car, by less than a lap
         top = HURRY * self.omega * self._top
         other = reachable(at, peer.heard_speed, max(peer.age(now), 0.0), top)
-        return self._guard.free(s, self._moves, other, yields=self._names.index(name) < self._at)
+        return self._guard.free(s, self._moves, other, yields=self.names.index(name) < self._at,
+                                sure=peer.touch(now) is Touch.IN_TOUCH)
 
 
 def _check_team(formation: Formation, names: Sequence[str], own: str) -> None:
