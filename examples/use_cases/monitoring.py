@@ -75,9 +75,9 @@ def drive(where, formation=TEAM, omega=OMEGA, coupling=COUPLING, room=ROOM, seco
         for tick, states in enumerate(fleet.states(duration=seconds)):
             for car, member, robot, state in zip(fleet.cars, fleet.members, team, states,
                                                  strict=True):
-                told = {name: other.plan for name, other in member.other_poses().items()
-                        if other.plan is not None}
                 motion = state.estimate.at(car.now)
+                told = {name: other.plan for name, other in member.other_poses().items()
+                        if other.plan is not None and other.plan.frame == motion.frame}
                 steering, speed = robot.answer(motion, told)
                 member.tell_plan(robot.plan(), step=STEP, frame=motion.frame)
                 car.drive_speed(steering=steering, speed=speed)

@@ -28,7 +28,7 @@ K, DT, STARTS = 0.1, 0.1, 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""
 FEW = ((5, 2), (3, 1), (4, 2))
 TIMES = {(9, 5): 66.0, (9, 4): 66.0, (5, 2): 23.0, (3, 1): 26.0, (4, 2): 20.0, (25, 11): 188.0}
-"""s to 0.01 rad in the design, each of one start that it does not name."""
+"""s to 0.01 rad that were to be reached, each of one start that is not named."""
 NINE, FIVE = Lissajous(0.8, 1.8, 5, 4), Lissajous(1.5, 1.5, 3, 2)
 
 
@@ -66,11 +66,12 @@ def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
 @pytest.mark.more
 @pytest.mark.parametrize(("n", "p"), TIMES)
 def test_how_long_it_takes(n, p):
-    """The design's time lies among those of 20 starts, whose median is within 40 % of it; a start
-    (2) that is within 20 % for every team shows that they are times of the same law."""
+    """The time that was to be reached, of a start that is not named, lies among those of 20 starts,
+    whose median is within 20 % of it; but for five robots, where it is a quick start. One start (2)
+    is within 20 % for every team."""
     times = [converged(n, p, seed) for seed in range(20)]
     assert min(times) <= TIMES[n, p] <= max(times)
-    assert np.median(times) == pytest.approx(TIMES[n, p], rel=0.4)
+    assert np.median(times) == pytest.approx(TIMES[n, p], rel=0.4 if n == 5 else 0.2)
     assert times[2] == pytest.approx(TIMES[n, p], rel=0.2)
 
 
@@ -120,7 +121,7 @@ def test_place_and_phase_of_a_course_are_each_others_inverse():
     """At its crossings too, where the heading tells the branch."""
     course = Course(Lissajous(3.3, 0.9, 1, 2))
     assert course.path.length == pytest.approx(course.curve.length, rel=1e-5)
-    for X in np.linspace(0.0, 2.0 * pi, 80, endpoint=False):
+    for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
         p = course.spot(float(X))
         assert (p.x, p.y) == pytest.approx(course.curve.at(np.array(X)), abs=2e-4)
         assert course.find(p.x, p.y, p.heading + 0.2) == pytest.approx(X, abs=2e-4)
@@ -197,7 +198,7 @@ def test_ten_targets_are_seen_and_without_the_formation_they_are_not():
 def test_not_even_one_that_is_as_fast_as_it_likes(begin):
     """The bound holds, for whatever a target does: nowhere is left where it could be."""
     bound = TEAM.bound(RATE)
-    t = np.linspace(0.0, 1.2 * bound, 140)
+    t = np.linspace(0.0, bound, 100)
     robots = TEAM.curve.at(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))
     assert cleared(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
 
@@ -207,7 +208,7 @@ def test_not_even_one_that_is_as_fast_as_it_likes(begin):
 def test_without_the_formation_there_is_no_bound(wrong):
     """The controls: one robot missing, an un-synchronised start, 0.9 of the sensing radius."""
     bound, radius = TEAM.bound(RATE), TEAM.sensing_radius
-    t = np.linspace(0.0, bound, 120)
+    t = np.linspace(0.0, bound, 80)
     X = beside(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
     if wrong == "one missing":
         X = X[:, 1:]
