@@ -103,19 +103,20 @@ def draw(rows, picture):
     lines.plot(t, np.where(hides > 0.0, hides, np.nan), color="#d55e00",
                label="share where a target may be that nobody saw yet")
     lines.axvspan(0.0, TEAM.bound(OMEGA), color="k", alpha=0.08, lw=0.0)
-    lines.text(0.3, 1.2e-3, f"bound: {TEAM.bound(OMEGA):.1f} s", fontsize=8)
+    lines.text(0.5 * TEAM.bound(OMEGA), 1.2e-3, f"bound: {TEAM.bound(OMEGA):.1f} s", fontsize=8)
     lines.set(xlabel="t [s]", ylim=(1e-3, 4.0))
     lines.legend(fontsize=8, loc="upper right")
     lines.grid(alpha=0.3)
     figure.savefig(picture, dpi=100)
 
 
-def animate(rows, file, every=8, fps=10):
+def animate(rows, file, every=10, seconds=40.0, fps=10):
     """The drive, with what is left to hide in."""
     plt = pyplot()
     from matplotlib.animation import FuncAnimation, PillowWriter
 
     figure, floor = plt.subplots(figsize=(3.6, 6.2), layout="constrained")
+    rows = rows[:round(20.0 * seconds)]
     hides = list(hiding(TEAM.curve, rows[:, :, :2], SEES, 61))
     FuncAnimation(figure, lambda k: scene(floor, rows, every * k, hides[every * k]),
                   frames=len(rows) // every).save(file, PillowWriter(fps), dpi=60)

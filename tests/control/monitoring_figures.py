@@ -1,13 +1,12 @@
 """Emulated cars monitor: how evenly they spread, how near they come, what they see, by their truth.
 
     python -m tests.control.monitoring_figures [--seeds 2] [--plants kinematic paper named]
-        [--loss 0.3] [--seconds 30] [--poses mocap] [--nano mock]
+        [--loss 0.3] [--seconds 30] [--nano mock]
 
 Three cars on the 1:2 curve, from up to 0.4 rad beside their slots. Plants: "kinematic", without
 slip; "paper", the hidden cars of the seeds; "named", the later published set with lags of 0.12 s of
 steering and 0.08 s of throttle, which the car's model.toml holds 3 % wrongly, as a diagnosis names
-them. Poses: "mocap", whose marker was measured, or "lidar", in the map of the hall. About a second
-of CPU for a second of the drive.
+them. Poses by lidar, in the map of a hall. About a second of CPU for a second of the drive.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ from dart_hal.vehicle.sets import UPSTREAM_2024
 EXAMPLE = Path(__file__).parents[2] / "examples" / "use_cases" / "monitoring.py"
 TEAM = Formation(Lissajous(3.3, 0.9, 1, 2), 3, 1)
 OMEGA, K = 0.25, 0.25
-MARKER = "mocap=lx=0,ly=0,theta=0"
 LAGS, WRONG, PULSE = {"steering_lag": 0.12, "throttle_lag": 0.08}, 0.97, 0.013
 
 
@@ -79,7 +77,7 @@ class Drive:
         return float(to[:, ~np.eye(3, dtype=bool)].min())
 
 
-def driven(seed=1, plant="paper", loss=0.3, seconds=30.0, poses="mocap", nano="mock",
+def driven(seed=1, plant="paper", loss=0.3, seconds=30.0, nano="mock",
            each=lambda fleet, team: None, guard=True) -> Drive:
     """One drive of three cars."""
     module, true = example(), []
@@ -96,13 +94,9 @@ def driven(seed=1, plant="paper", loss=0.3, seconds=30.0, poses="mocap", nano="m
     look.count = 0
     with tempfile.TemporaryDirectory() as folder:
         options, opened = _car(plant, seed, Path(folder))
-        options += f"&nano={nano}"
-        if poses == "lidar":
-            chart = module.hall(folder, TEAM.curve)
-            options += f"&lidar=1&map={chart}"
-            opened["poses"] = [f"lidar:{chart}?start={place}" for place in places]
-        else:
-            options += "&" + MARKER
+        chart = module.hall(folder, TEAM.curve)
+        options += f"&nano={nano}&lidar=1&map={chart}"
+        opened["poses"] = [f"lidar:{chart}?start={place}" for place in places]
         rows, team, contacts = module.drive(
             module.urls(places, seed, options), TEAM, OMEGA, K,
             f"local://monitoring?loss={loss}&seed={seed}", seconds, look, guard, **opened)
@@ -139,13 +133,12 @@ def main() -> None:
     parser.add_argument("--plants", nargs="+", default=["kinematic", "paper", "named"])
     parser.add_argument("--loss", type=float, nargs="+", default=[0.3])
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--poses", choices=["mocap", "lidar"], default="mocap")
     parser.add_argument("--nano", choices=["mock", "avr"], default="mock")
     asked = parser.parse_args()
     for plant in asked.plants:
         for loss in asked.loss:
             for seed in range(1, 3 * asked.seeds, 3):
-                one = driven(seed, plant, loss, asked.seconds, asked.poses, asked.nano)
+                one = driven(seed, plant, loss, asked.seconds, asked.nano)
                 error = one.error()
                 rate = float(np.diff(one.X[-100:, 0]).mean() / 0.05)
                 t = 0.05 * np.arange(100)

@@ -78,8 +78,8 @@ def test_without_the_guard_they_drive_into_it():
 
 @pytest.mark.slow
 @pytest.mark.emulator
-def test_by_lidar_on_the_firmware():
-    drive = driven(1, "paper", 0.3, 20.0, poses="lidar", nano="avr")
+def test_on_the_firmware():
+    drive = driven(1, "paper", 0.3, 20.0, nano="avr")
     assert drive.contacts == 0
     assert drive.settled < 0.05
     assert drive.error().max() < 0.15
