@@ -80,3 +80,9 @@ def test_a_fleet_without_a_body_for_each_car_is_refused():
         Fleet.open(URLS, poses=["udp://127.0.0.1:0", "ftp://"])
     with pytest.raises(UsageError, match="one entry for each URL"):
         Fleet.open(URLS, poses=[None])
+
+
+def test_each_car_of_a_fleet_may_have_a_map_of_its_own():
+    """It is looked for where it is named."""
+    with pytest.raises(UsageError, match=r"none\.yaml is no map of map_server"):
+        Fleet.open(URLS, poses=["lidar:none.yaml?start=0,0,0", None])

@@ -19,7 +19,7 @@ from dart_hal.control.follow import (
     start_of,
 )
 from dart_hal.control.paths import Path
-from dart_hal.control.stopping import RESTS
+from dart_hal.control.stopping import RESTS, STUCK
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
 from dart_hal.types import START, Pose, Tracking
@@ -113,6 +113,20 @@ def test_the_speed_may_be_changed_on_the_way():
 
     _, rows = drive(each=each)
     assert rows[(rows[:, 0] > 2.6) & (rows[:, 1] < 3.5), 4].mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
+    """Longer than a car may stand that is asked to drive."""
+    def each(t, follower, motion):
+        follower.cap = 0.0 if 2.0 < t < 3.0 + STUCK + 2.0 else 1.0
+        return motion
+
+    follower, rows = drive(each=each)
+    held = rows[(rows[:, 0] > 4.0) & (rows[:, 0] < 7.5)]
+    assert np.ptp(held[:, 1]) < 0.02
+    assert (held[:, 5] == 0.0).all()
+    assert follower.good
+    assert follower.why == "the path is driven"
 
 
 def test_no_pose_no_drive():

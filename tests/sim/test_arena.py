@@ -171,3 +171,17 @@ def test_the_last_car_takes_its_world_with_it():
     with pair("gone", "0,0,0", "2,0,0"):
         assert "gone" in arena._arenas
     assert "gone" not in arena._arenas
+
+
+def test_one_motion_capture_sees_all_cars_of_a_room():
+    """In the room's frame: where ``at`` says, but for the marker, which nobody measured."""
+    places = (1.0, 2.0, 0.5), (3.0, -1.0, 2.0)
+    texts = [",".join(map(str, at)) + "&mocap=1" for at in places]
+    with pair("seen", *texts) as fleet:
+        for states in fleet.states(duration=0.5):
+            pass
+        for state, at in zip(states, places, strict=True):
+            assert state.estimate.frame == "mocap"
+            pose = state.estimate.pose
+            assert hypot(pose.x - at[0], pose.y - at[1]) < 0.3
+            assert abs(pose.yaw - at[2]) < 0.1

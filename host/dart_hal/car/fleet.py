@@ -16,6 +16,7 @@ from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, keep_old
 from dart_hal.errors import UsageError
 from dart_hal.fleet.peers import OtherPose
+from dart_hal.localisation.source import open_source
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
 from dart_hal.recording.run_file import RunFile
@@ -184,9 +185,10 @@ def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Seque
 def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
              ) -> list[PoseSource | None]:
     """Open what is a URL; closed with the stack, as are the cars'. Raises as ``open_poses``."""
-    texts = [one for one in given if isinstance(one, str)]
-    opened = iter(open_fleet_poses(texts))
-    sources = [next(opened) if isinstance(one, str) else one for one in given]
+    own = {one: one.startswith("lidar:") for one in given if isinstance(one, str)}
+    opened = iter(open_fleet_poses([one for one in given if isinstance(one, str) and not own[one]]))
+    sources = [(open_source(one) if own[one] else next(opened)) if isinstance(one, str) else one
+               for one in given]
     for source in sources:
         if source is not None:
             stack.callback(source.close)

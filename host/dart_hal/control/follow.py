@@ -77,7 +77,8 @@ class Follower(Ending):
     """One drive. ``answer`` once per State, until ``phase`` is ENDED; ``why`` then tells the end,
     ``good`` whether it was the one that was asked for.
 
-    ``cap`` [m/s] may be set at any time. ``begun_at`` [m]: where on the path the car was.
+    ``cap`` [m/s] may be set at any time; 0: it stands where it is until that changes.
+    ``begun_at`` [m]: where on the path the car was.
     """
 
     def __init__(self, path: Path, plant: Plant, cap: float = inf,
@@ -185,7 +186,7 @@ class Follower(Ending):
             self._end(f"the car did not come into the lane within {JOIN:g} m")
         elif self.tracker.why:
             self._end(self.tracker.why)
-        elif self._standing.stuck(t, motion.speed):
+        elif self._standing.stuck(t, motion.speed if self.cap > 0.0 else inf):
             self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
@@ -209,6 +210,8 @@ class Follower(Ending):
         if self.phase is Phase.STOPPING:
             return self._stops(motion)
         self._speed = min(self._pace(self.tracker.s), max(self.tracker.speed, CRAWL))
+        if self.cap <= 0.0:
+            self._speed = 0.0
         if not self.path.closed:
             left = max(self.remaining, 0.0)
             if left <= motion.speed**2 / (2.0 * ROLLS) and motion.speed < 2.0 * CRAWL:

@@ -40,7 +40,7 @@ from dart_hal.sim.lidar.maps import Room, room_of
 from dart_hal.sim.lidar.params import LidarParams, lidar_of
 from dart_hal.sim.lidar.unit import SimLidar, Unit
 from dart_hal.sim.link import SimClock, SimLink
-from dart_hal.sim.mocap import SimMocap, mocap_of
+from dart_hal.sim.mocap import MocapParams, SimMocap, mocap_of
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.nano import Nano
 from dart_hal.sim.workshop import SimWorkshop
@@ -74,7 +74,7 @@ def open_sim(url: Url) -> Backend:
     world.lines = (Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
-    mocap = mocap_of(url.options.get("mocap", "0"), car.seed)
+    mocap = mocap_in_room(url, car.seed)
     lidar = lidar_in_room(url, car.seed)
     pace = choice(url, "pace", "1")
     place = enter(url, car.name)
@@ -91,6 +91,17 @@ def open_sim(url: Url) -> Backend:
         if isinstance(backend.lidar, SimLidar):
             backend.lidar.unit.others.append(place.others)
     return _in_real_time(backend, link, world) if pace else backend
+
+
+def mocap_in_room(url: Url, seed: int) -> MocapParams | None:
+    """The motion capture of a URL, None without one; that of a world of several cars is the room's,
+    so that their poses compare. Raises UsageError."""
+    params = mocap_of(url.options.get("mocap", "0"), seed)
+    start = start_of(url)
+    if params is None or start is None or "world" not in url.options:
+        return params
+    x, y, yaw = start
+    return replace(params, x=x, y=y, yaw=yaw)
 
 
 def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:

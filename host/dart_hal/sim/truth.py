@@ -14,13 +14,12 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.paced import PacedLink
-from dart_hal.sim.backend import OPTIONS, lidar_in_room
+from dart_hal.sim.backend import OPTIONS, lidar_in_room, mocap_in_room
 from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
 from dart_hal.sim.lidar.maps import Room
 from dart_hal.sim.link import SimLink
-from dart_hal.sim.mocap import mocap_of
 from dart_hal.sim.mock_nano import TO_UART
 from dart_hal.sim.servo import HORN_RAD_PER_US
 from dart_hal.sim.world import Truth, World
@@ -63,7 +62,7 @@ def reveal_url(url: Url) -> dict[str, Any]:
     """
     url.known(*OPTIONS)
     drawn = car_of(url)
-    mocap = mocap_of(url.options.get("mocap", "0"), drawn.base.seed)
+    mocap = mocap_in_room(url, drawn.base.seed)
     shown = _revealed(drawn.base, drawn.effects)
     if mocap:
         shown["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,

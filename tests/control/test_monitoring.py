@@ -1,0 +1,229 @@
+"""The laws of persistent monitoring: which spreads are stable, what the curve is, who sees whom."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import cos, pi
+
+import numpy as np
+import pytest
+from scipy.ndimage import label
+
+from dart_hal.control.monitoring.course import Course
+from dart_hal.control.monitoring.detection import cleared, coverage, first_seen, seen
+from dart_hal.control.monitoring.formation import Formation
+from dart_hal.control.monitoring.kuramoto import (
+    disagreement,
+    rates,
+    slowest,
+    spread,
+    stable,
+    stepped,
+    winding,
+)
+from dart_hal.control.monitoring.lissajous import Lissajous
+from dart_hal.errors import UsageError
+
+K, DT, STARTS = 0.1, 0.1, 0.5
+"""rad/s, s, rad: K / N, the step, and the noise of a start, as published."""
+FEW = ((5, 2), (3, 1), (4, 2))
+TIMES = {(9, 5): 66.0, (9, 4): 66.0, (5, 2): 23.0, (3, 1): 26.0, (4, 2): 20.0, (25, 11): 188.0}
+"""s to 0.01 rad that were to be reached, each of one start that is not named."""
+NINE, FIVE = Lissajous(0.8, 1.8, 5, 4), Lissajous(1.5, 1.5, 3, 2)
+
+
+def converged(n, p, seed, k=K, most=700.0):
+    """s until all differences are within 0.01 rad, inf: they are not by then."""
+    theta = spread(n, p) + np.random.default_rng(seed).uniform(-STARTS, STARTS, n)
+    for step in range(round(most / DT)):
+        if disagreement(theta, p) < 0.01:
+            return step * DT
+        theta = stepped(theta, 0.05, k, DT)
+    return np.inf
+
+
+@pytest.mark.parametrize(("n", "p", "comes_back"), [
+    (9, 5, True), (9, 4, True), (5, 2, True), (3, 1, True), (4, 2, True), (25, 11, True),
+    (9, 2, False), (25, 3, False), (4, 1, False), (5, 0, False)])
+def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_back):
+    """By the law itself: its Jacobian in the spread, by differences, has no growing mode."""
+    h, at = 1e-6, spread(n, p)
+    jacobian = np.array([(rates(at + h * e, 0.0, K) - rates(at - h * e, 0.0, K)) / (2.0 * h)
+                         for e in np.eye(n)]).T
+    modes = np.sort(np.linalg.eigvalsh(0.5 * (jacobian + jacobian.T)))
+    assert stable(n, p) is comes_back
+    assert bool(modes[-2] < -1e-6) is comes_back
+    if comes_back:
+        assert -modes[-2] == pytest.approx(slowest(n, p, K), rel=1e-6)
+
+
+@pytest.mark.parametrize(("n", "p"), FEW)
+def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
+    assert converged(n, p, 2) == pytest.approx(TIMES[n, p], rel=0.2)
+    assert converged(5, 1, 2, most=60.0) == np.inf
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("n", "p"), TIMES)
+def test_how_long_it_takes(n, p):
+    """The time that was to be reached, of a start that is not named, lies among those of 20 starts,
+    whose median is within 20 % of it; but for five robots, where it is a quick start. One start (2)
+    is within 20 % for every team."""
+    times = [converged(n, p, seed) for seed in range(20)]
+    assert min(times) <= TIMES[n, p] <= max(times)
+    assert np.median(times) == pytest.approx(TIMES[n, p], rel=0.4 if n == 5 else 0.2)
+    assert times[2] == pytest.approx(TIMES[n, p], rel=0.2)
+
+
+@pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
+def test_an_unstable_spread_is_left_for_another(n, p):
+    theta = spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
+    for _ in range(1500):
+        theta = stepped(theta, 0.05, 0.5, DT)
+    assert disagreement(theta, p) > 0.5
+    assert cos(2.0 * pi * winding(theta) / n) < 0.0
+
+
+@pytest.mark.parametrize(("curve", "n", "p", "alpha", "sensing", "least", "tightest"), [
+    (NINE, 9, 5, 4, .674, .186, .047), (FIVE, 5, 2, 1, 1.247, .754, .135),
+    (Lissajous(1.8, 0.8, 3, 2), 5, 2, 1, 1.158, .455, .038)])
+def test_the_published_curves(curve, n, p, alpha, sensing, least, tightest):
+    team = Formation(curve, n, p, alpha)
+    found = team.sensing_radius, team.distances().least, curve.tightest
+    assert found == pytest.approx((sensing, least, tightest), abs=6e-4)
+    assert team.distances().chord <= 2.0 * team.sensing_radius + 1e-9
+
+
+def test_the_robots_lie_on_one_ellipse_that_falls_together_twice():
+    team, phi = Formation(NINE, 9, 5, 4), 2.0 * pi / 9 * np.arange(9)
+    for X in (0.0, 0.3, pi / 18):
+        at = NINE.at(np.sort(np.remainder(team.slots(X), 2.0 * pi)))
+        on = np.stack([0.8 * np.cos(phi + 5 * X), -1.8 * np.sin(phi + 5 * X - 9 * X)], axis=-1)
+        assert np.abs(np.min(np.linalg.norm(at[:, None] - on, axis=-1), axis=1)).max() < 1e-9
+    flat = NINE.at(team.slots(pi / 18))
+    assert np.abs(flat[:, 0] / 0.8 - flat[:, 1] / 1.8).max() < 1e-9
+
+
+@pytest.mark.parametrize(("make", "match", "remedy"), [
+    (lambda: Lissajous(0.8, 1.8, 2, 1), "goes over itself twice", "Lissajous(0.8, 1.8, 3, 1)"),
+    (lambda: Lissajous(0.0, 1.8, 3, 2), "without an area", ""),
+    (lambda: Formation(NINE, 8, 3), "9 robots", "a + b = 8"),
+    (lambda: Formation(NINE, 9, 2), "do not stay 2 windings", "Formation(curve, 9, 4)"),
+    (lambda: Formation(NINE, 9, 3), "at one place", "p one of 4, 5"),
+])
+def test_what_is_no_team_is_refused_with_what_to_type(make, match, remedy):
+    with pytest.raises(UsageError, match=match) as refused:
+        make()
+    assert remedy in str(refused.value)
+
+
+def test_place_and_phase_of_a_course_are_each_others_inverse():
+    """At its crossings too, where the heading tells the branch."""
+    course = Course(Lissajous(3.3, 0.9, 1, 2))
+    assert course.path.length == pytest.approx(course.curve.length, rel=1e-5)
+    for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
+        p = course.spot(float(X))
+        assert (p.x, p.y) == pytest.approx(course.curve.at(np.array(X)), abs=2e-4)
+        assert course.find(p.x, p.y, p.heading + 0.2) == pytest.approx(X, abs=2e-4)
+    assert course.parameter(course.path.length + course.arc(1.0)) == pytest.approx(2 * pi + 1.0)
+
+
+# -- the bound of detection ------------------------------------------------------------
+
+TEAM = Formation(Lissajous(1000.0, 1000.0, 13, 12), 25, 11, 7)
+"""Whose sensors see 26 to 38 % of the area at a time: a target has room to hide in."""
+RATE = 0.01
+
+
+def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
+    """How many of n random targets are not seen within the bound, and the longest time over the
+    bound of those that are.
+
+    A target is as fast as it likes, cannot pass through what is seen, and knows where the robots
+    will be next: it goes where it will still be free, mostly to the larger part of that.
+    """
+    t, rng = np.linspace(0.0, team.bound(RATE), steps), np.random.default_rng(5)
+    edge = np.linspace(-1.0, 1.0, cells)
+    spots = np.stack(np.meshgrid(team.curve.A * edge, team.curve.B * edge), axis=-1)
+    spots, times = spots.reshape(-1, 2), []
+    for _ in range(n // each):
+        robots = team.curve.at(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
+        free = [~seen(one, spots, team.sensing_radius) for one in robots]
+        parts = [label(one.reshape(cells, cells), np.ones((3, 3)))[0].ravel() for one in free]
+        for at in rng.choice(np.flatnonzero(free[0]), each):
+            times.append(_seen_at(int(at), parts, rng) / (steps - 1))
+    return int(np.sum(np.isinf(times))), max((x for x in times if x < np.inf), default=0.0)
+
+
+def _seen_at(at, parts, rng):
+    """The step at which nowhere is left to go to; inf: never. parts: number of the connected part
+    of each place that is free, 0 where it is seen, at each step."""
+    for k, (here, then) in enumerate(pairwise(parts)):
+        open_ = np.flatnonzero((here == here[at]) & (then > 0))
+        if not len(open_):
+            return k + 1
+        size = np.bincount(then)[then[open_]]
+        best = open_[size == size.max()]
+        at = int(rng.choice(best if rng.random() < 0.8 else open_))
+    return np.inf
+
+
+def beside(team, seed=3):
+    """The same robots, not spread: the start of a team that does not know its phases yet."""
+    off = np.random.default_rng(seed).uniform(-3.0, 3.0, team.n)
+    return lambda X: np.asarray(X)[:, None] + team.alpha * off
+
+
+@pytest.mark.more
+def test_every_target_is_seen_within_the_bound():
+    escaped, longest = escapes(TEAM, TEAM.slots)
+    assert escaped == 0
+    assert 0.2 < longest < 1.0
+
+
+@pytest.mark.more
+def test_without_the_formation_targets_escape():
+    """The control. (Of a team with one robot missing these targets are too clumsy to escape; the
+    exact test below shows that a cleverer one does.)"""
+    assert escapes(TEAM, beside(TEAM), n=50)[0] > 0
+
+
+def test_ten_targets_are_seen_and_without_the_formation_they_are_not():
+    assert escapes(TEAM, TEAM.slots, n=10, each=5, steps=80, cells=41)[0] == 0
+    assert escapes(TEAM, beside(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.35, 0.7])
+@pytest.mark.few("0.0")
+def test_not_even_one_that_is_as_fast_as_it_likes(begin):
+    """The bound holds, for whatever a target does: nowhere is left where it could be."""
+    bound = TEAM.bound(RATE)
+    t = np.linspace(0.0, bound, 100)
+    robots = TEAM.curve.at(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))
+    assert cleared(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
+
+
+@pytest.mark.parametrize("wrong", ["one missing", "not spread", "sees less"])
+@pytest.mark.few("one missing")
+def test_without_the_formation_there_is_no_bound(wrong):
+    """The controls: one robot missing, an un-synchronised start, 0.9 of the sensing radius."""
+    bound, radius = TEAM.bound(RATE), TEAM.sensing_radius
+    t = np.linspace(0.0, bound, 80)
+    X = beside(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
+    if wrong == "one missing":
+        X = X[:, 1:]
+    radius *= 0.9 if wrong == "sees less" else 1.0
+    assert cleared(TEAM.curve, t, TEAM.curve.at(X), radius, 61) == np.inf
+
+
+def test_how_much_is_seen():
+    """Of one robot in the middle that sees a quarter of the side: pi / 16 of a square."""
+    now, ever = coverage(Lissajous(1.0, 1.0, 1, 2), np.zeros((1, 1, 2)), 0.5, cells=200)
+    assert now[0] == ever == pytest.approx(pi / 16.0, rel=0.01)
+    robots = TEAM.curve.at(TEAM.slots(np.linspace(0.0, 2.0 * pi / 25, 20)))
+    now, ever = coverage(TEAM.curve, robots, TEAM.sensing_radius)
+    assert 0.2 < now.min() < now.max() < 0.5
+    assert ever > 0.99
+    t = np.linspace(0.0, 1.0, 5)
+    assert first_seen(t, robots[:5], robots[:5, 3] + 1.0, 2.0) == 0.0
+    assert first_seen(t, robots[:5], robots[:5, 3] + 1e4, 2.0) == np.inf

@@ -1,0 +1,85 @@
+"""A team of emulated cars in a room that loses messages: spread, apart, and safe when one of them
+falls silent, by the pulses at their ESCs."""
+
+from __future__ import annotations
+
+import pytest
+from tests.control.monitoring_figures import OMEGA, TEAM, driven
+
+from dart_hal.control.monitoring.monitor import Mode
+from dart_hal.sim.truth import world_of
+
+NEUTRAL, NEAR = 1.5e-3, 5e-6
+"""s, s."""
+DIES, LASTS = 5.0, 18.0
+SAFE = 4.5
+"""s after which nobody drives on: 3 s of the plan that was told last, and a stop."""
+
+
+class Death:
+    """The first car's program hangs; every pulse at the ESCs of the others."""
+
+    def __init__(self) -> None:
+        self.pulses = [[], []]
+        self.worlds = []
+
+    def __call__(self, fleet, team) -> None:
+        if not self.worlds:
+            self.worlds = [world_of(car._engine.backend) for car in fleet.cars[1:]]
+            for world, seen in zip(self.worlds, self.pulses, strict=True):
+                world.watchers.append(lambda channel, pulse, seen=seen:
+                                      seen.append(pulse) if channel == 1 else None)
+        if fleet.cars[0].now > DIES and team[0].mode is not Mode.ENDED:
+            team[0].follower.stop("it hangs")
+            fleet.members[0].close()
+
+    def forward(self, since) -> float:
+        """s of the last pulse that drives a car on, after ``since`` s of its world."""
+        return max((fall - since for seen in self.pulses for rise, fall in seen
+                    if fall > since and fall - rise > NEUTRAL + NEAR), default=0.0)
+
+
+@pytest.mark.more
+def test_three_cars_spread_while_messages_are_lost():
+    drive = driven(1, "kinematic", 0.3, 8.0)
+    assert drive.contacts == 0
+    assert drive.least > TEAM.distances().least - 1.0
+    assert drive.settled < 0.25
+    assert drive.modes[Mode.YIELDING] < 0.01 * drive.modes.total()
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("plant", "loss"), [("paper", 0.5), ("named", 0.3)])
+def test_they_keep_their_places(plant, loss):
+    drive = driven(4, plant, loss, 20.0)
+    assert drive.contacts == 0
+    assert drive.settled < 0.05
+    assert drive.error().max() < 0.15
+    assert all(robot.rate == pytest.approx(OMEGA, rel=0.05) for robot in drive.team)
+
+
+@pytest.mark.more
+def test_when_one_falls_silent_the_others_stand_and_touch_nobody():
+    death = Death()
+    drive = driven(1, "paper", 0.3, LASTS, each=death)
+    assert drive.contacts == 0
+    assert {str(robot.mode) for robot in drive.team[1:]} == {"ALONE"}
+    assert 0.5 < death.forward(DIES) < SAFE
+
+
+@pytest.mark.more
+def test_without_the_guard_they_drive_into_it():
+    """The control: the same drive."""
+    death = Death()
+    drive = driven(1, "paper", 0.3, LASTS + 6.0, each=death, guard=False)
+    assert drive.contacts > 0
+    assert death.forward(DIES) > SAFE
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+def test_on_the_firmware():
+    drive = driven(1, "paper", 0.3, 20.0, nano="avr")
+    assert drive.contacts == 0
+    assert drive.settled < 0.05
+    assert drive.error().max() < 0.15
