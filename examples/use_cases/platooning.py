@@ -102,14 +102,15 @@ def drive(urls, path, *, poses, lasts=LASTS, loss=LOSS, brakes=BRAKES, lies=None
     drive, lies = Drive(), lies or {}
     with Fleet.open(urls, poses=poses, room=f"local://platoon?loss={loss}&seed=1", record=record,
                     cars=cars) as fleet:
-        fleet.arm(waive=waive)
-        begun = [car.now for car in fleet.cars]
+        begun = []
 
         def lead(t, speed):
             return gains.u_min if t - begun[0] >= brakes else leader(gains, speed)
 
         drive.cars = [PlatoonCar(path, plant_of(car.files), make() if n else None, gains=gains,
                                  drives=None if n else lead) for n, car in enumerate(fleet.cars)]
+        fleet.arm(waive=waive)
+        begun += [car.now for car in fleet.cars]
         for tick, states in enumerate(fleet.states(duration=lasts)):
             for n, (car, state, one) in enumerate(zip(fleet.cars, states, drive.cars,
                                                       strict=True)):

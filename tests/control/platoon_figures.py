@@ -3,7 +3,8 @@
     python -m tests.control.platoon_figures published            the published law, its own steps
     python -m tests.control.platoon_figures strings              peaks along the string
     python -m tests.control.platoon_figures rule --scenarios 150          without noise; 6 CPU min
-    python -m tests.control.platoon_figures noise --scenarios 2000        noise and loss; 8 CPU min
+    python -m tests.control.platoon_figures noise --scenarios 2000       noise and loss; 9 CPU min
+    python -m tests.control.platoon_figures speeds               told speeds that are lies
     python -m tests.control.platoon_figures cars --seeds 20 [--first 1]   emulated; 25 CPU s a seed
 
 ``rule``, ``noise``: random attacks, brakes and leaders, 5 followers, 50 s; the smallest gap.
@@ -17,7 +18,7 @@ from dataclasses import replace
 from math import inf, pi, sin
 
 import numpy as np
-from tests.control.platoon_loop import Line, drive, published, random_scenario
+from tests.control.platoon_loop import Line, Scenario, drive, published, random_scenario
 
 from dart_hal.control.platoon.follower import Follower
 from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, Gains
@@ -103,7 +104,7 @@ def rule(count: int) -> None:
 
 def noise(count: int) -> None:
     margins = Margins(e_g=0.05, e_v=0.03, m=0.02)
-    for dt, delay in STEPS[1:]:
+    for dt, delay in (STEPS[1], STEPS[3]):
         for name, gains, how in (("published, rule", DART, RULE), ("published", DART, BARE),
                                  ("stable, rule, detector", STABLE, {})):
             gaps = gaps_of(count, gains, dt, delay, margins, NOISY, **how)
@@ -111,10 +112,36 @@ def noise(count: int) -> None:
                   f"contacts {(gaps <= 0.0).sum()} of {count}", flush=True)
 
 
+def speeds() -> None:
+    """The second car tells a speed that is off from 10 s on; the leader brakes at 10, 10.6, 20 s."""
+    margins, line = Margins(e_g=0.05, e_v=0.05, m=0.03), replace(NOISY, loss=0.3)
+    for detects in (False, True):
+        for off in (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, -0.3):
+            runs = [drive(Scenario(brakes=(brakes, inf),
+                                   speeds={1: lambda t, off=off: off if t > 10.0 else 0.0}),
+                          lambda detects=detects: Follower(STABLE, 0.05, 0.1, margins,
+                                                           detects=detects),
+                          3, 30.0, dt=0.05, delay=0.1, line=line, rng=np.random.default_rng(seed))
+                    for seed in range(3) for brakes in (10.0, 10.6, 20.0)]
+            least = [gaps.min() for gaps, _ in runs]
+            found = sum([f.doubted for f in who] == [False, True, False] for _, who in runs)
+            print(f"{'looked for' if detects else 'believed'}: told {off:+g} m/s: least gap "
+                  f"{min(least):+.3f} m, contacts {sum(x <= 0 for x in least)}, found {found} of 9")
+    called = 0
+    for seed in range(25):
+        rng = np.random.default_rng([seed, 3])
+        honest = random_scenario(rng, STABLE, 5, 50.0)
+        lossy = replace(NOISY, loss=rng.uniform(0.0, 0.5))
+        called += sum(f.doubted for f in drive(honest, lambda: Follower(STABLE, 0.05, 0.1, margins),
+                                               5, 50.0, dt=0.05, delay=0.1, line=lossy, rng=rng)[1])
+    print(f"{called} of 125 followers of true speeds called a liar")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("published", "strings", "rule", "noise", "cars"))
+    parser.add_argument("what", choices=("published", "strings", "rule", "noise", "speeds",
+                                         "cars"))
     parser.add_argument("--scenarios", type=int, default=150)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1)
@@ -126,7 +153,7 @@ def main() -> None:
     elif given.what in ("rule", "noise"):
         {"rule": rule, "noise": noise}[given.what](given.scenarios)
     else:
-        {"published": as_published, "strings": strings}[given.what]()
+        {"published": as_published, "strings": strings, "speeds": speeds}[given.what]()
 
 
 if __name__ == "__main__":

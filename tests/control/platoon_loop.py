@@ -22,12 +22,14 @@ Law = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Scenario:
-    """What the leader does (None: holds the speed), when it brakes fully [s], and what is told in
-    place of the truth about the acceleration of each car, by its number (0: the leader)."""
+    """What the leader does (None: holds the speed), when it brakes fully [s], what is told in place
+    of the truth about the acceleration of each car, by its number (0: the leader), and what is
+    added to the told speed."""
 
     drive: Law | None = None
     brakes: tuple[float, float] = (inf, inf)
     attacks: dict[int, Law] = field(default_factory=dict)
+    speeds: dict[int, Law] = field(default_factory=dict)
 
 
 def random_scenario(rng: np.random.Generator, gains: Gains, cars: int, lasts: float) -> Scenario:
@@ -92,7 +94,9 @@ def drive(scenario: Scenario, make: Callable[[], Follower], n: int, lasts: float
             if rng.random() >= line.loss:
                 attack = scenario.attacks.get(i - 1)
                 told = attack(t) if attack is not None else done[i - 1]
-                one.hearing.take(Told(t, v[i - 1] + line.wrong * rng.uniform(-1, 1), told), t)
+                said = v[i - 1] + line.wrong * rng.uniform(-1, 1)
+                said += scenario.speeds[i - 1](t) if i - 1 in scenario.speeds else 0.0
+                one.hearing.take(Told(t, said, told), t)
             gap = None
             if not line.rate or int((t + 0.02 * i) * line.rate) > int((t + 0.02 * i - dt)
                                                                       * line.rate):

@@ -195,6 +195,20 @@ def test_a_lie_is_found_and_no_wave_is_taken_for_one():
     assert attacked.why == "it does not drive what it tells"
 
 
+def test_a_told_speed_that_the_lidar_does_not_see_is_not_believed():
+    def drives(added, detects=True):
+        scenario = Scenario(brakes=(12.0, inf), speeds={1: lambda t: added if t > 10.0 else 0.0})
+        return drive(scenario, lambda: Follower(STABLE, 0.05, 0.1, CAREFUL, detects=detects), 3,
+                     16.0, dt=0.05, delay=0.1, line=replace(NOISY, loss=0.3))
+
+    gaps, followers = drives(0.3)
+    assert gaps.min() > 0.0
+    assert [f.doubted for f in followers] == [False, True, False]
+    assert followers[1].why == "it is not where its speed leads"
+    assert drives(0.3, detects=False)[0].min() < 0.0, "control"
+    assert not any(f.doubted for f in drives(0.0)[1]), "control"
+
+
 def test_the_detector_needs_more_than_five_samples_in_a_row():
     detector = Detector(0.1)
     found = [detector.look(1.0, 1.0, 0.0, 1.0) for _ in range(20)]

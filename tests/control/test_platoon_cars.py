@@ -7,10 +7,12 @@ import pytest
 from tests.control import platoon_cars as cars
 from tests.control.platoon_cars import example, gaps, lateral
 
+from dart_hal.car import Fleet
 from dart_hal.control.paths import Path
 from dart_hal.control.platoon.car import PlatoonCar
 from dart_hal.control.platoon.spacing import NOSE, TAIL, heard, seen
 from dart_hal.control.tracks import track_named
+from dart_hal.errors import UsageError
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}
@@ -45,6 +47,16 @@ def test_two_stray_points_are_no_car():
     points = np.vstack(([[4.4, 0.0], [4.42, 0.05]], tail(path, 5.0)))
     gap = seen(points, np.ones(len(points)), path, np.full(len(points), 4.0))
     assert gap.metres == pytest.approx(5.0 - TAIL - 4.0 - NOSE, abs=0.002)
+
+
+def test_a_fleet_takes_the_lidar_of_each_car_as_its_source_of_poses(tmp_path):
+    chart = example.corridor(tmp_path, 8.0)
+    with Fleet.open(example.urls_of(chart, ["3,0,0"], [0]), poses=[f"lidar:{chart}?start=3,0,0"]
+                    ) as fleet:
+        *_, (last,) = fleet.states(duration=0.6)
+    assert last.external.estimate.pose.x == pytest.approx(3.0, abs=0.03)
+    with pytest.raises(UsageError, match="not a source"):
+        Fleet.open(["sim://?nano=mock"], poses=["lidars:map.yaml"])
 
 
 def driving(truth, n, since, until=np.inf):

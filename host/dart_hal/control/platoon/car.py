@@ -62,6 +62,7 @@ class PlatoonCar:
             gains = Follower().gains if follower is None else follower.gains
         self.gains = gains
         self.tracker = TRACKERS[tracker](path, plant)
+        self._tables = plant.gains  # made here, not while the car drives
         self.tracker.pace = lambda s: max(self._wanted, CRAWL)
         self.u = 0.0
         self.seen: Gap | None = None
