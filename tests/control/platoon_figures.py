@@ -113,7 +113,7 @@ def noise(count: int) -> None:
 
 
 def speeds() -> None:
-    """The second car tells a speed that is off from 10 s on; the leader brakes at 10, 10.6, 20 s."""
+    """The second car tells a wrong speed from 10 s on; the leader brakes at 10, 10.6, 20 s."""
     margins, line = Margins(e_g=0.05, e_v=0.05, m=0.03), replace(NOISY, loss=0.3)
     for detects in (False, True):
         for off in (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, -0.3):
