@@ -33,7 +33,7 @@ CARS, APART, LOSS = 5, 0.8, 0.3  # -; m from rear axle to rear axle at the start
 LONG, WIDE, CELL = 26.0, 2.4, 0.05  # m of the corridor, of its map
 LIES, BRAKES, LASTS = 5.0, 13.0, 16.0  # s from the start
 LIE = 1000.0  # m/s2 that the second car tells
-CAREFUL = Margins(b_s=0.9, b_p=1.2, e_g=0.05, e_v=0.05, m=0.03)
+CAREFUL = Margins(b_s=0.9, b_p=1.4, e_g=0.05, e_v=0.05, m=0.03)  # at neutral a car loses 1.2 m/s2
 EVERY = 5  # States from one plan that is told to the next
 WAIVED = ("CALIBRATION_MISSING",)  # of emulated cars as they come
 
@@ -46,6 +46,11 @@ class Drive:
     rows: list = field(default_factory=list)
     cars: list = field(default_factory=list)
     contacts: tuple = ()
+
+    @property
+    def touching(self):
+        """Pairs of cars."""
+        return {frozenset(contact.cars) for contact in self.contacts}
 
     def of(self, car):
         """Columns of one car."""
@@ -174,8 +179,9 @@ def draw(drives, file):
             panel.plot(t, gap, color=colours[n], lw=1.2, label=f"car {n + 1} behind car {n}")
             panel.plot(t[acc], gap[acc], ".", color=colours[n], ms=4)
         panel.axhline(0.0, color="k", lw=0.8)
-        panel.set_title(f"{name}; {len(one.contacts)} cars touched", loc="left", fontsize=9)
+        panel.set_title(f"{name}; {len(one.touching)} pairs of cars touch", loc="left", fontsize=9)
         panel.set_ylabel("net gap [m]")
+        panel.set_ylim(-0.1, 1.0)
         panel.legend(fontsize=7, ncols=4, loc="upper left")
     for n in range(CARS):
         t, _, _, _, speed, _, _, _, _ = next(iter(drives.values())).of(n)
@@ -186,7 +192,6 @@ def draw(drives, file):
         panel.grid(alpha=0.3)
         for when in (LIES, BRAKES):
             panel.axvline(when, color="0.5", lw=0.8, ls="--")
-    panels[0].set_ylim(-0.1, 1.0)
     figure.savefig(file, dpi=100)
     plt.close(figure)
 
@@ -200,11 +205,11 @@ def animate(drives, file, fps=10):
     from matplotlib import pyplot as plt
     from matplotlib.patches import Rectangle
 
-    figure, panels = plt.subplots(len(drives), 1, figsize=(8, 2.6), layout="constrained")
+    figure, panels = plt.subplots(len(drives), 1, figsize=(8, 2.4), layout="constrained")
     ways = {name: [one.of(n) for n in range(CARS)] for name, one in drives.items()}
     bodies = []
     for panel, name in zip(panels, ways, strict=True):
-        panel.set(ylim=(-0.6, 0.6), yticks=[], aspect="equal")
+        panel.set(ylim=(-0.4, 0.4), yticks=[], aspect="equal")
         panel.set_title(name, loc="left", fontsize=8)
         bodies.append([panel.add_patch(Rectangle((0, 0), 0.3, 0.19, color="#0072b2"))
                        for _ in range(CARS)])
@@ -220,6 +225,7 @@ def animate(drives, file, fps=10):
                 body.set_color(shade[way[8][row]])
         return [body for boxes in bodies for body in boxes]
 
+    panels[-1].set_xlabel("along the corridor [m]", fontsize=8)
     frames = int(min(len(way[0][0]) for way in ways.values()) * fps / 100)
     animation.FuncAnimation(figure, frame, frames).save(file, writer=animation.PillowWriter(fps),
                                                         dpi=70)
@@ -234,7 +240,7 @@ def main(picture=None, film=None):
                                   ("as published, alpha 0.95", published, DART)):
             drives[name] = one = straight(folder, make=make, gains=gains, lies={1: lie})
             least = min(np.nanmin(one.of(n - 1)[2] - one.of(n)[2]) - 0.3 for n in range(1, CARS))
-            print(f"{name}: {len(one.contacts)} contacts, least net gap {100 * least:.0f} cm by "
+            print(f"{name}: {len(one.touching)} pairs touch, least net gap {100 * least:.0f} cm by "
                   f"the cars' own poses; lateral rms "
                   f"{100 * np.sqrt(np.mean([row[7] ** 2 for row in one.rows])):.1f} cm", flush=True)
             for n, car in enumerate(one.cars[1:], 2):

@@ -79,6 +79,28 @@ def test_a_liar_ends_in_no_contact_and_as_published_in_one():
     assert driving(true, 2, 6.0), "it drives on, 8 cm behind the car ahead"
 
 
+def changed(monkeypatch, number, since, act):
+    """Let car ``number`` do otherwise from ``since`` s of its drive on: act(answer, motion, scans,
+    ahead), with the answer of every other car. The cars as they are made."""
+    made, begun = [], []
+
+    class Otherwise(PlatoonCar):
+        def answer(self, motion, scans=(), ahead=None):
+            if self is not made[number]:
+                return super().answer(motion, scans, ahead)
+            begun.append(motion.t)
+            if motion.t - begun[0] < since:
+                return super().answer(motion, scans, ahead)
+            return act(super().answer, motion, scans, ahead)
+
+    def make(*given, **how):
+        made.append(Otherwise(*given, **how))
+        return made[-1]
+
+    monkeypatch.setattr(example, "PlatoonCar", make)
+    return made
+
+
 @pytest.mark.more
 def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
     drive, truth = cars.straight(2, silent=(1,), **SHORT)
@@ -93,22 +115,21 @@ def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
 
 
 @pytest.mark.more
+def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
+    """It slows down harder than the platoon brakes, and tells another acceleration."""
+    changed(monkeypatch, 0, 4.0, lambda answer, *seen: answer(*seen)._replace(speed=0.0))
+    drive, truth = cars.straight(5, **{**SHORT, "brakes": 99.0})
+    speed = np.array(truth.speed)[:, 0]
+    assert speed[380] > 0.9
+    assert speed[380] - speed[460] > 0.5, "control: in 0.6 s"
+    assert not driving(truth, 0, 4.2)
+    assert not drive.contacts
+    assert gaps(truth).min() > 0.1
+
+
+@pytest.mark.more
 def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypatch):
-    since = []
-
-    class Blind(PlatoonCar):
-        """The second car sees and hears nothing from 4 s on."""
-
-        def answer(self, motion, scans=(), ahead=None):
-            if len(made) > 1 and self is made[1]:
-                since.append(motion.t)
-                if motion.t - since[0] > 4.0:
-                    scans, ahead = (), None
-            return super().answer(motion, scans, ahead)
-
-    made = []
-    monkeypatch.setattr(example, "PlatoonCar", lambda *a, **how: made.append(Blind(*a, **how))
-                        or made[-1])
+    made = changed(monkeypatch, 1, 4.0, lambda answer, motion, *seen: answer(motion))
     drive, truth = cars.straight(3, **{**SHORT, "brakes": 99.0})
     assert made[1].mode == "STOP"
     assert made[1].why == "no gap is known for 0.5 s"
