@@ -71,11 +71,12 @@ def strings() -> None:
 def gaps_of(count: int, gains: Gains, dt: float, delay: float, margins: Margins, line: Line | None,
             **how: bool) -> np.ndarray:
     """Smallest gap [m] of each scenario."""
-    out, trust = [], 1.0 if line is None else 0.5
+    line = line or Line()
+    out, trust = [], 0.5 if line.noise else 1.0
     for seed in range(count):
         rng = np.random.default_rng([seed, 3])
         scenario = random_scenario(rng, gains, 5, 50.0)
-        lossy = replace(line, loss=rng.uniform(0.0, 0.5)) if line is not None else None
+        lossy = replace(line, loss=rng.uniform(0.0, 0.5)) if line.noise else line
         out.append(drive(scenario, lambda: Follower(gains, dt, delay, margins, trust=trust, **how),
                          5, 50.0, dt=dt, delay=delay, line=lossy, rng=rng)[0].min())
     return np.array(out)

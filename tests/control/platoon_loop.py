@@ -66,8 +66,8 @@ def _attack(rng: np.random.Generator, gains: Gains, since: float) -> Law:
 @dataclass(frozen=True)
 class Line:
     """What lies between the cars. noise [m] of a gap, each 1/rate s (0: each step, exact); wrong
-    [m/s]: of a told speed; loss: share of messages; brake: each car's true brake as a share of the
-    u_min that is asked for, drawn between these."""
+    [m/s]: of a told speed; loss: share of messages; brake: each car's
+    hardest as a share of u_min, drawn between these."""
 
     noise: float = 0.0
     rate: float = 0.0
@@ -107,7 +107,7 @@ def drive(scenario: Scenario, make: Callable[[], Follower], n: int, lasts: float
         queue.append(list(u))
         acts = queue.pop(0)
         for i in range(n + 1):
-            a = acts[i] if acts[i] > 0.0 else acts[i] * brake[i]
+            a = max(acts[i], gains.u_min * brake[i])
             way, after = moves(v[i], a, dt, gains.v_max)
             p[i], v[i], done[i] = p[i] + way, after, (after - v[i]) / dt
         gaps[k] = -np.diff(p)

@@ -73,7 +73,7 @@ class Follower:
         self.doubted = False
         self._rule, self._compensated, self._detects = rule, compensated, detects
         self._trust = trust
-        self._underway = Underway(delay, dt, gains.v_max)
+        self._underway = Underway(delay, dt, gains.v_max, self.margins.b_s)
         self._forward = 0.0
         self._speed: float | None = None
         self._seen = -inf

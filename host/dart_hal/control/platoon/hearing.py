@@ -13,7 +13,7 @@ EARLY = 0.05
 """s that two clocks may differ."""
 SAME = 0.002
 """s; told each 0.05 s, a time is computed anew with each look, by clocks that are still learnt."""
-FASTEST, HARDEST = 10.0, 1e6
+FASTEST, HARDEST = 100.0, 1e6
 """m/s, m/s2; the limit of the feed-forward deals with what no car does. No speed is believed."""
 
 

@@ -35,10 +35,11 @@ class Margins:
 
 
 class Underway:
-    """Commands that were sent and do not act yet: ``delay`` s, in steps of ``dt`` s."""
+    """Commands that were sent and do not act yet: ``delay`` s, in steps of ``dt`` s. brake [m/s2]:
+    the car's at least, whatever was sent."""
 
-    def __init__(self, delay: float, dt: float, v_max: float = inf) -> None:
-        self._dt, self._v_max = dt, v_max
+    def __init__(self, delay: float, dt: float, v_max: float = inf, brake: float = inf) -> None:
+        self._dt, self._v_max, self._brake = dt, v_max, brake
         n = ceil(delay / dt - 1e-9)
         self._sent: deque[float] = deque([0.0] * n, maxlen=n)
         self.delay = n * dt
@@ -51,7 +52,7 @@ class Underway:
         """Way [m] and speed [m/s] when the last of them has acted."""
         way = 0.0
         for u in self._sent:
-            moved, speed = moves(speed, u, self._dt, self._v_max)
+            moved, speed = moves(speed, max(u, -self._brake), self._dt, self._v_max)
             way += moved
         return way, speed
 
