@@ -16,7 +16,6 @@ from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, keep_old
 from dart_hal.errors import UsageError
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.localisation.source import open_source
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
 from dart_hal.recording.run_file import RunFile
@@ -183,14 +182,16 @@ def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Seque
 
 
 def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
-             ) -> list[PoseSource | None]:
-    """Open what is a URL; closed with the stack, as are the cars'. Raises as ``open_poses``."""
-    own = {one: one.startswith("lidar:") for one in given if isinstance(one, str)}
-    opened = iter(open_fleet_poses([one for one in given if isinstance(one, str) and not own[one]]))
-    sources = [(open_source(one) if own[one] else next(opened)) if isinstance(one, str) else one
-               for one in given]
+             ) -> list[str | PoseSource | None]:
+    """Open what is a URL of many; closed with the stack, as are the cars'. A car's own lidar is
+    its car's to open. Raises as ``open_poses``."""
+    shared = [isinstance(one, str) and not one.startswith("lidar:") for one in given]
+    opened = iter(open_fleet_poses([str(one) for one, of_many in zip(given, shared, strict=True)
+                                    if of_many]))
+    sources: list[str | PoseSource | None] = [next(opened) if of_many else one
+                                              for one, of_many in zip(given, shared, strict=True)]
     for source in sources:
-        if source is not None:
+        if source is not None and not isinstance(source, str):
             stack.callback(source.close)
     return sources
 
