@@ -182,3 +182,19 @@ def test_what_is_not_stated_is_hidden_in_the_seed():
     assert lidar_of("0", 1) is None
     assert lidar_of("1", 7) == hidden_lidar(7) != hidden_lidar(8)
     assert lidar_of("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
+
+
+def between(params):
+    """Beams that end in front of a wall and behind the board before it, where nothing is."""
+    board = np.array(((0.0, 1.0, 1.0, 1.0),))
+    room = Room("board", np.vstack((HALL.lines, board)), HALL.glass, (0.5, 0.0, 0.0))
+    ends = np.vstack([scan.points(in_room(standing, room)) for scan in scans(room=room,
+                                                                            params=params)])
+    inside = (ends[:, 1] > 1.1) & (ends[:, 1] < 4.9) & (ends[:, 0] > -0.9) & (ends[:, 0] < 6.9)
+    return int(inside.sum())
+
+
+def test_a_beam_that_an_edge_parts_ends_where_nothing_is():
+    """The control has no width."""
+    assert between(replace(EXACT, spot=0.01)) > 3
+    assert between(EXACT) == 0

@@ -2,9 +2,9 @@
 
 ``room``: 6 x 5 m with inner walls and boxes, drawn from the seed; ``corridor``: a ring of
 14 x 10 m, 2 m wide, with cabinets along its walls; ``track``: boards left and right of the
-racetrack; ``lane``, ``lane-curve``, ``lane-s``: lanes in a hall; or the YAML file of a map as
-ROS's map_server keeps it. Only ``dart_hal.sim.truth`` tells the room of a car: who localises or
-maps has to look.
+racetrack; ``hall``: 6.5 m square about the same, with boxes and glass; ``lane``, ``lane-curve``,
+``lane-s``: lanes in a hall; or the YAML file of a map as ROS's map_server keeps it. Only
+``dart_hal.sim.truth`` tells the room of a car: who localises or maps has to look.
 """
 
 from __future__ import annotations
@@ -106,6 +106,27 @@ def _track(rng: np.random.Generator) -> Room:
                 (float(path.x[0]), float(path.y[0]), float(path.heading[0])))
 
 
+def _hall(rng: np.random.Generator) -> Room:
+    """A metre around the racetrack, no board beside it: a wall, a metre of glass, seven boxes."""
+    path = track_named("racetrack_vicon_2")
+    low, high = -1.0, 5.5
+    pane = rng.uniform(0.5, 3.0)
+    corners = np.array(((high, pane + 1.0), (high, high), (low, high), (low, low), (high, low),
+                        (high, pane)))
+    glass = np.array(((high, pane, high, pane + 1.0),))
+    at = rng.uniform(0.5, 3.5)
+    lines = np.vstack((polyline(corners), (at, high, at, high - rng.uniform(0.3, 0.5))))
+    boxes = 0
+    while boxes < 7:
+        x, y, turn = rng.uniform((low, low, 0.0), (high, high, math.pi))
+        size = rng.uniform(0.15, 0.4, 2)
+        free = np.hypot(path.x - x, path.y - y).min() - 0.5 * np.hypot(*size)
+        if free > BOARD and clearance(np.vstack((lines, glass)), x, y) > 0.3:
+            lines, boxes = np.vstack((lines, box(x, y, turn, *size))), boxes + 1
+    return Room("hall", lines, glass,
+                (float(path.x[0]), float(path.y[0]), float(path.heading[0])))
+
+
 def _lane(name: str, rng: np.random.Generator) -> Room:
     path = LANES[name]()
     both = boards(path)
@@ -117,7 +138,7 @@ def _lane(name: str, rng: np.random.Generator) -> Room:
 
 
 ROOMS: dict[str, Callable[[np.random.Generator], Room]] = {
-    "room": _room, "corridor": _corridor, "track": _track,
+    "room": _room, "corridor": _corridor, "track": _track, "hall": _hall,
     **{name: partial(_lane, name) for name in LANES}}
 
 

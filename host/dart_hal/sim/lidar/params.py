@@ -25,7 +25,8 @@ class LidarParams:
     [rad]: width of a part of the turn, at 45 deg to the left, from which nothing comes back;
     delay [s]: from a packet's last sample to its first byte, jitter [s]: the most that comes
     on top until the host has it; lost: share of packets of which a byte is damaged; hertz: 1 =
-    it tells its rate, as later firmware does.
+    it tells its rate, as later firmware does; spot [rad]: width of the laser beam, of which one
+    half may lie on a near thing and the other on a far one.
     """
 
     rate: float = 7.9
@@ -45,6 +46,7 @@ class LidarParams:
     jitter: float = 1e-3
     lost: float = 0.0
     hertz: float = 1.0
+    spot: float = 0.0
 
     @property
     def mount(self) -> Mount:
@@ -57,7 +59,7 @@ _RANGE = {"rate": (4.0, 12.0), "ripple": (0.0, 0.2), "skew": (-0.005, 0.005), "n
           "dropout": (0.0, 1.0), "least": (0.0, 10.0), "most": (0.1, 16.0), "scale": (0.9, 1.1),
           "x": (-1.0, 1.0), "y": (-1.0, 1.0), "yaw": (-math.pi, math.pi), "clockwise": (0.0, 1.0),
           "gap": (0.0, math.tau), "delay": (0.0, 0.1), "jitter": (0.0, 0.1), "lost": (0.0, 0.9),
-          "hertz": (0.0, 1.0)}
+          "hertz": (0.0, 1.0), "spot": (0.0, 0.1)}
 
 
 def hidden_lidar(seed: int) -> LidarParams:

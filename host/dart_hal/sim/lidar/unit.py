@@ -23,7 +23,7 @@ import numpy as np
 from dart_hal.errors import DartHalError
 from dart_hal.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
 from dart_hal.lidar.scan import BYTE, Stream
-from dart_hal.localisation.rays import best
+from dart_hal.localisation.rays import FAR, best
 from dart_hal.sim.lidar.maps import Room
 from dart_hal.sim.lidar.params import LidarParams
 from dart_hal.types import FloatArray, IntArray, Scan
@@ -116,14 +116,29 @@ class Unit:
         ahead = true[:, 2] + p.yaw + sense * turned
         laser = axis + sense * 1e-3 * BASE * np.column_stack((-np.sin(ahead), np.cos(ahead)))
         way = ahead - sense * TILT
-        line = np.column_stack((np.cos(way), np.sin(way)))
-        reach = self._reach(t, laser, line)
+        reach, line = self._spotted(t, laser, way), _ahead(way)
         r = np.linalg.norm(laser + reach[:, None] * line - axis, axis=1)
         told = r / p.scale + p.noise * self._noise.normal(size=len(t))
         bearing = np.mod(p.yaw + sense * turned - GAP_AT + pi, tau) - pi
         nothing = (r > p.most) | (r < p.least) | (self._noise.uniform(size=len(t)) < p.dropout)
         nothing |= (np.abs(bearing) < 0.5 * p.gap) | (told <= 0.0)
         return np.where(nothing, 0.0, told)
+
+    def _spotted(self, t: FloatArray, laser: FloatArray, way: FloatArray) -> FloatArray:
+        """Distances [m] along laser lines at angles ``way`` (n,) [rad], by the middle of the spot.
+
+        Where an edge parts a spot the receiver sees the middle of both images, in which a distance
+        r stands at 1 / r: a mixed pixel. What does not come back from a half counts for nothing.
+        """
+        half = 0.5 * self._params.spot
+        if not half:
+            return self._reach(t, laser, _ahead(way))
+        a, b = (self._reach(t, laser, _ahead(way + side)) for side in (-half, half))
+        near, far = np.minimum(np.minimum(a, b), FAR), np.maximum(a, b)
+        far = np.where(far > self._params.most, near, far)
+        share = self._noise.uniform(size=len(t))
+        mixed: FloatArray = 1.0 / (share / near + (1.0 - share) / far)
+        return mixed
 
     def _reach(self, t: FloatArray, laser: FloatArray, line: FloatArray) -> FloatArray:
         """Distances [m] to the first thing on each laser line; ``FAR`` behind glass."""
@@ -145,6 +160,11 @@ class Unit:
         c, s = np.cos(yaw), np.sin(yaw)
         return np.column_stack((x + c * world[:, 0] - s * world[:, 1],
                                 y + s * world[:, 0] + c * world[:, 1], yaw + world[:, 2]))
+
+
+def _ahead(way: FloatArray) -> FloatArray:
+    """Directions (n, 2) of angles (n,) [rad]."""
+    return np.column_stack((np.cos(way), np.sin(way)))
 
 
 class SimLidar:
