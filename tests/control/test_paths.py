@@ -23,6 +23,23 @@ def test_a_circle_has_its_radius_and_closes():
     assert circle.point(circle.length) == circle.point(0.0)
 
 
+def test_a_path_backwards_is_the_same_way():
+    """Closed, and open with a bend and speeds; twice backwards is forwards."""
+    ring = Path([(pi, 1.0), (1.0, 0.0), (pi, 1.0), (1.0, 0.0)], closed=True)
+    back = ring.reversed()
+    assert back.point(0.0) == pytest.approx(ring.point(0.0), abs=1e-9)
+    assert back.point(1.5) == pytest.approx(ring.point(-1.5), abs=1e-9)
+    assert back.curvature.min() == pytest.approx(-1.0)
+    assert np.cos(back.reversed().heading - ring.heading).min() > 1.0 - 1e-12
+    open_ = Path.through([(0, 0), (1, 0), (2, 1)], closed=False, speed=np.array((1.0, 1.0, 2.0)))
+    back = open_.reversed()
+    assert back.point(0.0) == pytest.approx((2.0, 1.0), abs=1e-3)
+    assert back.point(back.length) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert (back.speed[0], back.speed[-1]) == pytest.approx((2.0, 1.0), abs=0.03)
+    offset = back.offset(1.0, 0.3, back.closest(1.0, 0.3, 1.4))
+    assert offset == pytest.approx(-open_.offset(1.0, 0.3, open_.closest(1.0, 0.3, 1.0)), abs=1e-3)
+
+
 def test_a_straight_has_no_radius_and_an_end():
     straight = Path([(2.0, 0.0)], closed=False, start=(1.0, 2.0, pi / 2))
     assert straight.point(99.0)[1] == pytest.approx(4.0, abs=0.03)

@@ -58,6 +58,7 @@ SOURCE = "follow"
               help="of a closed path")
 @click.option("--raceline", "half_width", type=Number(0.0, 1.0), default=None, metavar="M",
               help="cut the bends of a closed path by up to M m to either side")
+@click.option("--reverse", is_flag=True, help="from the path's end to its start")
 @click.option("--here", is_flag=True, help="lay the path so that it begins where the car stands")
 @click.option("--odometry", is_flag=True,
               help="by wheels and gyro alone, from where the car stands; drifts")
@@ -71,8 +72,8 @@ SOURCE = "follow"
 @lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
-            profile: bool, tracker: str, laps: int, half_width: float | None, here: bool,
-            odometry: bool, lane: float, duration: float | None, record: Path | None,
+            profile: bool, tracker: str, laps: int, half_width: float | None, reverse: bool,
+            here: bool, odometry: bool, lane: float, duration: float | None, record: Path | None,
             plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
             as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
@@ -84,7 +85,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("say how fast", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
-    track = path_of(path)
+    track = path_of(path).reversed() if reverse else path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, tracker, rules, half_width)

@@ -111,6 +111,19 @@ class Path:
                    self.heading + turn, self.curvature, self.speed)
         return path
 
+    def reversed(self) -> Path:
+        """The same way from its end to its start, a closed one from where it begins."""
+        back = self.length - self.s
+        spots = np.array([self.at(float(s)) for s in back]).T
+        path = type(self).__new__(type(self))
+        speed = self.speed
+        if speed is not None:
+            known = np.append(speed, speed[0 if self.closed else -1])
+            speed = np.interp(back, np.append(self.s, self.length), known)
+        path._keep(self.length, self.closed, spots[0], spots[1], np.unwrap(spots[2] + pi),
+                   -spots[3], speed)
+        return path
+
     def at(self, s: float) -> Spot:
         """The place at arc length ``s`` [m], of any lap; an open path goes on straight."""
         inside = s if self.closed else min(max(s, 0.0), self.length)
