@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from tests.localisation.figures import _warmed
 from tests.localisation.world import drive, hidden, run
 
-from dart_hal.localisation.health import STALE, Agreement, Judge, Status
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.health import EVERY, STALE, Agreement, Judge, Status, agreement
 from dart_hal.localisation.search import search
+from dart_hal.sim.lidar.maps import box
 
 
 def test_another_room_of_the_same_outline_is_refused():
@@ -24,6 +27,17 @@ def test_another_room_of_the_same_outline_is_refused():
 def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
     agreed = Agreement(0.8, 0.03)
     assert agreed.share > STALE > agreed.proof
+
+
+def test_one_beam_past_an_edge_is_no_way_through_a_wall():
+    """It grazes, or is mixed of both sides; the control is two beside each other."""
+    chart, turn = map_of_lines(box(0.0, 0.0, 0.0, 4.0, 4.0)), np.linspace(0.0, 2.0 * np.pi, 603)
+    for beams, passed in ((1, 0.0), (2, 2.0 / 201.0)):
+        reach = np.full(603, 1.0)
+        reach[:EVERY * beams:EVERY] = 3.0
+        ends = reach[:, None] * np.column_stack((np.cos(turn), np.sin(turn)))
+        found = agreement(chart, np.zeros(4), ends, np.zeros_like(ends), np.zeros_like(ends))
+        assert found.passed == pytest.approx(passed)
 
 
 def test_a_searched_track_in_another_room_is_given_up():

@@ -5,7 +5,8 @@ A pose that is wrong keeps many ends near some wall, but few beams that meet tha
 
 Other beams end before that wall, or pass through it. Before it anything may stand: another car, a
 box that is new. But nothing passes through a wall that is there, so such beams count against a
-pose that was searched: a room of the same outline with other furniture has them.
+pose that was searched: a room of the same outline with other furniture has them. One alone does
+not count: it has grazed an edge, or tells a distance between both sides of one.
 """
 
 from __future__ import annotations
@@ -82,7 +83,9 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
     told = np.hypot(*reach.T)
     hit = best()(chart.lines, start @ turn + pose[:2], reach @ turn / told[:, None])
     beyond, limit = told - hit, NEAR + SHARE * told
-    return Agreement(float(np.mean(np.abs(beyond) < limit)), float(np.mean(beyond >= limit)))
+    through = beyond >= limit
+    through &= np.roll(through, 1) | np.roll(through, -1)
+    return Agreement(float(np.mean(np.abs(beyond) < limit)), float(np.mean(through)))
 
 
 class Judge:
