@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.estimation import speed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.types import SPEED_DOUBTS
@@ -137,3 +138,26 @@ def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
             car.drive_speed(steering=0.0, speed=1.0)
         assert not state.health.doubts
         assert state.speed > 0.8
+
+
+def spins(world) -> None:
+    """Wheels 60 % quicker than the ground for 0.4 s."""
+    nano, inner = world.nano, world.nano.set_wheel
+    nano.set_wheel = lambda rate: inner(1.6 * rate)
+    world.at(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
+
+
+def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path):
+    """Said soon, nothing is held against the ring, and the brakes do not turn its sign."""
+    run = drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0)
+    assert run.flagged["ENCODER_SLIPS"] < 0.1
+    assert "ENCODER_LOW" not in run.flagged
+    assert run.fastest < 2.2
+    assert run.uncovered <= 3.0
+
+
+@pytest.mark.more
+def test_control_wheels_that_turn_round_from_any_speed_run_away(tmp_path, monkeypatch):
+    """Quicker against the brakes looks like backwards: the throttle opens."""
+    monkeypatch.setattr(speed, "TURNS", 1e9)
+    assert drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0).fastest > 2.6

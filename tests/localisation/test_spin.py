@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.localisation.world import drive, hidden, run
 
-from dart_hal.localisation.spin import LONGEST, Spin
+from dart_hal.estimation.spin import LONGEST, Spin
 
 
 @pytest.fixture(scope="module")

@@ -114,7 +114,8 @@ class Telemetry:
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
                         t_std, "linear", sample.calib, self._doubts())
         pose = odometry.pose
-        external = self.room.moved(t, pose, motion) if self.room is not None else None
+        external = (self.room.moved(t, pose, motion, acc[0] if acc else None)
+                    if self.room is not None else None)
         return State(
             t, seq, speed, covering(speed_std, self.encoder.std),
             None if gyro_z is None else gyro_z - odometry.bias.value,
@@ -135,9 +136,12 @@ class Telemetry:
         return found
 
     def _ask_direction(self, sample: Sample, dt: float, acc: Vector | None) -> None:
-        """Of the second ring's phase, where there is one and it tells; else of the acceleration."""
+        """Of the second ring's phase, where there is one and it tells; else of the acceleration,
+        unless the wheels slip: brakes are felt then and the wheels are quicker, as backwards."""
         speed, phase = self.speed, self.phase
-        felt = self.direction.add(dt, speed.speed, acc[0] if acc and not speed.rejected else None)
+        tells = acc is not None and not speed.rejected \
+            and Doubt.ENCODER_SLIPS.value not in self.encoder.doubts
+        felt = self.direction.add(dt, speed.speed, acc[0] if acc and tells else None)
         shown = 0 if phase is None else phase.add(
             sample.t_dev, sample.edge_t, sample.edge_dt, sample.ticks_b, sample.edge_b_t,
             speed.witnessed, felt)

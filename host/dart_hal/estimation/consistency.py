@@ -190,7 +190,8 @@ class EncoderCheck:
         slow, quick = self._slow, self._quick
         sudden = quick.gap > max(quick.most, LOST * abs(quick.value))
         gap = slow.gap if slow.gap > slow.most else quick.gap if sudden else 0.0
-        over = -slow.gap if -slow.gap > slow.most else 0.0
+        spun = -quick.gap > max(quick.most, LOST * abs(quick.value))
+        over = -slow.gap if -slow.gap > slow.most else -quick.gap if spun else 0.0
         self._missing = self._missing + gap * dt if gap and self._high is None else 0.0
         self._excess = self._excess + over * dt if over else 0.0
         if self._missing >= self._owing:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-from math import hypot
+from math import cos, hypot, sin
 from typing import NamedTuple
 
 from dart_hal.errors import UsageError
@@ -16,6 +16,7 @@ from dart_hal.estimation.odometry import Motion, Odometry
 from dart_hal.estimation.pose_filter import Estimate, PoseFilter, Verdict
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.pose_tracking import CONFIRMED, MARKER, MARKER_YAW, PoseTracker, Taken
+from dart_hal.estimation.spin import LOOSE, Spin
 from dart_hal.types import External, ExternalPose, Pose
 
 UNKNOWN = Marker(latency=0.01, std=(MARKER, MARKER, MARKER_YAW, 0.02))
@@ -59,10 +60,17 @@ class RoomEstimator:
         self._fused_t = 0.0
         self._first: ExternalPose | None = None
         """Where the track began, until poses have moved from there as the car did."""
+        self._spin, self._spun, self._loose = Spin(), (0.0, 0.0), 0.0
+        """Spun: m, in the axes of the dead reckoning, that the wheels turned and the car did not
+        go; loose: m that it may have gone since it spins."""
 
-    def moved(self, t: float, odometry: Pose, motion: Motion) -> External:
-        """The State at t [s], its dead reckoning and the motion up to it."""
-        self._tracker.moved(t, odometry)
+    def moved(self, t: float, odometry: Pose, motion: Motion, accel: float | None = None
+              ) -> External:
+        """The State at t [s], its dead reckoning and the motion up to it; accel [m/s2] along the
+        nose."""
+        motion = self._on_ground(motion, odometry.yaw, accel)
+        self._tracker.moved(t, replace(odometry, x=odometry.x - self._spun[0],
+                                       y=odometry.y - self._spun[1]))
         try:
             self._filter.predict(*motion)
             lost = self._t is not None and t - self._t > motion.dt + GAP
@@ -73,6 +81,18 @@ class RoomEstimator:
         self._t = t
         self._fuse()
         return self.at(t)
+
+    def _on_ground(self, motion: Motion, yaw: float, accel: float | None) -> Motion:
+        """What the car did, where its wheels part from what the accelerometer feels."""
+        ground = self._spin.moved(motion.speed * motion.dt, motion.dt, accel)
+        if ground is None:
+            self._loose = 0.0
+            return motion
+        spun, before = (motion.speed - ground) * motion.dt, self._loose
+        self._spun = self._spun[0] + spun * cos(yaw), self._spun[1] + spun * sin(yaw)
+        self._loose = before + LOOSE * motion.dt
+        return motion._replace(speed=ground, missed=LOOSE,
+                               place_variance=self._loose**2 - before**2)
 
     def add(self, pose: ExternalPose) -> None:
         """A pose that has arrived."""

@@ -38,6 +38,9 @@ later a wheel that catches again after a spin looks like a car that goes the oth
 SLOW = 0.3
 """m/s at the slowest moment of wheels that nobody drives, below which they may have turned round:
 at 10 m/s2 a frame and the age of a pair of edges hide 0.25."""
+TURNS = 0.6
+"""The same of driven wheels, which lock at 2.5 g. Faster ones that gain speed against the command
+have lost their grip, and go on forwards."""
 ACCELERATION = 2.0
 """m/s2 rms that a pair's age hides; enters the standard deviation only."""
 RECENT = 50
@@ -281,7 +284,7 @@ class WheelSpeed:
             self._turn_round()
         elif speed <= self._lowest or self._felt == self.direction:
             self._lowest, self._lowest_interval = speed, self._interval
-        elif self._gathers(speed):
+        elif self._lowest < TURNS and self._gathers(speed):
             self._mirror(self._lowest_interval)
 
     def _gathers(self, speed: float) -> bool:

@@ -16,6 +16,9 @@ PARTS = 0.3
 feels 0.9 m/s2 of a turn at 3 rad/s, which is 0.2 m/s after ``PULL``."""
 PULL = 0.25
 """s: time constant."""
+LOOSE = 0.15
+"""m/s, one sigma of the speed over ground while the wheels spin: half a second of a bias of 0.1
+m/s2, and 0.1 of when it began."""
 LONGEST = 1.0
 """s for which the integral counts; a bias of 0.1 m/s2 makes 0.1 m/s of it."""
 

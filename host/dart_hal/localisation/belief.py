@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.estimation.spin import LOOSE
 from dart_hal.localisation.field import Map
 from dart_hal.localisation.matcher import Match, match
 from dart_hal.localisation.path import Stretch
@@ -38,9 +39,6 @@ ALONG, ASIDE, TURN = 0.004, 0.004, 0.002
 """m, m, rad per sqrt(m): random errors of the way, of the slip, of the heading."""
 SURPRISE = 25.0
 """Squared deviation of four numbers, 1 in 20 000: a wheel spun, or the car was pushed."""
-LOOSE = 0.15
-"""m/s, one sigma of the speed over ground while the wheels spin: half a second of a bias of 0.1
-m/s2, and 0.1 of when it began."""
 BENT = 0.5
 """Of what the way from the middle of a scan to its end may be wrong by, as an error of the match:
 beams before and after the middle are off to opposite sides, and walls are not seen alike."""

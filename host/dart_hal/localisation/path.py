@@ -16,7 +16,7 @@ from math import cos, sin
 
 import numpy as np
 
-from dart_hal.localisation.spin import WINDOW, Spin
+from dart_hal.estimation.spin import WINDOW, Spin
 from dart_hal.types import FloatArray
 
 KEPT = 6.0
