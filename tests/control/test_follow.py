@@ -10,6 +10,7 @@ import pytest
 from tests.control.light_follow import light_drive, motion_at, plant_by
 
 from dart_hal.control.follow import (
+    BRIDGED,
     JOIN,
     PATIENCE,
     WAIT,
@@ -75,6 +76,35 @@ def test_a_pose_that_is_lost_for_a_moment_does_not():
     follower, _ = drive(each=lambda t, f, m: replace(
         m, tracking=Tracking.DEAD_RECKONING) if 1.5 < t < 1.5 + 0.8 * PATIENCE else m)
     assert follower.good
+
+
+def gap(seconds, std=0.0):
+    """A hook: dead reckoning from 1.5 s on, one sigma [m] of the place."""
+    def each(t, follower, motion):
+        if not 1.5 < t < 1.5 + seconds:
+            return motion
+        return replace(motion, tracking=Tracking.DEAD_RECKONING, cov=std**2 * np.eye(5))
+    return each
+
+
+def gone(seconds, std=0.0, silent=True):
+    """The follower of a drive with such a gap."""
+    follower = Follower(STRAIGHT, PLANT, 1.0, "lqr")
+    follower.silent = lambda: silent
+    light_drive(follower, UPSTREAM_2024, each=gap(seconds, std))
+    assert follower.phase is Phase.ENDED
+    return follower
+
+
+def test_a_silent_lidar_is_bridged_for_a_second_and_no_longer():
+    assert gone(0.9 * BRIDGED).good
+    assert "the pose was lost" in gone(1.1 * BRIDGED).why
+
+
+def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
+    """The controls."""
+    assert "the pose was lost" in gone(0.9 * BRIDGED, silent=False).why
+    assert "the pose was lost" in gone(0.9 * BRIDGED, std=0.11).why
 
 
 def test_out_of_the_lane_it_stops():

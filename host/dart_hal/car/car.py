@@ -231,6 +231,13 @@ class Car(Arming, Shown):
         with self._engine.lock:
             return self._engine.scans.watch.health() if self._engine.scans else None
 
+    @property
+    def lidar_silent(self) -> bool:
+        """Whether the newest scan told where the car is: a pose that is missing since then is so
+        because no scan came. Never without ``poses="lidar:map.yaml"``."""
+        source = self._engine.localiser
+        return source is not None and source.newest is not None and source.newest.pose is not None
+
     # -- commands ------------------------------------------------------------------
 
     def drive(self, *, steering: float = 0.0, throttle: float = 0.0, valid_for: float = 0.2,

@@ -89,7 +89,6 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, tracker, rules, half_width)
-        follower.clock = lambda: car.now
         summary = Summary(car)
         follow(car, follower, waive)
         car.stop()
@@ -115,6 +114,7 @@ def follower_of(car: Car, track: Track, speed: float, tracker: str, rules: Rules
     if half_width is not None:
         track = raceline(track, half_width, plant, cap)
     follower = Follower(track, plant, cap, tracker, rules, most)
+    follower.clock, follower.silent = lambda: car.now, lambda: car.lidar_silent
     slowest = int(np.argmin(follower.profile.speed[1:])) + 1
     v = float(follower.profile.speed[slowest])
     said = [] if car.files.model else ["the car has no model.toml: bends and delays by the paper's"]

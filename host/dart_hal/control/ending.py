@@ -10,6 +10,9 @@ from dart_hal.types import MotionEstimate
 PATIENCE = 0.5
 """s without a believed pose, or without a lane, four scans; at 2 m/s dead reckoning is 2 cm off by
 then, and a car stops within the 2.5 m of a lane that it saw."""
+BRIDGED = 1.5
+"""s without a pose, where nothing speaks against the last but that the lidar is silent: a gap of a
+second, and the scan after it."""
 WAIT = 5.0
 """s for the first pose, or the first lane; the motor of an X4 takes 1 to 2 s to its pace."""
 

@@ -1,0 +1,69 @@
+"""What the ESC gets while ``dart-hal follow`` drives by its lidar and scans end, or fit no map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.cli.test_localize_at_pin import WAIVED, Wrong
+
+from dart_hal import Car
+from dart_hal.cli.follow import follow, follower_of
+from dart_hal.control import follow as rules
+from dart_hal.control.follow import BRIDGED, PATIENCE, Phase, Rules
+from dart_hal.control.paths import Path
+from dart_hal.links.base import open_backend
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.source import LidarPoses
+from dart_hal.sim.truth import room_of_car, world_of
+from dart_hal.sim.world import THROTTLE
+
+RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
+LOST_AT, SLOWS, SCAN = 5.0, 0.8, 0.2
+"""s of the world from which on no scan comes, or none that fits; s in which a car of 1 m/s has
+slowed down; s by which the last good pose is older than its arrival, at most."""
+
+pytestmark = pytest.mark.more
+
+
+def driven(silent, until=LOST_AT + 9.0):
+    """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive about a circle."""
+    backend = open_backend("sim://?seed=0&nano=mock&lidar=1&map=room")
+    room, world, pulses = room_of_car(backend), world_of(backend), []
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
+    backend.lidar = Wrong(backend.lidar, LOST_AT, silent=silent)
+    with Car.over(backend, poses=LidarPoses(map_of_lines(room.lines), room.start)) as car:
+        follower = follower_of(car, RING, 1.0, "lqr", Rules(here=True, laps=9, duration=until),
+                               None)
+        follow(car, follower, WAIVED)
+        car.stop()
+        neutral = car.files.config.throttle.neutral_us
+        for _ in car.states(duration=0.3):
+            pass
+    return follower, neutral, np.array(pulses)
+
+
+def test_a_lidar_that_falls_silent_is_bridged_then_the_pin_slows_down():
+    follower, neutral, pulses = driven(silent=True)
+    t, us = pulses.T
+    assert follower.phase is Phase.ENDED
+    assert "the pose was lost" in follower.why
+    bridged = (t > LOST_AT + PATIENCE + SCAN) & (t < LOST_AT + BRIDGED - SCAN)
+    assert us[bridged].mean() > neutral + 20.0
+    assert us[t > LOST_AT + BRIDGED + SLOWS].max() < neutral + 5.0
+    assert us[-5:] == pytest.approx(neutral, abs=5.0)
+
+
+def test_scans_that_fit_no_map_are_not_bridged():
+    follower, neutral, pulses = driven(silent=False)
+    t, us = pulses.T
+    assert "the pose was lost" in follower.why
+    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[-5:] == pytest.approx(neutral, abs=5.0)
+
+
+def test_control_without_an_end_of_the_bridge_the_pin_drives_on(monkeypatch):
+    monkeypatch.setattr(rules, "BRIDGED", 1e9)
+    _, neutral, pulses = driven(silent=True, until=LOST_AT)
+    t, us = pulses.T
+    assert us[t > LOST_AT + BRIDGED + SLOWS].max() > neutral + 20.0
