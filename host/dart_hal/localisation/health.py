@@ -84,7 +84,8 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
     hit = best()(chart.lines, start @ turn + pose[:2], reach @ turn / told[:, None])
     beyond, limit = told - hit, NEAR + SHARE * told
     through = beyond >= limit
-    through &= np.roll(through, 1) | np.roll(through, -1)
+    ring = np.concatenate((through[-1:], through, through[:1]))
+    through &= ring[:-2] | ring[2:]
     return Agreement(float(np.mean(np.abs(beyond) < limit)), float(np.mean(through)))
 
 
