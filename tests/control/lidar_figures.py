@@ -2,6 +2,7 @@
 
     python -m tests.control.lidar_figures --seeds 20 --speed 2 1 [--car later] [--laps 2]
     python -m tests.control.lidar_figures --seeds 10 --laps 10 --speed 2 --faults [--no-bridge]
+    python -m tests.control.lidar_figures --first 105 --plot docs/pictures/following_lidar.png
 
 Hidden cars in halls about the track, as ``dart-hal follow --poses lidar:map.yaml`` drives them;
 even seeds clockwise. The map is a grid of 2.5 cm, in which the car is searched. The hall has two
@@ -54,9 +55,10 @@ SETTLED = 3.0
 @dataclass(frozen=True)
 class Drive:
     """t [s], true x, y [m] in the hall, lateral error [m], way [m], true speed [m/s]: (n,) each,
-    after the first 3 m; contacts with the other car."""
+    after the first 3 m; contacts with the other car; room: as the map shows it."""
 
     follower: Follower
+    room: Room
     t: FloatArray
     x: FloatArray
     y: FloatArray
@@ -172,7 +174,8 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
         files(url, seed, folder)
         backend = open_backend(url)
         trail, others = watched(backend, seed, path if faults else None)
-        chart = grid_of(room_of_car(backend), folder)
+        room = room_of_car(backend)
+        chart = grid_of(room, folder)
         with Car.over(backend, cars=folder, poses=f"lidar:{chart}") as car:
             follower = follower_of(car, path, speed or inf, tracker, Rules(laps=laps), None)
             for other in others:
@@ -183,7 +186,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
             contacts = len(backend.contacts())
         for other in others:
             other.place.leave()
-    return measured(follower, np.array(trail), contacts)
+    return measured(follower, room, np.array(trail), contacts)
 
 
 def watched(backend: Backend, seed: int, path: Path | None
@@ -198,7 +201,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     if path is not None:
         x, y, yaw, _ = path.at(0.5 * path.length)
         place = enter(Url.parse(f"sim://?world=hall-{seed}&at={x},{y},{yaw}"), "other")
-        place._turn, place.start = (1.0, 0.0), (0.0, 0.0, 0.0)
+        place._turn, place.start = (1.0, 0.0), (0.0, 0.0, 0.0)  # its trail is told in the hall
         others.append(Other(place, path))
         backend.lidar = Silent(backend.lidar)
         spinning(world)
@@ -215,7 +218,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     return rows, others
 
 
-def measured(follower: Follower, trail: FloatArray, contacts: int) -> Drive:
+def measured(follower: Follower, room: Room, trail: FloatArray, contacts: int) -> Drive:
     """What was truly driven, every 10 ms, until the laps were over."""
     path, s, error, ways = follower.path, follower.begun_at, [], []
     end = follower.driven.table[-1, 0]
@@ -226,7 +229,41 @@ def measured(follower: Follower, trail: FloatArray, contacts: int) -> Drive:
         ways.append(s)
     way = np.array(ways) - follower.begun_at
     part = (way > SETTLED) & (way < follower.rules.laps * path.length)
-    return Drive(follower, t[part], x[part], y[part], np.array(error)[part], way[part], contacts)
+    return Drive(follower, room, t[part], x[part], y[part], np.array(error)[part], way[part],
+                 contacts)
+
+
+def plot(seed: int, speed: float, file: File) -> None:
+    """The hall, and the true errors of two laps with faults and without."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (floor, way) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.0, 1.5),
+                                        layout="constrained")
+    for faults, colour, name in ((True, "#d55e00", "gaps of 1 s, spins, another car"),
+                                 (False, "#0072b2", "no faults")):
+        drive = driven(seed, speed, faults=faults)
+        rms = 100.0 * drive.figures["rms"]
+        floor.plot(drive.x, drive.y, color=colour, lw=1.0)
+        way.plot(drive.way, 100.0 * drive.error, color=colour, lw=1.1,
+                 label=f"{name}: {rms:.1f} cm rms")
+    for k, (x1, y1, x2, y2) in enumerate(moved(drive.room, seed).lines):
+        new = k >= len(drive.room.lines)
+        floor.plot((x1, x2), (y1, y2), color="#e377c2" if new else "#22313f", lw=1.5)
+    path = drive.follower.path
+    floor.plot(np.append(path.x, path.x[:1]), np.append(path.y, path.y[:1]), "k--", lw=0.8)
+    floor.set_aspect("equal")
+    floor.set(xlabel="x [m]", ylabel="y [m]")
+    floor.set_title(f"hidden car {seed}, {speed:g} m/s, by its lidar; pink: not in the map",
+                    loc="left", fontsize=9)
+    way.set(xlabel="way along the path [m]", ylabel="true rear axle left of the path [cm]")
+    way.set_ylim(top=1.4 * way.get_ylim()[1])
+    way.legend(fontsize=8, loc="upper right")
+    floor.grid(alpha=0.3)
+    way.grid(alpha=0.3)
+    figure.savefig(file, dpi=100)
 
 
 def told(drives: list[Drive]) -> None:
@@ -253,7 +290,11 @@ def main() -> None:
     parser.add_argument("--laps", type=int, default=2)
     parser.add_argument("--faults", action="store_true")
     parser.add_argument("--no-bridge", action="store_true")
+    parser.add_argument("--plot", type=File)
     given = parser.parse_args()
+    if given.plot:
+        plot(given.first, given.speed[0], given.plot)
+        return
     for speed in given.speed:
         drives = [driven(seed, speed, given.car, given.tracker, given.laps, given.faults,
                          not given.no_bridge)
