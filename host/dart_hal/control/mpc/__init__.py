@@ -6,6 +6,7 @@
     problem      weights and limits: the quadratic programme of one iteration
     admm         its solution
     iteration    shift, linearise, solve, step: the plan of one sample, within its time
+    disturbance  what the steering does beside the model, learnt: offset-free control
     tracker      the plan as a tracker of ``dart-hal follow``
 
 A. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",

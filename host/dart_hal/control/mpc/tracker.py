@@ -14,6 +14,7 @@ from math import inf, tan
 
 import numpy as np
 
+from dart_hal.control.mpc.disturbance import Learning
 from dart_hal.control.mpc.iteration import Mpcc, Outcome, Plan
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.problem import Limits
@@ -44,6 +45,7 @@ class Contouring(OnPath):
         self.mpcc = Mpcc(self._vehicle, path, self._paces, _limits(plant))
         self.mpcc.budget = BUDGET
         self.plan: Plan | None = None
+        self._prediction = self._learning = Learning(plant)
         self._safe = safe
         self._safe._prediction = self._prediction
         self._due, self._st, self._missed = -inf, 0.0, 0
@@ -70,13 +72,20 @@ class Contouring(OnPath):
             self.plan = self._planned(motion)
             if self.why:
                 return self._safe.steer(motion)
-            self._st = float(self.plan.inputs[1, 0])
+            self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             self.told = {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
                          "steering": self.plan.inputs[1]}
         if self.plan is not None:
             self.speed = float(self.plan.at(motion.t + REACH)[3])
-        return self._command(motion, self.plant.angle_of(self._st))
+        return self._turned(motion)
+
+    def _turned(self, motion: MotionEstimate) -> float:
+        """The angle [rad] of the command that is in force."""
+        low, high = self.plant.lock
+        angle = min(max(self.plant.angle_of(self._st), low), high)
+        self._prediction.sent(motion.t, angle)
+        return angle
 
     def _planned(self, motion: MotionEstimate) -> Plan:
         """The plan from the time on at which it acts; ``why`` where there is none to drive by."""
@@ -86,10 +95,13 @@ class Contouring(OnPath):
         bend = steady.bend(where.angle, speed)
         omega, slip = bend * speed, steady.turn(bend, speed).slip
         tau = float(plan.at(where.t)[6]) if plan else self.mpcc.limits.tau[0]
+        acts = self._learning.disturbance.effective
         state = np.array((where.x, where.y, where.yaw, speed, l_r * omega + speed * tan(slip),
-                          omega, tau, self.plant.command_of(where.angle)))
+                          omega, tau, acts(where.servo)))
         sent = float(plan.inputs[0, 0]) if plan else tau
-        found = self.mpcc.plan(where.t, state, s, (sent, self._st))
+        low, high = self.mpcc.limits.st
+        self.mpcc.problem.turn_within(acts(low), acts(high))
+        found = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
         if found.outcome is Outcome.DIVERGED:
             self.why = "the plan diverged"
