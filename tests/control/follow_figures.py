@@ -40,7 +40,7 @@ from dart_hal.control.follow import MOST, Follower, Phase, Rules
 from dart_hal.control.lap import speed_profile
 from dart_hal.control.plant import Late, Plant, plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, uncompensated
+from dart_hal.control.trackers import TRACKERS, Make, uncompensated
 from dart_hal.control.tracks import track_named
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.localisation.field import map_of_lines
@@ -137,14 +137,16 @@ def write_files(url: str, seed: int, cars: Path) -> None:
 
 @dataclass(frozen=True)
 class Drive:
-    """t [s], arc length, true x, y [m] in the room, lateral error [m], that of the centre of mass,
-    true and wanted speed [m/s]; (n,) each; settled: the row from which on the figures are taken."""
+    """t [s], arc length, true x, y [m], yaw in the room, lateral error [m], that of the centre of
+    mass, true and wanted speed [m/s]; (n,) each; settled: the row from which on the figures are
+    taken."""
 
     follower: Follower
     t: np.ndarray
     s: np.ndarray
     x: np.ndarray
     y: np.ndarray
+    yaw: np.ndarray
     error: np.ndarray
     middle: np.ndarray
     speed: np.ndarray
@@ -163,7 +165,7 @@ class Drive:
                 "lap": float(ratio)}
 
 
-def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
+def driven(seed: int, speed: float, kind: str = "later", tracker: str | Make = "lqr",
            track: str = "racetrack_vicon_2", laps: float = 3.0, blind: bool = False,
            half_width: float | None = None, lidar: bool = False) -> Drive:
     """One drive of a hidden car from rest at the path's start."""
@@ -211,7 +213,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
         mx, my = px + ahead * cos(turned), py + ahead * sin(turned)
         middle.append(path.offset(mx, my, path.closest(mx, my, s)))
     settled = int(np.argmax(np.array(ways) > follower.begun_at + 3.0))
-    return Drive(follower, t, np.array(ways), x, y, np.array(error),
+    return Drive(follower, t, np.array(ways), x, y, yaw, np.array(error),
                  np.array(middle), v, w, settled)
 
 
@@ -299,6 +301,8 @@ def main() -> None:
                                given.blind, given.raceline, given.lidar)
                 rows.append(drive.figures)
                 ends.append(drive.follower.why)
+                print(f"  {seed}: " + ", ".join(f"{name} {100.0 * value:.2f}" for name, value in
+                                                rows[-1].items()), flush=True)
             print(f"{given.car}, {given.track}, {tracker}, {speed:g} m/s, {len(rows)} cars; "
                   f"{sum(why == 'the path is driven' for why in ends)} drove it all")
             for name in rows[0]:

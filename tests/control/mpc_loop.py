@@ -19,7 +19,7 @@ import numpy as np
 from dart_hal.control.mpc.disturbance import Disturbance
 from dart_hal.control.mpc.iteration import Mpcc, Plan
 from dart_hal.control.mpc.model import STAGE, make_stage
-from dart_hal.control.mpc.obstacles import HALF_WIDTH, Obstacle
+from dart_hal.control.mpc.obstacles import Obstacle, air
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Late, Plant
@@ -34,7 +34,6 @@ LATE = 0.04
 P = replace(UPSTREAM_2024, delay=replace(UPSTREAM_2024.delay, steering_s=LATE, throttle_s=LATE))
 """The later published set, late."""
 NO_LAGS = replace(P, delay=Delay())
-HALF_LENGTH = 0.15
 
 
 @cache
@@ -95,7 +94,7 @@ class Loop:
             z[:6] += self.noise.normal(size=6) * (0.01, 0.01, 0.005, 0.02, 0.01, 0.02)
         return z
 
-    def _planned(self) -> Plan:
+    def planned(self) -> Plan:
         """The plan; what is to be sent of it is in ``sent``."""
         z, acts, before = self.seen(), self.disturbance.effective, self.sent
         if self.learns and self.rows:
@@ -116,7 +115,13 @@ class Loop:
         return plan
 
     def step(self) -> Plan:
-        path, plan = self.mpc.reference.path, self._planned()
+        plan = self.planned()
+        self.move()
+        return plan
+
+    def move(self) -> None:
+        """A stage on, by what was sent."""
+        path = self.mpc.reference.path
         l_r = self.true.body.l_r
         for _ in range(round(STAGE / self.car.config.step)):
             self.car.advance(*self.sent)
@@ -124,7 +129,6 @@ class Loop:
             xr, yr = x - l_r * cos(yaw), y - l_r * sin(yaw)
             self.s = path.closest(xr, yr, self.s)
             self.rows.append((self.car.t, self.s, path.offset(xr, yr, self.s), v, x, y, yaw))
-        return plan
 
     def drive(self, laps: float, seconds: float = 90.0, lost: float = 1.0) -> np.ndarray:
         """Rows until so many laps are driven, the time is over or the car is lost."""
@@ -188,14 +192,7 @@ def margin(seed: int, speed: float = 2.0, radius: float = 0.15) -> tuple[float, 
     mpc.obstacles = (o,)
     loop = Loop(mpc, noise=rng)
     rows = loop.drive(1.0)
-    least = np.inf
-    for t, _, _, _, x, y, yaw in rows:
-        spot = path.at(o.s + o.speed * t)
-        ox = spot.x - o.offset * sin(spot.heading) - x
-        oy = spot.y + o.offset * cos(spot.heading) - y
-        along, across = ox * cos(yaw) + oy * sin(yaw), oy * cos(yaw) - ox * sin(yaw)
-        apart = np.hypot(max(abs(along) - HALF_LENGTH, 0.0), max(abs(across) - HALF_WIDTH, 0.0))
-        least = min(least, float(apart) - radius)
+    least = min(air(x, y, yaw, o, path, t) for t, _, _, _, x, y, yaw in rows)
     return least, float(np.abs(rows[:, 2]).max())
 
 
