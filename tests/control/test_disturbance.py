@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 import pytest
+from tests.control.light_follow import LATER, light_drive, plant_by
 from tests.control.mpc_loop import P, known
 
+from dart_hal.control.follow import Follower
+from dart_hal.control.mpc import disturbance
 from dart_hal.control.mpc.disturbance import MOST, Disturbance
+from dart_hal.control.tracks import track_named
 
 TRUE = np.array([0.03, -0.15, 0.1])
 COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
@@ -40,3 +46,20 @@ def test_it_never_believes_more_than_its_limit():
 def test_a_command_and_what_it_does(command):
     found = learnt(1.5)
     assert found.command(found.effective(command)) == pytest.approx(command, abs=1e-12)
+
+
+def rests_beside(speed: float = 1.5) -> float:
+    """m beside a circle of 1 m, in the mean of its second half, by ``follow`` on a car whose wheels
+    stand 0.04 rad too far to the left."""
+    follower = Follower(track_named("circle"), plant_by(LATER), speed, "mpcc")
+    rows = light_drive(follower, bias=0.04)
+    assert follower.why == "the path is driven"
+    return float(rows[len(rows) // 2:-200, 3].mean())
+
+
+@pytest.mark.more
+def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
+    """The control: the same where nothing is learnt."""
+    assert abs(rests_beside()) < 0.004
+    monkeypatch.setattr(disturbance, "FROM", inf)
+    assert abs(rests_beside()) > 0.012
