@@ -57,8 +57,8 @@ def controller(p: Vehicle, path: Path, speed: float, **options) -> Mpcc:
 class Loop:
     """A light car and its controller, ``step`` by step of 0.1 s. rows: t, s, error of the rear
     axle [m], v_x, middle x, y, yaw. start: offset [m] and heading beside the path; learns: what the
-    steering does beside the model; stale [s]: the pose is one of before, and taken for that of now.
-    Where the servo is nobody measures: the model says it."""
+    steering does beside the model, which then says where the servo is, too, as nobody measures it;
+    stale [s]: the pose is one of before, and taken for that of now."""
 
     mpc: Mpcc
     true: Vehicle = P
@@ -97,11 +97,13 @@ class Loop:
     def planned(self) -> Plan:
         """The plan; what is to be sent of it is in ``sent``."""
         z, acts, before = self.seen(), self.disturbance.effective, self.sent
-        if self.learns and self.rows:
-            self.disturbance.learn(self._servo, z[3], z[5], STAGE)
-        z[7], known = acts(self._servo), (before[0], acts(before[1]))
+        if self.learns:
+            if self.rows:
+                self.disturbance.learn(self._servo, z[3], z[5], STAGE)
+            z[7] = acts(self._servo)
+            self.mpc.problem.turn_within(acts(-1.0), acts(1.0))
+        known = before[0], acts(before[1])
         z = np.array(self._ahead(*z, *known)) if self._ahead else z
-        self.mpc.problem.turn_within(acts(-1.0), acts(1.0))
         plan = self.mpc.plan(
             self.car.t + self.late,
             z,
