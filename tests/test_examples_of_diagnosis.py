@@ -95,7 +95,9 @@ def test_both_upgrades_are_told_among_all_effects():
 def test_contouring_control_by_what_was_found():
     """The car's own model without its lags swings; the one that names them does not."""
     found, driven = loaded(IN_CONTROL).main()
-    assert "steering_lag" in [c.effect for c in found.causes]
+    named = {c.effect: c.parameters["k"].value for c in found.causes}
+    assert named == {"steering_lag": pytest.approx(0.12, abs=0.015),
+                     "throttle_lag": pytest.approx(0.08, abs=0.015)}
     without, extended = driven["the car's, without its lags"], driven["extended by diagnose"]
     assert extended[0] < 0.02
     assert extended[0] < 0.2 * without[0]

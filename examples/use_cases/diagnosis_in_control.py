@@ -1,9 +1,9 @@
 """What a diagnosis is worth in control: one controller, one car, three models of it.
 
 The emulated car has a lag of its steering and one of its throttle that its model does not know. Two
-recorded drives show them and `diagnose` names them. Then contouring control follows the 22.92 m
-track three times: by the paper's model, by the car's own without the lags, and by that extended
-with what was found.
+recorded drives show them and `diagnose` names both: steps of the steering, and eights under steps
+of the throttle. Then contouring control follows the 22.92 m track three times: by the paper's
+model, by the car's own without the lags, and by that extended with what was found.
 
     python examples/use_cases/diagnosis_in_control.py [picture.png]
 """
@@ -18,7 +18,9 @@ import numpy as np
 from dart_hal import Car
 from dart_hal.config import save_model
 from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
+from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.tracks import track_named
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
@@ -33,6 +35,8 @@ from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 PULSE = 0.013  # s from a command to the pulse that carries it, in the mean
 KNOWN = replace(UPSTREAM_2024, name="known", delay=Delay(PULSE, PULSE))  # all but its lags
 HIDDEN = {"steering_lag": 0.12, "throttle_lag": 0.08}  # s
+EIGHTS, RADIUS, LOOK_AHEAD = 60.0, 0.9, 0.35  # s; m; m
+THROTTLE, HOLD = (0.34, 0.20), 0.6  # 0.9 to 1.5 m/s; s each
 SPEED, LAPS, LOST = 2.0, 2.0, 1.0  # m/s; -; m beside the path: the end of a drive
 TRACK = track_named("racetrack_vicon_2")
 
@@ -48,12 +52,17 @@ def url(folder):
 
 
 def found_of(where, folder):
-    """The diagnosis of two recorded drives: steps of the steering at two speeds, and launches."""
-    runs = []
-    for kind in ("steps", "launch"):
-        runs.append(Path(folder) / f"{kind}.mcap")
-        with Car.open(where, record=runs[-1]) as car:
-            conduct(car, make_plan(kind, car.files, Floor.parse("10"), None))
+    """The diagnosis of two recorded drives."""
+    runs = [Path(folder) / f"{kind}.mcap" for kind in ("steps", "eights")]
+    with Car.open(where, record=runs[0]) as car:
+        conduct(car, make_plan("steps", car.files, Floor.parse("10"), None))
+    with Car.open(where, record=runs[1]) as car:
+        pursuit = PurePursuit(figure_of_eight(RADIUS), KNOWN.body.wheelbase, LOOK_AHEAD, 0.0)
+        car.arm()
+        begun = car.now
+        for s in car.states(duration=EIGHTS):
+            car.drive(steering=pursuit.steer(s.pose, s.speed, s.yaw_rate or 0.0),
+                      throttle=THROTTLE[int((car.now - begun) / HOLD) % 2])
     sides = checked([read_run(run) for run in runs], [], KNOWN)
     return diagnose(Path("known"), KNOWN, sides.train, sides.test, refit=False, max_causes=2)
 

@@ -65,11 +65,39 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--raceline", 0.9), "lane of this width"),
     (("racetrack_vicon", "--speed", 1), "tighter than the car turns"),
     (("nothing.csv", "--speed", 1), "nothing.csv"),
+    (("savoiardo", "--speed", 1, "--obstacle", "1,0,0.1"), "add --tracker mpcc to --obstacle"),
+    (("savoiardo", "--speed", 1, "--compiled"), "add --tracker mpcc to --compiled"),
+    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
+    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
 ])
 def test_what_cannot_be(verb, arguments, says):
     done = verb("follow", *arguments, "--url", URL)
     assert done.code == 2
     assert says in done.err
+
+
+@pytest.mark.more
+def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
+    """The one at 1.8 m leaves a way, the one behind the end nobody meets."""
+    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
+    done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "mpcc",
+                "--obstacle", "2.4,-0.15,0.15", "--obstacle", "9,0.1,0.1", "--record", run, "--url",
+                "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    near, far = (row["air_m"] for row in told["obstacles"])
+    assert 0.05 < near < 0.12
+    assert far > 3.0
+    assert told["plans"]["SOLVED"] > 30
+    assert "plan/std" in {row.name for row in RunReader(run).logged()}
+
+
+def test_an_obstacle_without_a_way_past_it_is_refused(verb, tmp_path):
+    line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)])
+    done = verb("follow", line, "--speed", 1, "--odometry", "--tracker", "mpcc", "--obstacle",
+                "2.4,0.05,0.15", "--url", "sim://?seed=3&nano=mock")
+    assert done.code == 2
+    assert "obstacle 1 leaves no way within the lane" in done.err
 
 
 def test_a_car_that_stands_elsewhere(verb, tmp_path):

@@ -117,7 +117,7 @@ def drive(case: Case, law: Law, weights: PathWeights, laps: float = 2.0, make=Tw
           noise: np.random.Generator | None = None) -> Found:
     """From rest, until so many laps are driven or the car is 1 m off."""
     layers = controller(case, law, weights, make)
-    loop, errors = Loop(layers, case.true, case.late, noise=noise), []
+    loop, errors = Loop(layers, case.true, case.late, noise=noise, learns=False), []
     length = TRACK.length
     while loop.s < laps * length and loop.car.t < 30.0 * laps:
         plan = loop.step()
@@ -142,7 +142,7 @@ def passed(seed: int, law: Law = Law.CA, weights: PathWeights = TUNED, beside: f
     layers = controller(case, law, weights)
     o = Obstacle(float(rng.uniform(4.0, 12.0)), float(rng.choice((-beside, beside))), 0.15, 0.5)
     layers.obstacles = (o,)
-    rows = Loop(layers, case.true, case.late, noise=rng).drive(1.0)
+    rows = Loop(layers, case.true, case.late, noise=rng, learns=False).drive(1.0)
     return min(room_to(o, *row[[0, 4, 5, 6]]) for row in rows), float(np.abs(rows[:, 2]).max())
 
 

@@ -1,14 +1,16 @@
 """How closely paths are followed on hidden cars, by their true rear axle.
 
     python -m tests.control.follow_figures --seeds 10 --speed 1 2 [--car later] [--tracker lqr]
-        [--track racetrack_vicon_2] [--raceline 0.3] [--laps 3] [--blind] [--plot PNG]
+        [--track racetrack_vicon_2] [--raceline 0.3] [--laps 3] [--blind] [--lidar] [--plot PNG]
     python -m tests.control.follow_figures --first 21 --speed 2 --plot docs/pictures/following.png
 
 car "paper": the hidden cars of ``sim://?seed=N``, whose front tyres end at 0.3 of their load: in
 turns of 0.75 m they hold 1.4 m/s. car "later": the later published set, drawn around as the seeds
 draw the paper's, with its steering lag of 0.13 s: it holds 2.0 m/s there. What the car's files
 know is the truth with the errors of calibrations and of an identification. speed 0: the profile's.
---blind: without delay compensation. --plot: the first car and speed, by both trackers and blind.
+--blind: without delay compensation. --lidar: the pose by the car's own lidar in the map of a hall
+around that track, instead of motion capture. --plot: the first car and speed, by both trackers and
+blind.
 --raceline: bends cut by up to so many m, by each car's own model.
 --lines: no drive, but what laps the profile has on the middle and on racelines. Some 10 s a car and
 lap.
@@ -38,11 +40,13 @@ from dart_hal.control.follow import MOST, Follower, Phase, Rules
 from dart_hal.control.lap import speed_profile
 from dart_hal.control.plant import Late, Plant, plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, uncompensated
+from dart_hal.control.trackers import TRACKERS, Make, uncompensated
 from dart_hal.control.tracks import track_named
-from dart_hal.links.base import open_backend
+from dart_hal.links.base import Backend, open_backend
+from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.source import LidarPoses
 from dart_hal.sim.mocap import hidden_mocap
-from dart_hal.sim.truth import reveal_url, world_of
+from dart_hal.sim.truth import reveal_url, room_of_car, world_of
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import AxleTyres, Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
@@ -55,6 +59,9 @@ STDS = {"throttle.neutral_us": 1.0, "encoder.metres_per_edge": 1.2e-6, "imu.gyro
         "imu.mount_roll": 5e-5, "mocap.marker_x": 1.2e-4, "mocap.marker_y": 5e-5,
         "mocap.marker_yaw": 1e-4, "mocap.latency": 1.9e-3}
 """Standard errors that the calibrations state on car 1."""
+LIDAR_STDS = {"lidar.mount_x": 3e-4, "lidar.mount_y": 1.5e-4, "lidar.mount_yaw": 3e-4,
+              "lidar.scale": 5e-5}
+"""The same of how the lidar sits."""
 POINTS = 13
 """Of the steering map."""
 
@@ -111,7 +118,12 @@ def write_files(url: str, seed: int, cars: Path) -> None:
         name = car.files.config.name
     true, rng = shown["sensors"], np.random.default_rng([seed, 78])
     found: dict[str, Quantity | Quantities] = {
-        key: Quantity(true[key] + std * float(rng.normal()), std) for key, std in STDS.items()}
+        key: Quantity(true[key] + std * float(error), std)
+        for (key, std), error in zip(STDS.items(), rng.normal(size=len(STDS)), strict=True)
+        if key in true}
+    seen = np.random.default_rng([seed, 79])
+    found |= {key: Quantity(true[key] + std * float(seen.normal()), std)
+              for key, std in LIDAR_STDS.items() if key in true}
     found["encoder.ring"] = Quantities(tuple(true["encoder.ring"]), 2e-4)
     cal = Calibration(car=name).with_quantities(found)
     command, curve = np.linspace(-1.0, 1.0, POINTS), make_steering(servo.curve)
@@ -125,42 +137,49 @@ def write_files(url: str, seed: int, cars: Path) -> None:
 
 @dataclass(frozen=True)
 class Drive:
-    """t [s], arc length, true x, y [m] in the room, lateral error [m], true and wanted speed [m/s];
-    (n,) each; settled: the row from which on the figures are taken."""
+    """t [s], arc length, true x, y [m], yaw in the room, lateral error [m], that of the centre of
+    mass, true and wanted speed [m/s]; (n,) each; settled: the row from which on the figures are
+    taken."""
 
     follower: Follower
     t: np.ndarray
     s: np.ndarray
     x: np.ndarray
     y: np.ndarray
+    yaw: np.ndarray
     error: np.ndarray
+    middle: np.ndarray
     speed: np.ndarray
     wanted: np.ndarray
     settled: int
 
     @property
     def figures(self) -> dict[str, float]:
-        """rms and largest error [m] after the first 3 m, flying lap against the profile's [-]."""
-        error, laps = self.error[self.settled:], self.follower.driven.lap_times[1:]
+        """rms and largest error [m] after the first 3 m, the same of the centre of mass, flying lap
+        against the profile's [-]."""
+        error, middle = self.error[self.settled:], self.middle[self.settled:]
+        laps = self.follower.driven.lap_times[1:]
         ratio = np.mean(laps) / self.follower.expected - 1.0 if laps else np.nan
         return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max()),
+                "com": float(np.sqrt(np.mean(middle**2))), "com max": float(np.abs(middle).max()),
                 "lap": float(ratio)}
 
 
-def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
+def driven(seed: int, speed: float, kind: str = "later", tracker: str | Make = "lqr",
            track: str = "racetrack_vicon_2", laps: float = 3.0, blind: bool = False,
-           half_width: float | None = None) -> Drive:
+           half_width: float | None = None, lidar: bool = False) -> Drive:
     """One drive of a hidden car from rest at the path's start."""
     with tempfile.TemporaryDirectory() as folder:
-        url = f"sim://?seed={seed}&nano=mock&mocap=1"
+        url = f"sim://?seed={seed}&nano=mock&" + ("lidar=1&map=track" if lidar else "mocap=1")
         if kind == "later":
             true = Path(folder) / "true.toml"
             save_model(model_of(later(seed)), true)
             url += f"&vehicle={true}"
         write_files(url, seed, Path(folder))
         backend = open_backend(url)
-        room, rows = hidden_mocap(seed), []
-        with Car.over(backend, cars=folder) as car:
+        (room_x, room_y, room_yaw), source = floor_of(backend, seed, lidar)
+        rows: list[tuple[float, ...]] = []
+        with Car.over(backend, cars=folder, poses=source) as car:
             world = world_of(backend)
             plant = plant_of(car.files)
             path = track_named(track)
@@ -168,26 +187,44 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr",
                 path = raceline(path, half_width, plant, speed or MOST)
             follower = Follower(path, uncompensated(plant) if blind else plant,
                                 speed or inf, tracker,
-                                Rules(laps=laps, here=True, lane=1.0 if blind else 0.3,
+                                Rules(laps=laps, here=not lidar, lane=1.0 if blind else 0.3,
                                       duration=120.0))
-            car.arm()
             for state in car.states(duration=150.0):
                 steering, wanted = follower.answer(state.estimate.at(car.now))
                 if follower.phase in (Phase.STOPPING, Phase.ENDED):
                     break
+                if follower.phase is Phase.WAITING:
+                    continue
+                if not rows:
+                    car.arm()
                 car.drive_speed(steering=steering, speed=wanted)
                 true = world.truth()
-                c, s = cos(room.yaw), sin(room.yaw)
-                rows.append((true.t, room.x + c * true.x - s * true.y,
-                             room.y + s * true.x + c * true.y, true.v_x, wanted))
-    t, x, y, v, w = np.array(rows).T
-    path, s, error, ways = follower.path, follower.begun_at, [], []
-    for px, py in zip(x, y, strict=True):
+                c, s = cos(room_yaw), sin(room_yaw)
+                rows.append((true.t, room_x + c * true.x - s * true.y,
+                             room_y + s * true.x + c * true.y, room_yaw + true.yaw, true.v_x,
+                             wanted))
+    t, x, y, yaw, v, w = np.array(rows).T
+    path, s, error, middle, ways = follower.path, follower.begun_at, [], [], []
+    ahead = plant.vehicle.body.l_r
+    for px, py, turned in zip(x, y, yaw, strict=True):
         s = path.closest(px, py, s)
         error.append(path.offset(px, py, s))
         ways.append(s)
+        mx, my = px + ahead * cos(turned), py + ahead * sin(turned)
+        middle.append(path.offset(mx, my, path.closest(mx, my, s)))
     settled = int(np.argmax(np.array(ways) > follower.begun_at + 3.0))
-    return Drive(follower, t, np.array(ways), x, y, np.array(error), v, w, settled)
+    return Drive(follower, t, np.array(ways), x, y, yaw, np.array(error),
+                 np.array(middle), v, w, settled)
+
+
+def floor_of(backend: Backend, seed: int,
+             lidar: bool) -> tuple[tuple[float, float, float], LidarPoses | None]:
+    """Where the car began in the frame of its poses, and their source but for motion capture."""
+    if not lidar:
+        room = hidden_mocap(seed)
+        return (room.x, room.y, room.yaw), None
+    hall = room_of_car(backend)
+    return hall.start, LidarPoses(map_of_lines(hall.lines), hall.start)
 
 
 def lines(cap: float) -> None:
@@ -246,6 +283,7 @@ def main() -> None:
     parser.add_argument("--laps", type=float, default=3.0)
     parser.add_argument("--raceline", type=float)
     parser.add_argument("--blind", action="store_true")
+    parser.add_argument("--lidar", action="store_true")
     parser.add_argument("--plot", type=Path)
     parser.add_argument("--lines", action="store_true")
     given = parser.parse_args()
@@ -260,15 +298,17 @@ def main() -> None:
             rows, ends = [], []
             for seed in range(given.first, given.first + given.seeds):
                 drive = driven(seed, speed, given.car, tracker, given.track, given.laps,
-                               given.blind, given.raceline)
+                               given.blind, given.raceline, given.lidar)
                 rows.append(drive.figures)
                 ends.append(drive.follower.why)
+                print(f"  {seed}: " + ", ".join(f"{name} {100.0 * value:.2f}" for name, value in
+                                                rows[-1].items()), flush=True)
             print(f"{given.car}, {given.track}, {tracker}, {speed:g} m/s, {len(rows)} cars; "
                   f"{sum(why == 'the path is driven' for why in ends)} drove it all")
             for name in rows[0]:
                 values = np.array([row[name] for row in rows]) * 100.0
-                print(f"  {name:4s} median {np.median(values):.2f}, worst "
-                      f"{np.abs(values).max():.2f} {'%' if name == 'lap' else 'cm'}; "
+                print(f"  {name:7s} mean {np.mean(values):.2f}, median {np.median(values):.2f}, "
+                      f"worst {np.abs(values).max():.2f} {'%' if name == 'lap' else 'cm'}; "
                       + " ".join(f"{v:.1f}" for v in values), flush=True)
             print("  ", set(ends))
 

@@ -143,7 +143,8 @@ def test_without_being_told_of_it_the_car_touches_it(monkeypatch):
 
 def test_a_start_outside_the_lane_comes_back():
     """0.5 m beside it: the slack pays, no outcome but SOLVED."""
-    loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0))
+    loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0),
+                learns=False)
     rows = loop.drive(0.12)
     assert rows[0, 2] > 0.45
     assert np.abs(rows[rows[:, 1] > 2.2, 2]).max() < 0.1
@@ -184,7 +185,7 @@ def test_a_lane_that_has_no_inside_is_refused():
 
 
 def test_a_plan_that_is_late_goes_on_with_the_last_one():
-    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0)
+    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
     for _ in range(3):
         good = loop.step()
     ticks = iter(np.arange(1000.0))
@@ -198,7 +199,7 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
 
 
 def test_a_state_of_numbers_that_are_none_is_named():
-    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0)
+    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
     loop.step()
     plan = loop.mpc.plan(0.1, np.full(8, np.nan), 0.0, (0.2, 0.0))
     assert plan.outcome is Outcome.DIVERGED
@@ -209,7 +210,7 @@ def test_a_state_of_numbers_that_are_none_is_named():
 def test_a_lane_without_a_way_is_blocked():
     layers = controller(PLAIN, Law.CA, TUNED)
     layers.obstacles = (Obstacle(2.0, 0.0, 0.25),)
-    loop = Loop(layers, KINEMATIC, 0.0)
+    loop = Loop(layers, KINEMATIC, 0.0, learns=False)
     assert loop.step().outcome is Outcome.BLOCKED
     layers.obstacles = ()
     assert loop.step().outcome is Outcome.SOLVED

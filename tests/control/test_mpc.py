@@ -43,9 +43,18 @@ def test_a_delay_that_is_not_predicted_doubles_the_error():
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [3, 8])
 def test_a_model_that_is_5_percent_off_and_noise(seed):
-    assert lap(2.0, true=around(seed), seed=seed)[0] < 0.035
+    """The two worst of ten: their front tyres are 14 % softer, and the lock of neither turns the
+    bends to the left at 2 m/s. What is learnt is worth a factor of two, and half is left."""
+    assert lap(2.0, true=around(seed), seed=seed)[0] < 0.018
+    assert lap(2.0, true=around(seed), seed=seed, learns=False)[0] > 0.035
+
+
+@pytest.mark.more
+def test_poses_80_ms_old_that_are_taken_for_new_do_not_do():
+    """The control of every stamp and of the estimator that moves a pose to now."""
+    assert lap(2.0, stale=0.08)[0] > 0.06
 
 
 @pytest.mark.more

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.cli.follow_picture import draw
 from dart_hal.cli.options import (
+    DiscType,
     NamedFile,
     Number,
     car_options,
@@ -32,10 +34,12 @@ from dart_hal.control.ending import Phase
 from dart_hal.control.follow import LANE, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
+from dart_hal.control.mpc.obstacles import Disc
+from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS
+from dart_hal.control.trackers import TRACKERS, Make, contouring
 from dart_hal.control.tracks import path_of
 from dart_hal.errors import UsageError
 from dart_hal.report.figures import FORMATS
@@ -54,6 +58,11 @@ SOURCE = "follow"
 @click.option("--profile", is_flag=True, help="as fast as the car's model holds everywhere")
 @click.option("--tracker", type=click.Choice(list(TRACKERS)), default="lqr", show_default=True,
               help="linear-quadratic with preview, pure pursuit, or contouring control")
+@click.option("--obstacle", "discs", type=DiscType(), multiple=True, metavar="X,Y,R[,SPEED]",
+              help="a disc to be passed (mpcc): middle in the frame of the poses and radius, m; "
+                   "m/s along the path; may be given again")
+@click.option("--compiled", is_flag=True,
+              help="plan by generated C (mpcc): the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
               help="of a closed path")
 @click.option("--raceline", "half_width", type=Number(0.0, 1.0), default=None, metavar="M",
@@ -72,8 +81,9 @@ SOURCE = "follow"
 @lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
-            profile: bool, tracker: str, laps: int, half_width: float | None, reverse: bool,
-            here: bool, odometry: bool, lane: float, duration: float | None, record: Path | None,
+            profile: bool, tracker: str, discs: tuple[Disc, ...], compiled: bool,
+            laps: int, half_width: float | None, reverse: bool, here: bool, odometry: bool,
+            lane: float, duration: float | None, record: Path | None,
             plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
             as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
@@ -85,10 +95,12 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("say how fast", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
+    make = tracker_of(tracker, discs, compiled, lane)
     track = path_of(path).reversed() if reverse else path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
-        follower = follower_of(car, track, speed or inf, tracker, rules, half_width)
+        follower = follower_of(car, track, speed or inf, make, rules, half_width)
+        follower.clock = lambda: car.now
         summary = Summary(car)
         follow(car, follower, waive)
         car.stop()
@@ -103,7 +115,18 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     return 0 if follower.good else 1
 
 
-def follower_of(car: Car, track: Track, speed: float, tracker: str, rules: Rules,
+def tracker_of(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float) -> Make:
+    """What makes the tracker. Raises UsageError for options of another one."""
+    if name == "mpcc":
+        return partial(contouring, discs=discs, compiled=compiled, lane=lane)
+    if discs or compiled:
+        what = "--obstacle" if discs else "--compiled"
+        raise UsageError(f"{name} has no {what}", found=f"--tracker {name}",
+                         expected="--tracker mpcc", remedy=f"add --tracker mpcc to {what}")
+    return TRACKERS[name]
+
+
+def follower_of(car: Car, track: Track, speed: float, tracker: Make, rules: Rules,
                 half_width: float | None) -> Follower:
     """The drive that was asked for; says what of it the car cannot. Raises UsageError."""
     if not car.drives:
@@ -121,6 +144,8 @@ def follower_of(car: Car, track: Track, speed: float, tracker: str, rules: Rules
     if v < cap < inf and speed < inf and track.closed:
         said.append(f"{cap:g} m/s is more than the car holds in every bend: {v:.2f} m/s at "
                     f"{track.s[slowest]:.1f} m")
+    if isinstance(follower.tracker, Contouring) and follower.tracker.in_numpy:
+        said.append(f"numpy plans, not C: {follower.tracker.in_numpy}")
     notices(tuple(said))
     return follower
 
@@ -188,7 +213,7 @@ def listen(keys: Terminal | None, follower: Follower | LaneFollower) -> None:
 
 def figures(follower: Follower) -> dict[str, Any]:
     """What the drive came to; offsets by the car's own estimate, once it was in the lane."""
-    driven, path = follower.driven.table, follower.path
+    driven, path, tracker = follower.driven.table, follower.path, follower.tracker
     inside = np.abs(driven[:, 3])[follower.joined:] if len(driven) else np.zeros(0)
     return {
         "ended": follower.why, "as_asked": follower.good, "length_m": path.length,
@@ -197,7 +222,16 @@ def figures(follower: Follower) -> dict[str, Any]:
         "begun_at_m": follower.begun_at, "lap_times_s": follower.driven.lap_times,
         "profile_s": follower.expected,
         "offset_rms_m": float(np.sqrt(np.mean(inside**2))) if len(inside) else None,
-        "offset_max_m": float(inside.max()) if len(inside) else None}
+        "offset_max_m": float(inside.max()) if len(inside) else None,
+        **(passed(tracker) if isinstance(tracker, Contouring) else {})}
+
+
+def passed(tracker: Contouring) -> dict[str, Any]:
+    """Plans by how they came about, and the least air beside the body at each obstacle."""
+    return {"plans": {str(how): n for how, n in tracker.mpcc.outcomes.items() if n},
+            "obstacles": [{"x": disc.x, "y": disc.y, "radius_m": disc.radius,
+                           "air_m": air if air < inf else None}
+                          for disc, air in zip(tracker.discs, tracker.air, strict=True)]}
 
 
 def sentence(told: dict[str, Any]) -> str:
@@ -207,4 +241,6 @@ def sentence(told: dict[str, Any]) -> str:
     laps = ", ".join(f"{t:.2f}" for t in told["lap_times_s"])
     return (f"ended: {told['ended']}; {100.0 * told['offset_rms_m']:.1f} cm rms beside the path, "
             f"{100.0 * told['offset_max_m']:.1f} cm at most"
-            + (f"; laps of {laps} s, {told['profile_s']:.2f} s by the profile" if laps else ""))
+            + (f"; laps of {laps} s, {told['profile_s']:.2f} s by the profile" if laps else "")
+            + "".join(f"; {100.0 * disc['air_m']:.1f} cm beside obstacle {k}" for k, disc in
+                      enumerate(told.get("obstacles", ()), start=1) if disc["air_m"] is not None))

@@ -9,7 +9,8 @@ import numpy as np
 
 from dart_hal.control.follow import Follower
 from dart_hal.control.lane_follow import LaneFollower
-from dart_hal.report.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
+from dart_hal.control.mpc.tracker import Contouring
+from dart_hal.report.figures import BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
 from dart_hal.types import FloatArray
 
 
@@ -54,8 +55,25 @@ def _draw_floor(axes: Any, follower: Follower, name: str) -> None:
     if len(driven):
         axes.plot(driven[:, 1], driven[:, 2], color=BLUE, lw=1.0, label="driven")
         axes.plot(driven[0, 1], driven[0, 2], "o", color=INK, ms=5, label="start")
+    if isinstance(follower.tracker, Contouring):
+        _draw_plans(axes, follower.tracker)
     axes.set_aspect("equal", adjustable="datalim")
     finish(axes, "x [m]", "y [m]", f"{Path(name).name}: {follower.why}", loc="center")
+
+
+def _draw_plans(axes: Any, tracker: Contouring) -> None:
+    """Each tenth plan within two standard deviations, and what was to be passed; hollow, where what
+    moves began."""
+    for k, (x, y, std) in enumerate(tracker.shown):
+        yaw = np.arctan2(np.gradient(y), np.gradient(x))
+        out_x, out_y = -2.0 * std * np.sin(yaw), 2.0 * std * np.cos(yaw)
+        axes.fill(np.append(x + out_x, (x - out_x)[::-1]), np.append(y + out_y, (y - out_y)[::-1]),
+                  color=GREEN, alpha=0.15, lw=0.0, label=None if k else "plans, two std")
+        axes.plot(x, y, color=GREEN, lw=0.6)
+    for disc in tracker.discs:
+        round_ = np.linspace(0.0, 2.0 * np.pi, 40)
+        axes.fill(disc.x + disc.radius * np.cos(round_), disc.y + disc.radius * np.sin(round_),
+                  color=INK, alpha=0.6, fill=disc.speed == 0.0)
 
 
 def _closed(axes: Any, x: Any, y: Any, closed: bool, **style: Any) -> None:

@@ -12,6 +12,7 @@ import click
 
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.car.misuse import check_url
+from dart_hal.control.mpc.obstacles import Disc
 from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Reference
 
@@ -132,6 +133,26 @@ class Number(click.FloatRange):
         if not isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
         return number
+
+
+class DiscType(click.ParamType):  # type: ignore[type-arg]
+    """X,Y,R or X,Y,R,SPEED (m, m/s): a disc to be passed."""
+
+    name = "disc"
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Disc:
+        if isinstance(value, Disc):
+            return value
+        try:
+            numbers = [float(part) for part in str(value).split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (3, 4) or not all(map(isfinite, numbers)):
+            self.fail(f"{value!r} is not X,Y,R or X,Y,R,SPEED: numbers, m and m/s", param, ctx)
+        if numbers[2] <= 0.0:
+            self.fail(f"{value!r}: a radius of {numbers[2]:g} m is none", param, ctx)
+        return Disc(*numbers)
 
 
 class ReferenceType(click.ParamType):  # type: ignore[type-arg]

@@ -66,6 +66,6 @@ class OnPath(ABC):
 
     def _command(self, motion: MotionEstimate, angle: float) -> float:
         low, high = self.plant.lock
-        angle = min(max(angle - self._prediction.bias, low), high)
+        angle = min(max(self._prediction.asked(angle), low), high)
         self._prediction.sent(motion.t, angle)
         return angle

@@ -114,7 +114,7 @@ def lock_of(files: CarFiles) -> tuple[float, float]:
 
 class Where(NamedTuple):
     """A predicted motion at t [s]: rear axle x, y [m], yaw [rad], speed [m/s], angle of the road
-    wheels [rad]."""
+    wheels [rad]; servo, where it stands for that, -1..1."""
 
     t: float
     x: float
@@ -122,6 +122,7 @@ class Where(NamedTuple):
     yaw: float
     speed: float
     angle: float
+    servo: float
 
     def course(self, plant: Plant) -> float:
         """Direction [rad] in which the rear axle goes: beside the heading, as its tyres slip."""
@@ -147,6 +148,14 @@ class Prediction:
         self._queue: deque[tuple[float, float]] = deque()
         self._t, self._servo = -inf, self.plant.command_of(0.0)
 
+    def wheels(self, servo: float) -> float:
+        """Angle [rad] at which the wheels stand for a servo at -1..1, by what was learnt."""
+        return self.plant.angle_of(servo) + self.bias
+
+    def asked(self, angle: float) -> float:
+        """Angle [rad] to command so that the wheels come to ``angle``."""
+        return angle - self.bias
+
     def sent(self, t: float, angle: float) -> None:
         """At t [s] an angle [rad] was commanded; it acts a transport later."""
         self._queue.append((t + self.plant.late.transport, self.plant.command_of(angle)))
@@ -163,23 +172,21 @@ class Prediction:
         while len(self._queue) > 1 and self._queue[1][0] < now.t - KEPT:
             self._queue.popleft()
         pose, servo, steady = now.pose, self._servo, self.plant.steady
-        angle_of = self.plant.angle_of
         x, y, yaw, at = pose.x, pose.y, pose.yaw, now.t
         while at < t - 1e-9:
             step = min(SUBSTEP, t - at)
             at += step
             servo = self._turned(servo, at, step)
-            bend = steady.bend(angle_of(servo) + self.bias, now.speed)
+            bend = steady.bend(self.wheels(servo), now.speed)
             turn, way = bend * now.speed * step, now.speed * step
             course = yaw + steady.turn(bend, now.speed).slip + 0.5 * turn
             x, y, yaw = x + way * cos(course), y + way * sin(course), yaw + turn
-        return Where(at, x, y, yaw, now.speed, angle_of(servo) + self.bias)
+        return Where(at, x, y, yaw, now.speed, self.wheels(servo), servo)
 
     def _learn(self, now: MotionEstimate, step: float) -> None:
         if now.speed < BIAS_ABOVE or not self._learns:
             return
-        curvature = self.plant.steady.bend(self.plant.angle_of(self._servo) + self.bias,
-                                            now.speed)
+        curvature = self.plant.steady.bend(self.wheels(self._servo), now.speed)
         error = self.plant.vehicle.body.wheelbase * (now.yaw_rate / now.speed - curvature)
         self.bias = min(max(self.bias + error * step / BIAS_TIME, -BIAS_MOST), BIAS_MOST)
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from math import pi, remainder
+from typing import Any
 
 import numpy as np
 
@@ -81,12 +82,15 @@ class Lqr(OnPath):
         return self._command(motion, bend.angle - float(gain @ state))
 
 
-def contouring(path: Path, plant: Plant) -> Contouring:
-    """Contouring control, which brakes by the linear-quadratic tracker where it cannot go on."""
-    return Contouring(path, plant, Lqr(path, plant))
+def contouring(path: Path, plant: Plant, **options: Any) -> Contouring:
+    """Contouring control, which brakes by the linear-quadratic tracker where it cannot go on;
+    options of ``Contouring``."""
+    return Contouring(path, plant, Lqr(path, plant), **options)
 
 
-TRACKERS: dict[str, Callable[[Path, Plant], Tracker]] = {
+Make = Callable[[Path, Plant], Tracker]
+"""How a tracker is made."""
+TRACKERS: dict[str, Make] = {
     "lqr": Lqr, "pursuit": Pursuit, "mpcc": contouring}
 
 

@@ -5,7 +5,9 @@
     obstacles    what lies on the path, as bounds of the error across
     problem      weights and limits: the quadratic programme of one iteration
     admm         its solution
+    generated    stages and solution in C, where the extra ``mpc`` and a compiler are there
     iteration    shift, linearise, solve, step: the plan of one sample, within its time
+    disturbance  what the steering does beside the model, learnt: offset-free control
     tracker      the plan as a tracker of ``dart-hal follow``
 
 A. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",

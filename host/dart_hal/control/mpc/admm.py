@@ -31,27 +31,50 @@ class Rows(NamedTuple):
     rho: FloatArray
 
 
+class Splitting(NamedTuple):
+    """What stays the same over the iterations: c (m, n), to_x (n, m), offset (n,), low, high, most
+    (m,)."""
+
+    c: FloatArray
+    to_x: FloatArray
+    offset: FloatArray
+    low: FloatArray
+    high: FloatArray
+    most: FloatArray
+
+
+Sweep = Callable[[int, Splitting, FloatArray, FloatArray], None]
+"""So many iterations on z and y (m,), in place."""
+
+
+def swept(times: int, of: Splitting, z: FloatArray, y: FloatArray) -> None:
+    """See ``Sweep``; y is the dual by rho."""
+    for _ in range(times):
+        x = of.to_x @ (z - y) - of.offset
+        there = RELAXATION * (of.c @ x) + (1.0 - RELAXATION) * z + y
+        inside = np.minimum(np.maximum(there, of.low), of.high)
+        beyond = there - inside
+        z[:] = inside + beyond - np.minimum(np.maximum(beyond, -of.most), of.most)
+        y[:] = there - z
+
+
 def solve(
     h: FloatArray,
     g: FloatArray,
     rows: Rows,
     iterations: int,
     late: Callable[[], bool] = lambda: False,
+    sweep: Sweep = swept,
 ) -> FloatArray | None:
     """x (n,) after so many iterations; None where ``late()`` before."""
     c, low, high, price, rho = rows
     weighted = c.T * rho
     inverse = np.linalg.inv(h + weighted @ c)
-    to_x, offset = inverse @ weighted, inverse @ g
-    most = price / rho
-    z, y = np.clip(np.zeros(len(low)), low, high), np.zeros(len(low))  # y: dual by rho
-    for k in range(iterations):
-        if k % EACH == 0 and late():
+    of = Splitting(c, inverse @ weighted, inverse @ g, low, high, price / rho)
+    z, y = np.clip(np.zeros(len(low)), low, high), np.zeros(len(low))
+    for done in range(0, iterations, EACH):
+        if late():
             return None
-        there = RELAXATION * (c @ (to_x @ (z - y) - offset)) + (1.0 - RELAXATION) * z + y
-        inside = np.minimum(np.maximum(there, low), high)
-        beyond = there - inside
-        z = inside + beyond - np.minimum(np.maximum(beyond, -most), most)
-        y = there - z
-    x: FloatArray = to_x @ (z - y) - offset
+        sweep(min(EACH, iterations - done), of, z, y)
+    x: FloatArray = of.to_x @ (z - y) - of.offset
     return x

@@ -14,14 +14,16 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from dart_hal.control.drivetrain import Inverse
-from dart_hal.control.mpc.admm import solve
-from dart_hal.control.mpc.model import STAGE, linearised, make_stage
+from dart_hal.control.mpc import generated
+from dart_hal.control.mpc.admm import Sweep, solve, swept
+from dart_hal.control.mpc.model import STAGE, Linearise, linearised, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
 from dart_hal.control.mpc.problem import ST, V_S, Limits, Problem, Weights, condensed
 from dart_hal.control.mpc.reference import Reference
@@ -106,12 +108,18 @@ class Mpcc:
         weights: Weights | None = None,
         horizon: int = HORIZON,
         iterations: int = ITERATIONS,
+        compiled: bool = False,
     ) -> None:
-        """limits None: of the vehicle, without any of the car's own."""
+        """limits None: of the vehicle, without any of the car's own; compiled: by generated C,
+        see ``generated``."""
         self.vehicle, self.speed_of = settled(vehicle), speed_of
         self.limits = limits or Limits(tau=(-vehicle.motor.g, 1.0))
         self.problem = Problem(horizon, weights or Weights(), self.limits)
         self.stage = make_stage(self.vehicle, np)
+        self._linearise: Linearise = partial(linearised, self.stage)
+        self._sweep: Sweep = swept
+        if compiled:
+            self._linearise, self._sweep = generated.compiled(self.vehicle), generated.sweep()
         self.reference = Reference(path)
         self.corridor = Corridor(self.limits.lane, path.length if path.closed else inf)
         self.iterations = iterations
@@ -176,7 +184,7 @@ class Mpcc:
         """One linearisation and one programme; None where it was late."""
         inputs, states = plan.inputs, plan.states
         state, s, before, late = aim
-        after, a, b = linearised(self.stage, states[:-1], inputs[:V_S].T)
+        after, a, b = self._linearise(states[:-1], inputs[:V_S].T)
         moved = condensed(state - states[0], a, b, after - states[1:])
         way = self.problem.progress(s, inputs[V_S])
         errors = self.reference.errors(states[1:, 0], states[1:, 1], way)
@@ -186,7 +194,7 @@ class Mpcc:
         h, g, rows = self.problem.build(
             states[1:], inputs, before, moved, errors, self.speed_of(way), lane
         )
-        found = solve(h, g, rows, self.iterations, late)
+        found = solve(h, g, rows, self.iterations, late, self._sweep)
         if found is None:
             return None
         change = found.reshape(inputs.shape)

@@ -38,6 +38,10 @@ VARIED = (3, 4, 5, 6, 7)
 
 Stage = Callable[..., tuple[Value, ...]]
 Velocity = Callable[..., tuple[Value, Value, Value]]
+Linearised = tuple[FloatArray, FloatArray, FloatArray]
+"""Next states (n, 8), slopes to states (n, 8, 8) and to inputs (n, 8, 2)."""
+Linearise = Callable[[FloatArray, FloatArray], Linearised]
+"""Of states (n, 8) and inputs (n, 2)."""
 
 
 def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
@@ -128,8 +132,8 @@ def linearised(
     stage: Stage,
     states: FloatArray,
     inputs: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(next states (n, 8), slopes to states (n, 8, 8), slopes to inputs (n, 8, 2)).
+) -> Linearised:
+    """Next states and slopes by differences.
 
     All stages and all variations are lanes of one evaluation.
     """

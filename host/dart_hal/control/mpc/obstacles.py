@@ -9,16 +9,17 @@ chosen once for an encounter, that with more room.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
+from math import cos, hypot, inf, sin
 
 import numpy as np
 
+from dart_hal.control.paths import Path
 from dart_hal.types import FloatArray
 
 RAMP = 0.4
 """m across for 1 m along: at 2 m/s within the curvature that the car turns."""
-HALF_WIDTH, MARGIN = 0.10, 0.10
-"""m of the body (0.3 x 0.2 m), and beyond: the corners of a body that is turned by 0.2 rad reach
+HALF_LENGTH, HALF_WIDTH, MARGIN = 0.15, 0.10, 0.10
+"""m of the body, and beyond: the corners of a body that is turned by 0.2 rad reach
 3 cm further, a controller errs by 2."""
 BESIDE = 0.05
 """m of way more than R for which the whole distance is kept."""
@@ -36,6 +37,41 @@ class Obstacle:
     radius: float
     speed: float = 0.0
     t: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """x, y, radius [m] of a disc in the frame of the poses; speed [m/s] along the path."""
+
+    x: float
+    y: float
+    radius: float
+    speed: float = 0.0
+
+    def beside(self, path: Path, t: float) -> Obstacle:
+        """It, at time t [s], beside the nearest point of a path, which goes on behind its ends."""
+        near = float(path.s[np.argmin(np.hypot(path.x - self.x, path.y - self.y))])
+        s = path.closest(self.x, self.y, near)
+        spot = path.at(s)
+        s += cos(spot.heading) * (self.x - spot.x) + sin(spot.heading) * (self.y - spot.y)
+        return Obstacle(s, path.offset(self.x, self.y, s), self.radius, self.speed, t)
+
+
+def needed(o: Obstacle) -> float:
+    """m beside the path that the car has to go to pass it on the side with more room."""
+    return o.radius + HALF_WIDTH + MARGIN - abs(o.offset)
+
+
+def air(x: float, y: float, yaw: float, o: Obstacle, path: Path, t: float) -> float:
+    """m between the body, with its middle at x, y [m], and an obstacle at t [s]; negative inside
+    it."""
+    spot = path.at(o.s + o.speed * (t - o.t))
+    away_x = spot.x - o.offset * sin(spot.heading) - x
+    away_y = spot.y + o.offset * cos(spot.heading) - y
+    along = abs(away_x * cos(yaw) + away_y * sin(yaw)) - HALF_LENGTH
+    across = abs(away_y * cos(yaw) - away_x * sin(yaw)) - HALF_WIDTH
+    apart = hypot(max(along, 0.0), max(across, 0.0)) + min(max(along, across), 0.0)
+    return apart - o.radius
 
 
 class Corridor:

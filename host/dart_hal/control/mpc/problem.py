@@ -123,6 +123,11 @@ class Problem:
         self._high = np.repeat((lim.tau[1], lim.st[1], lim.fastest), n)
         self._most = STAGE * np.repeat(lim.rates, n)
 
+    def turn_within(self, low: float, high: float) -> None:
+        """Ends of the steering from now on: what is learnt of it moves them."""
+        n = self.n
+        self._low[n * ST : n * (ST + 1)], self._high[n * ST : n * (ST + 1)] = low, high
+
     def build(
         self,
         states: FloatArray,

@@ -5,22 +5,29 @@ model's slip there. The car's speed loop drives: it is given the speed that the 
 later, where that is less than the profile's. A plan that is late is the last one, shifted; more
 than ``LATEST`` of them in a row, one that diverged or one without a way past the obstacles end the
 drive (``why``): ``safe`` steers to rest.
+
+What the car passes is given as discs; how near it came to each, by its own estimate, is in ``air``.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, tan
+from math import cos, inf, sin, tan
+from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.control.mpc.disturbance import Learning
 from dart_hal.control.mpc.iteration import Mpcc, Outcome, Plan
 from dart_hal.control.mpc.model import STAGE
+from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
 from dart_hal.control.mpc.problem import Limits
+from dart_hal.control.mpc.spread import across
 from dart_hal.control.on_path import OnPath
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.steady import SPEEDS
+from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray, MotionEstimate
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Delay
@@ -29,32 +36,57 @@ BUDGET, LATEST = 0.05, 3
 """s for a plan, half of what there is; late ones in a row that are still as good as the model."""
 REACH = 0.3
 """s ahead of which the plan's speed is asked for: what the speed loop takes to answer, and some."""
+LANE = 0.3
+"""m to either side."""
+EDGE = 0.04
+"""m to the end of the lane that a way past an obstacle has to leave: a drive ends there, and the
+car errs by 2 to 3 cm beside one."""
+SHOWN = 10
+"""Plans from one that is kept to be drawn to the next: 1 s."""
 GRIP = 0.8
 """Of the most that the tyres hold across, by the model."""
 
 
-class Contouring(OnPath):
-    """See ``Tracker``. ``mpcc``: the controller, its obstacles may be set; ``plan``: the last."""
+class Shown(NamedTuple):
+    """A plan to be drawn: x, y [m] of its states and how sure they are across [m], (n + 1,)."""
 
-    def __init__(self, path: Path, plant: Plant, safe: OnPath) -> None:
+    x: FloatArray
+    y: FloatArray
+    std: FloatArray
+
+
+class Contouring(OnPath):
+    """See ``Tracker``. ``mpcc``: the controller, its obstacles may be set; ``plan``: the last;
+    ``shown``: one of ten; ``air`` [m]: the least beside each disc; ``in_numpy``: why there is no C.
+    """
+
+    def __init__(self, path: Path, plant: Plant, safe: OnPath, discs: tuple[Disc, ...] = (),
+                 compiled: bool = False, lane: float = LANE) -> None:
+        """discs: what is to be passed, from the first answer on; compiled: by generated C, where
+        that can be had; lane [m] to either side."""
         super().__init__(path, plant)
         p, late = settled(plant.vehicle), plant.late
         lag = p.delay.throttle_lag_s if late.lag or late.transport else 0.0
         self._vehicle = replace(p, delay=Delay(steering_lag_s=late.lag, throttle_lag_s=lag))
-        self.mpcc = Mpcc(self._vehicle, path, self._paces, _limits(plant))
+        self.mpcc, self.in_numpy = self._controller(compiled, lane)
+        self.discs, self.air = discs, [inf] * len(discs)
+        self.shown: list[Shown] = []
         self.mpcc.budget = BUDGET
         self.plan: Plan | None = None
+        self._prediction = self._learning = Learning(plant)
         self._safe = safe
         self._safe._prediction = self._prediction
-        self._due, self._st, self._missed = -inf, 0.0, 0
+        self._due, self._st, self._missed, self._count = -inf, 0.0, 0, 0
 
     def begin(self, s: float) -> None:
-        """See ``Tracker``."""
+        """See ``Tracker``. Raises UsageError for a disc that leaves no way within the lane."""
         super().begin(s)
         self._safe.begin(s)
+        for k, disc in enumerate(self.discs, start=1):
+            _passable(k, disc, disc.beside(self.path, 0.0), self.mpcc.limits.lane)
         self.mpcc.reset()
         self.mpcc.clock = self.clock
-        self.plan, self._due, self._missed = None, -inf, 0
+        self.plan, self._due, self._missed, self._count = None, -inf, 0, 0
         self._st = self.plant.command_of(0.0)
 
     def steer(self, motion: MotionEstimate) -> float:
@@ -63,6 +95,7 @@ class Contouring(OnPath):
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
         self.told = {}
+        self._watch(motion)
         if self.why:
             return self._safe.steer(motion)
         if motion.t > self._due - 1e-6:
@@ -70,13 +103,41 @@ class Contouring(OnPath):
             self.plan = self._planned(motion)
             if self.why:
                 return self._safe.steer(motion)
-            self._st = float(self.plan.inputs[1, 0])
+            self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
+            std = across(self.plan, motion.cov)
             self.told = {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
-                         "steering": self.plan.inputs[1]}
+                         "steering": self.plan.inputs[1], "std": std}
+            if self._count % SHOWN == 0:
+                self.shown.append(Shown(x, y, std))
+            self._count += 1
         if self.plan is not None:
             self.speed = float(self.plan.at(motion.t + REACH)[3])
-        return self._command(motion, self.plant.angle_of(self._st))
+        return self._turned(motion)
+
+    def _controller(self, compiled: bool, lane: float) -> tuple[Mpcc, str]:
+        """It, and why it is on numpy though C was asked for."""
+        limits, said = replace(_limits(self.plant), lane=lane), ""
+        try:
+            return Mpcc(self._vehicle, self.path, self._paces, limits, compiled=compiled), said
+        except UsageError as why:
+            return Mpcc(self._vehicle, self.path, self._paces, limits), str(why)
+
+    def _watch(self, motion: MotionEstimate) -> None:
+        """The discs begin to move with the first answer; how near the body is to each."""
+        if self.discs and not self.mpcc.obstacles:
+            self.mpcc.obstacles = tuple(d.beside(self.path, motion.t) for d in self.discs)
+        pose, ahead = motion.pose, self._vehicle.body.l_r
+        x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
+        for k, o in enumerate(self.mpcc.obstacles[:len(self.air)]):
+            self.air[k] = min(self.air[k], air(x, y, pose.yaw, o, self.path, motion.t))
+
+    def _turned(self, motion: MotionEstimate) -> float:
+        """The angle [rad] of the command that is in force."""
+        low, high = self.plant.lock
+        angle = min(max(self.plant.angle_of(self._st), low), high)
+        self._prediction.sent(motion.t, angle)
+        return angle
 
     def _planned(self, motion: MotionEstimate) -> Plan:
         """The plan from the time on at which it acts; ``why`` where there is none to drive by."""
@@ -86,10 +147,13 @@ class Contouring(OnPath):
         bend = steady.bend(where.angle, speed)
         omega, slip = bend * speed, steady.turn(bend, speed).slip
         tau = float(plan.at(where.t)[6]) if plan else self.mpcc.limits.tau[0]
+        acts = self._learning.disturbance.effective
         state = np.array((where.x, where.y, where.yaw, speed, l_r * omega + speed * tan(slip),
-                          omega, tau, self.plant.command_of(where.angle)))
+                          omega, tau, acts(where.servo)))
         sent = float(plan.inputs[0, 0]) if plan else tau
-        found = self.mpcc.plan(where.t, state, s, (sent, self._st))
+        low, high = self.mpcc.limits.st
+        self.mpcc.problem.turn_within(acts(low), acts(high))
+        found = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
         if found.outcome is Outcome.DIVERGED:
             self.why = "the plan diverged"
@@ -101,6 +165,19 @@ class Contouring(OnPath):
 
     def _paces(self, s: FloatArray) -> FloatArray:
         return np.array([self.pace(float(at)) for at in s])
+
+
+def _passable(k: int, disc: Disc, o: Obstacle, lane: float) -> None:
+    """Raises UsageError for an obstacle that no plan passes within the lane."""
+    room = needed(o) + EDGE
+    if room > lane:
+        side = "left" if o.offset > 0.0 else "right"
+        raise UsageError(
+            f"obstacle {k} leaves no way within the lane",
+            found=f"{abs(o.offset):.2f} m to the {side} of the path at {o.s:.2f} m, radius "
+                  f"{disc.radius:g} m: the car would have to go {needed(o):.2f} m beside the path",
+            expected=f"{EDGE:g} m less than the lane of {lane:g} m to either side",
+            remedy=f"--lane {room + 0.005:.2f} where there is room, or move the obstacle")
 
 
 def _limits(plant: Plant) -> Limits:

@@ -1,0 +1,65 @@
+"""What a steering does beside its model is learnt, and what is commanded allows for it."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+import pytest
+from tests.control.light_follow import LATER, light_drive, plant_by
+from tests.control.mpc_loop import P, known
+
+from dart_hal.control.follow import Follower
+from dart_hal.control.mpc import disturbance
+from dart_hal.control.mpc.disturbance import MOST, Disturbance
+from dart_hal.control.tracks import track_named
+
+TRUE = np.array([0.03, -0.15, 0.1])
+COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
+
+
+def learnt(speed: float, true: np.ndarray = TRUE) -> Disturbance:
+    """After 8 s of bends to both sides by a car that steers as ``true`` says, noise of 0.05 rad/s
+    in its yaw rate."""
+    plant, found, rng = known(P), Disturbance(known(P)), np.random.default_rng(1)
+    for c in COMMANDS:
+        acts = c + true @ (1.0, max(c, 0.0), min(c, 0.0))
+        turned = speed * plant.steady.bend(plant.angle_of(acts), speed) + rng.normal(scale=0.05)
+        found.learn(float(c), speed, turned, 0.1)
+    return found
+
+
+@pytest.mark.parametrize("speed", [0.7, 1.8])
+def test_it_finds_offset_and_both_gains(speed):
+    assert learnt(speed).value == pytest.approx(TRUE, abs=0.04)
+
+
+def test_a_standing_car_teaches_nothing():
+    assert (learnt(0.2).value == 0.0).all()
+
+
+def test_it_never_believes_more_than_its_limit():
+    assert np.abs(learnt(1.5, np.array([0.9, 0.9, 0.9])).value).max() <= MOST
+
+
+@pytest.mark.parametrize("command", [-1.0, -0.3, -0.02, 0.0, 0.02, 0.4, 1.0])
+def test_a_command_and_what_it_does(command):
+    found = learnt(1.5)
+    assert found.command(found.effective(command)) == pytest.approx(command, abs=1e-12)
+
+
+def rests_beside(speed: float = 1.5) -> float:
+    """m beside a circle of 1 m, in the mean of its second half, by ``follow`` on a car whose wheels
+    stand 0.04 rad too far to the left."""
+    follower = Follower(track_named("circle"), plant_by(LATER), speed, "mpcc")
+    rows = light_drive(follower, bias=0.04)
+    assert follower.why == "the path is driven"
+    return float(rows[len(rows) // 2:-200, 3].mean())
+
+
+@pytest.mark.more
+def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
+    """The control: the same where nothing is learnt."""
+    assert abs(rests_beside()) < 0.004
+    monkeypatch.setattr(disturbance, "FROM", inf)
+    assert abs(rests_beside()) > 0.012

@@ -1,0 +1,124 @@
+"""Discs beside a path: where they lie, whether there is a way past, how near the body comes."""
+
+from __future__ import annotations
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+from tests.control.light_follow import LATER, light_drive, plant_by
+from tests.control.mpc_loop import Loop, P, controller
+from tests.control.mpc_spread import COV, errors
+from tests.control.obstacle_figures import passed
+from tests.control.test_mpc import TRACK
+
+from dart_hal.control.follow import Follower, Phase
+from dart_hal.control.mpc import spread, tracker
+from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
+from dart_hal.control.paths import Path
+from dart_hal.control.trackers import contouring
+from dart_hal.errors import UsageError
+
+STRAIGHT = Path([(9.0, 0.0)], closed=False)
+
+
+def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
+    return Follower(STRAIGHT, plant_by(LATER), speed, lambda path, plant: contouring(
+        path, plant, discs=(disc,), **options))
+
+
+@pytest.mark.parametrize(("x", "y", "offset"), [(4.65, 2.0, -0.15), (2.25, 0.2, 0.2)])
+def test_a_disc_lies_beside_the_nearest_point(x, y, offset):
+    """The track begins at (2.25, 0) along +x; x = 4.5 is a straight upwards."""
+    o = Disc(x, y, 0.1, 0.3).beside(TRACK, 7.0)
+    spot = TRACK.at(o.s)
+    assert o.offset == pytest.approx(offset, abs=1e-3)
+    assert spot.x - o.offset * np.sin(spot.heading) == pytest.approx(x, abs=1e-3)
+    assert spot.y + o.offset * np.cos(spot.heading) == pytest.approx(y, abs=1e-3)
+    assert (o.speed, o.t, o.radius) == (0.3, 7.0, 0.1)
+
+
+def test_one_behind_the_end_is_not_at_the_end():
+    o = Disc(12.0, 0.1, 0.1).beside(STRAIGHT, 0.0)
+    assert (o.s, o.offset) == pytest.approx((12.0, 0.1))
+
+
+@pytest.mark.parametrize(("x", "y", "yaw", "expected"), [
+    (0.0, 0.0, 0.0, 0.65), (0.0, 0.4, 0.0, 0.70139), (1.0, 0.3, 0.0, 0.0), (1.0, 0.35, pi / 2, 0.0),
+    (1.0, 0.0, 0.0, -0.3)])
+def test_air_between_a_body_and_a_disc(x, y, yaw, expected):
+    """A body of 0.3 x 0.2 m, a disc of 0.2 m which has come to x = 1 in 2 s."""
+    o = Obstacle(0.0, 0.0, 0.2, 0.5, 1.0)
+    assert air(x, y, yaw, o, STRAIGHT, 3.0) == pytest.approx(expected, abs=1e-5)
+
+
+def test_one_in_the_middle_is_refused_by_its_place():
+    with pytest.raises(UsageError, match="obstacle 1 leaves no way within the lane") as told:
+        light_drive(follower(Disc(6.0, 0.02, 0.15)))
+    assert "0.33 m beside the path" in str(told.value)
+    assert "--lane 0.37" in str(told.value)
+
+
+def test_with_the_lane_that_it_asks_for_there_is_a_way():
+    disc = Disc(6.0, 0.02, 0.15)
+    begun = follower(disc, lane=needed(disc.beside(STRAIGHT, 0.0)) + tracker.EDGE + 0.005)
+    begun.tracker.begin(0.0)
+
+
+@pytest.mark.more
+def test_it_tells_how_near_it_came():
+    """By the true rows: 10 cm are aimed at."""
+    disc = Disc(6.0, -0.15, 0.15)
+    drive = follower(disc)
+    rows = light_drive(drive)
+    o, ahead = disc.beside(STRAIGHT, 0.0), LATER.body.l_r
+    level = min(air(x + ahead, y, 0.0, o, STRAIGHT, t) for t, x, y, *_ in rows)
+    assert drive.why == "the path is driven"
+    assert 0.05 < drive.tracker.air[0] < 0.12
+    assert drive.tracker.air[0] == pytest.approx(level, abs=0.03)
+
+
+@pytest.mark.more
+def test_an_emulated_car_passes_one_with_5_cm_of_air():
+    """On the path itself the body would be 10 cm inside it."""
+    assert passed(1, 2.0, 0.5)[0] >= 0.05
+
+
+def test_without_casadi_it_drives_on_numpy_and_says_so(monkeypatch):
+    def none(*_):
+        raise UsageError("contouring control in C needs casadi")
+
+    monkeypatch.setattr(tracker.Mpcc.__init__.__globals__["generated"], "compiled", none)
+    begun = follower(Disc(30.0, 0.0, 0.1), compiled=True)
+    assert "needs casadi" in begun.tracker.in_numpy
+    assert follower(Disc(30.0, 0.0, 0.1)).tracker.in_numpy == ""
+
+
+def test_a_plan_tells_how_sure_it_is_across():
+    """It begins at what is known and grows."""
+    loop = Loop(controller(P, TRACK, 1.5))
+    for _ in range(4):
+        plan = loop.step()
+    std = spread.across(plan, COV)
+    assert std.shape == (21,)
+    assert std[0] == pytest.approx(0.01, abs=1e-4)
+    assert (np.diff(std) > 0.0).all()
+    assert 0.02 < std[10] < 0.08
+
+
+@pytest.mark.more
+def test_it_is_as_sure_as_it_may_be(monkeypatch):
+    """Two cars whose model is 5 % off, 1 s ahead; the control: a stage that adds nothing."""
+    found, told = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)), strict=True))
+    assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() > 0.8
+    monkeypatch.setattr(spread, "TURNED", 0.0)
+    found, told = errors(3, 2.0)
+    assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() < 0.7
+
+
+def test_a_drive_goes_on_behind_a_disc_that_is_far_away():
+    drive = follower(Disc(4.0, 2.0, 0.15))
+    rows = light_drive(drive, seconds=2.0)
+    assert drive.phase is not Phase.ENDED
+    assert np.abs(rows[:, 3]).max() < 0.01
+    assert 1.0 < drive.tracker.air[0] < inf
