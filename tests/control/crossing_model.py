@@ -49,8 +49,10 @@ class Rules:
         return order.again(car, car.boot + 1, 0, BEFORE)
 
     def restarted(self, n: int, car: order.Standing, place: int, kept: int) -> order.Standing:
-        car = order.begun(car.id, n, car.boot + 1, 0, place, kept, place == ON)
-        return order.done(car) if place == PAST else car
+        if place == PAST:
+            return order.begun(car.id, n, car.boot + 1, 0, place, Phase.DONE)
+        phase = Phase.WANT if kept else Phase.BACK if place == ON else Phase.FREE
+        return order.begun(car.id, n, car.boot + 1, 0, place, phase, kept)
 
 
 def put(items, i, value):
@@ -71,15 +73,16 @@ def after(w: World, rules: Rules, room: int):
                 continue
             way = i * n + j
             told, m = order.tell(car)
-            new = w._replace(cars=put(w.cars, i, told))
-            if len(w.sent[way]) < room:
-                yield new._replace(sent=put(w.sent, way, (*w.sent[way], m)))
-            for k in range(len(w.sent[way])):  # one of those before was lost
-                rest = put(w.sent[way], k, None)
-                line = tuple(x for x in rest if x is not None)
-                yield new._replace(sent=put(w.sent, way, (*line, m)))
-                heard = rules.heard(w.cars[j], w.sent[way][k])
-                yield w._replace(cars=put(w.cars, j, heard), sent=put(w.sent, way, line))
+            m = only_for(j, m)
+            if news(w, way, j, m):
+                new = w._replace(cars=put(w.cars, i, told))
+                if len(w.sent[way]) < room:
+                    yield new._replace(sent=put(w.sent, way, (*w.sent[way], m)))
+                for k in range(len(w.sent[way])):  # one of those before was lost
+                    yield new._replace(sent=put(w.sent, way, (*without(w.sent[way], k), m)))
+            for k, m in enumerate(w.sent[way]):
+                yield w._replace(cars=put(w.cars, j, rules.heard(w.cars[j], m)),
+                                 sent=put(w.sent, way, without(w.sent[way], k)))
         place = w.places[i]
         if car.phase is Phase.FREE and place == BEFORE:
             top = 1 + max(max(c.highest, c.ts) for c in w.cars)
@@ -99,6 +102,26 @@ def after(w: World, rules: Rules, room: int):
         if w.restarts:
             yield w._replace(cars=put(w.cars, i, rules.restarted(n, car, place, w.kept[i])),
                              restarts=w.restarts - 1)
+
+
+def without(items, k):
+    return items[:k] + items[k + 1:]
+
+
+def only_for(j: int, m: order.Message) -> order.Message:
+    """What j reads of a message."""
+    mine = [(x if k == j else 0) for k, x in enumerate(m.grants)]
+    heard = [(x if k == j else 0) for k, x in enumerate(m.heard)]
+    return m._replace(grants=tuple(mine), heard=tuple(heard))
+
+
+def news(w: World, way: int, j: int, m: order.Message) -> bool:
+    """Whether it says more than j knows by the newest that was sent: else it changes nothing."""
+    last, known = w.sent[way][-1:], w.cars[j].others[m.id]
+    if last:
+        return last[0]._replace(seq=0) != m._replace(seq=0)
+    return known is None or known[0:1] + known[2:8] != (
+        m.boot, m.path, m.phase, m.ts, m.s_minus, m.grants[j], m.heard[j])
 
 
 def moved(w: World, i: int, place: int, car: order.Standing) -> World:

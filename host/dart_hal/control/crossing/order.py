@@ -109,12 +109,11 @@ SESSIONS = 16
 
 
 def begun(
-    id: int, n: int, boot: int, path: int, s_minus: float, kept: int = 0, among: bool = False
+    id: int, n: int, boot: int, path: int, s_minus: float, phase: Phase = Phase.FREE, ts: int = 0
 ) -> Standing:
-    """Car id of n at the start of a session. kept: the stamp of a session before that had not
-    ended its crossing, 0 = none; among: it stands behind its first line and before the last."""
-    phase = Phase.WANT if kept else Phase.BACK if among else Phase.FREE
-    return Standing(id, boot, path, phase, kept, s_minus, 0, kept, (0,) * n, (None,) * n)
+    """Car id of n at the start of a session. It is FREE, but after a restart: behind its last zone
+    DONE; WANT with the stamp that it kept; without one, amid the zones, BACK."""
+    return Standing(id, boot, path, phase, ts, s_minus, 0, ts, (0,) * n, (None,) * n)
 
 
 def hear(car: Standing, m: Message) -> tuple[Standing, Verdict]:
@@ -142,10 +141,8 @@ def hear(car: Standing, m: Message) -> tuple[Standing, Verdict]:
             ts = before.ts
         if ts == before.ts and m.path == before.path:
             s_minus = max(s_minus, before.s_minus)
-    known = Known(
-        m.boot, m.seq, m.path, m.phase, ts, s_minus, grant, m.heard[car.id], retired
-    )
-    highest = max(car.highest, m.ts, *m.grants)
+    known = Known(m.boot, m.seq, m.path, m.phase, ts, s_minus, grant, m.heard[car.id], retired)
+    highest = max(car.highest, m.ts, m.grants[car.id])
     others = (*car.others[: m.id], known, *car.others[m.id + 1 :])
     return _granting(car._replace(others=others, highest=highest)), Verdict.TAKEN
 
@@ -215,6 +212,6 @@ def right(car: Standing, j: int) -> Right:
     other = car.others[j]
     if other is None:
         return Right.UNHEARD
-    if other.phase is not Phase.FREE and 0 < other.ts and (other.ts, j) < (car.ts, car.id):
+    if other.phase is not Phase.FREE and other.ts > 0 and (other.ts, j) < (car.ts, car.id):
         return Right.AFTER
     return Right.GRANTED if other.grant == car.ts > 0 else Right.UNGRANTED
