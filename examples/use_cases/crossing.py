@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal import Fleet
-from dart_hal.config import save_model
+from dart_hal.config import Calibration, Quantity, save_calibration, save_model
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
@@ -45,10 +45,15 @@ def url(layout, route, s, world):
             "&mocap=1")
 
 
-def models(folder):
-    """model.toml of the emulated cars, under the name of their files."""
-    (Path(folder) / "sim").mkdir()
-    save_model(model_of(replace(UPSTREAM_2024, name="sim")), Path(folder) / "sim" / "model.toml")
+def files(folder):
+    """What an identification and `dart-hal calibrate mocap` write: the emulated cars' model, and
+    markers on the rear axle."""
+    cars = Path(folder) / "sim-0"
+    cars.mkdir()
+    save_model(model_of(replace(UPSTREAM_2024, name="sim-0")), cars / "model.toml")
+    markers = {f"mocap.{of}": Quantity(0.0, std) for of, std in (
+        ("marker_x", 1e-4), ("marker_y", 1e-4), ("marker_yaw", 1e-4), ("latency", 1e-3))}
+    save_calibration(Calibration(car="sim-0").with_quantities(markers), cars)
 
 
 def crossers(fleet, layout):
@@ -86,7 +91,7 @@ def drive(layout, world="crossing"):
     lanes = [layout.routes[layout.number(route)].lane for route, _ in ROUTES]
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        models(folder)
+        files(folder)
         urls = [url(layout, *start, world) for start in ROUTES]
         with Fleet.open(urls, cars=folder, room=ROOM) as fleet:
             minds = crossers(fleet, layout)
@@ -120,6 +125,88 @@ def figures(rows):
     return least, rows[-1][0] - moved
 
 
+def floor(axes, layout, minds):
+    """Lanes, and the ways of the cars."""
+    for route in layout.routes:
+        axes.plot(route.path.x, route.path.y, color="0.85", lw=7, solid_capstyle="round", zorder=0)
+    for mind, colour in zip(minds, COLOURS, strict=True):
+        entry = mind.path.at(layout.entry[mind.coordinator.route])
+        c, s = 0.2 * cos(entry.heading), 0.2 * sin(entry.heading)
+        axes.plot([entry.x - s, entry.x + s], [entry.y + c, entry.y - c], color=colour, lw=1.5)
+    axes.set_aspect("equal")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def body(axes, x, y, yaw, colour, alpha=1.0):
+    """A car, 0.30 by 0.20 m, at its middle; the patch."""
+    from matplotlib.patches import Rectangle
+
+    patch = Rectangle((x - 0.15, y - 0.1), 0.3, 0.2, angle=np.degrees(yaw),
+                      rotation_point="center", color=colour, alpha=alpha, lw=0)
+    axes.add_patch(patch)
+    return patch
+
+
+def draw(layout, rows, minds, file):
+    """Where the cars were each second, and how far along their ways."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.8), width_ratios=(1.0, 1.3),
+                                         layout="constrained")
+    floor(left, layout, minds)
+    t0, t = rows[0][0], np.array([row[0] for row in rows])
+    at = np.array([row[1] for row in rows])
+    for k, (mind, colour) in enumerate(zip(minds, COLOURS, strict=True)):
+        for i in range(0, len(rows), 100):
+            body(left, *at[i, k], colour, 0.3 + 0.6 * i / len(rows))
+        s = np.array([mind.path.s[np.argmin(np.hypot(mind.path.x - x, mind.path.y - y))]
+                      for x, y in at[::10, k, :2]])
+        route = layout.routes[mind.coordinator.route].name
+        right.plot(t[::10] - t0, s - layout.entry[mind.coordinator.route], color=colour,
+                   label=f"{route}, stamp {mind.coordinator.car.ts * 1e-6 - t0:.2f} s")
+        waits = np.array([row[2][k] not in ("GOING",) for row in rows[::10]])
+        right.plot((t[::10] - t0)[waits], (s - layout.entry[mind.coordinator.route])[waits], ".",
+                   color=colour, ms=7)
+    right.axhspan(0.0, layout.exit[minds[0].coordinator.route]
+                  - layout.entry[minds[0].coordinator.route], color="0.92", zorder=0)
+    right.set(xlabel="t [s]", ylabel="middle of the car beyond its line [m]")
+    right.set_title("dots: it waits, behind the line of a car before it or for its grant",
+                    loc="left", fontsize=9)
+    left.set_title("each second; the lines before the common ground", loc="left", fontsize=9)
+    right.legend(fontsize=8, loc="upper left")
+    right.grid(alpha=0.3)
+    figure.savefig(file, dpi=100)
+
+
+def animate(layout, rows, minds, file, every=10, fps=10):
+    """The drive as a film in its own time."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    figure, axes = plt.subplots(figsize=(5, 5), layout="constrained")
+    floor(axes, layout, minds)
+    drawn = []
+
+    def frame(i):
+        while drawn:
+            drawn.pop().remove()
+        t, at, waits = rows[i * every]
+        for (x, y, yaw), wait, colour in zip(at, waits, COLOURS, strict=True):
+            drawn.append(body(axes, x, y, yaw, colour))
+            if wait != "GOING":
+                drawn.append(axes.text(x + 0.2, y + 0.15, wait, fontsize=6, color=colour))
+        axes.set_title(f"{t - rows[0][0]:.1f} s", loc="left", fontsize=9)
+        return drawn
+
+    FuncAnimation(figure, frame, frames=len(rows) // every).save(file, PillowWriter(fps), dpi=60)
+
+
 def main(picture=None, animation=None):
     """(least distance [m], s for all), and the crossers."""
     layout = LAYOUTS[LAYOUT]()
@@ -133,9 +220,9 @@ def main(picture=None, animation=None):
     print(f"{across} of {len(minds)} across in {seconds:.1f} s, middles at least {least:.3f} m "
           f"apart, {len(contacts)} contacts")
     if picture:
-        pass
+        draw(layout, rows, minds, picture)
     if animation:
-        pass
+        animate(layout, rows, minds, animation)
     return (least, seconds), minds
 
 

@@ -4,7 +4,7 @@ restart at any moment.
 
     place 0: before the line, 1: on the common ground, 2: past it
 
-    python -m tests.control.crossing_model [--cars 2] [--rounds 2] [--restarts 1] [--room 1]
+    python -m tests.control.crossing_model [--cars 2] [--rounds 2] [--restarts 1] [--room 1] [--met]
 """
 
 from __future__ import annotations
@@ -59,13 +59,18 @@ def put(items, i, value):
     return (*items[:i], value, *items[i + 1:])
 
 
-def first(n: int, rounds: int, restarts: int) -> World:
+def first(n: int, rounds: int, restarts: int, met: bool = False) -> World:
+    """met: each has told that it hears the others' sessions."""
     cars = tuple(order.begun(i, n, 1, 0, BEFORE) for i in range(n))
+    if met:
+        known = order.Known(1, 1, 0, Phase.FREE, 0, BEFORE, 0, 1)
+        cars = tuple(c._replace(seq=1, others=put((known,) * n, c.id, None)) for c in cars)
     return World(cars, (BEFORE,) * n, (rounds - 1,) * n, ((),) * (n * n), (0,) * n, restarts)
 
 
 def after(w: World, rules: Rules, room: int):
-    """All worlds that may be next. room: messages under way from one car to another."""
+    """All worlds that may be next. room: messages under way from one car to another; 0: each comes
+    at once, or not at all."""
     n = len(w.cars)
     for i, car in enumerate(w.cars):
         for j in range(n):
@@ -76,6 +81,9 @@ def after(w: World, rules: Rules, room: int):
             m = only_for(j, m)
             if news(w, way, j, m):
                 new = w._replace(cars=put(w.cars, i, told))
+                if not room:
+                    yield new._replace(cars=put(new.cars, j, rules.heard(w.cars[j], m)))
+                    continue
                 if len(w.sent[way]) < room:
                     yield new._replace(sent=put(w.sent, way, (*w.sent[way], m)))
                 for k in range(len(w.sent[way])):  # one of those before was lost
@@ -166,10 +174,10 @@ class Checked(NamedTuple):
 
 
 def check(n: int, rounds: int, restarts: int = 0, room: int = 1, rules: Rules | None = None,
-          most: int = 2_000_000) -> Checked:
+          met: bool = False, most: int = 2_000_000) -> Checked:
     """All states that can be reached; ends at the first unsafe one."""
     rules = rules or Rules()
-    start = canonical(first(n, rounds, restarts))
+    start = canonical(first(n, rounds, restarts, met))
     number, states, into = {start: 0}, [start], [[]]
     line = deque([0])
     while line:
@@ -202,8 +210,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name, value in (("cars", 2), ("rounds", 2), ("restarts", 0), ("room", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--met", action="store_true")
     given = parser.parse_args()
-    print(check(given.cars, given.rounds, given.restarts, given.room))
+    print(check(given.cars, given.rounds, given.restarts, given.room, met=given.met))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ from dart_hal.types import FloatArray
 SLOWS, LATE, MARGIN = 0.8, 0.3, 0.06
 """m/s2: what a car rolls out with, without its brake; s: command to wheels, 0.04 of transport,
 0.08 of lag, 0.1 of a sample, and some; m: the pose errs by 1.5 cm, the last of a stop by 3."""
+ONSET = 0.003
+"""Throttle above the dead band that does not move the car: 0.05 m/s2 of 1."""
 
 
 def safe_speed(room: FloatArray | float) -> FloatArray:
@@ -27,3 +29,10 @@ def safe_speed(room: FloatArray | float) -> FloatArray:
 def stopping_distance(speed: float) -> float:
     """m from a speed [m/s] to the line."""
     return speed * LATE + speed * speed / (2.0 * SLOWS) + MARGIN
+
+
+def throttle_at(tau: float, onset: float) -> float:
+    """The throttle to send for that of a plan, whose least is the motor's dead band ``onset``:
+    below it the force does not change with it, and a plan that stands would see no reason to start.
+    """
+    return 0.0 if tau < onset + ONSET else tau
