@@ -127,6 +127,9 @@ class Faults:
     restart: tuple[int, float, float, bool] | None = None
 
 
+NO_FAULTS = Faults()
+
+
 def coordinator(layout: Layout, starts: list[Start], i: int, boot: int, s: float,
                 kept: int | None = None, keep=lambda stamp: None) -> Coordinator:
     names = tuple(f"car-{k}" for k in range(len(starts)))
@@ -138,7 +141,7 @@ def coordinator(layout: Layout, starts: list[Start], i: int, boot: int, s: float
 
 
 def drive(layout: Layout, starts: list[Start], network: Network, seconds: float,
-          faults: Faults = Faults(), make=coordinator, ends: bool = True) -> Run:
+          faults: Faults = NO_FAULTS, make=coordinator, ends: bool = True) -> Run:
     """Until all are across, or the time is over."""
     n, run = len(starts), Run(across=[inf] * len(starts), speeds=[0.0] * len(starts))
     cars = [LightDrive(layout, s) for s in starts]
