@@ -30,7 +30,7 @@ def test_two_emulated_cars_cross_one_after_the_other(tmp_path):
 def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path):
     with Emulated(LAYOUTS["intersection"](), ROUTES, "local://none?loss=1", str(tmp_path),
                   "none") as cars:
-        cars.drive(6.0)
+        cars.drive(8.0)
         entry = cars.layout.entry[0]
         assert cars.across == [inf, inf]
         assert all(entry - 0.25 < mind.s < entry + 0.03 for mind in cars.minds)

@@ -24,8 +24,9 @@ from dart_hal.types import FloatArray, MotionEstimate, Tracking
 
 EVERY = 0.1
 """s from one message to the next."""
-STANDS = 0.1
-"""m/s: slower than that is asked for as rest, 4 cm earlier: the motor's dead band holds it."""
+STANDS, STARTS = 0.1, 0.3
+"""m/s: slower than that is asked for as rest, 4 cm before the line; a car at rest starts for no
+less, when the line is 0.2 m away: for noise it gives no pulse."""
 BLIND = 0.5
 """s without a pose after which the car stops."""
 
@@ -50,7 +51,7 @@ class Crosser:
         self.tracker.pace = self._pace
         self.last = Answer(inf, Wait.GOING, "")
         self._ahead = plant.vehicle.body.l_r  # of the car's middle before its rear axle
-        self._due, self._seen, self._begun = -inf, -inf, False
+        self._due, self._seen, self._begun, self._stands = -inf, -inf, False, True
 
     @property
     def s(self) -> float:
@@ -86,8 +87,10 @@ class Crosser:
             self.tracker.mpcc.line = self.last.line - self._ahead
             message = self.coordinator.tell()
         steering = self.tracker.steer(motion)
-        speed = min(self.tracker.speed, self._pace(self.tracker.s))
-        if speed < STANDS or self.why or t - self._seen > BLIND:
+        pace = self._pace(self.tracker.s)
+        speed = min(self.tracker.speed, pace)
+        self._stands = speed < STANDS or (self._stands and pace < STARTS)
+        if self._stands or self.why or t - self._seen > BLIND:
             speed = 0.0
         return Command(steering, speed, message)
 
