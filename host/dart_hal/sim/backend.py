@@ -75,9 +75,6 @@ def open_sim(url: Url) -> Backend:
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
     mocap = mocap_in_room(url, car.seed)
-    mocap, at = mocap_of(url.options.get("mocap", "0"), car.seed), start_of(url)
-    if mocap is not None and at is not None and "world" in url.options:
-        mocap = replace(mocap, x=at[0], y=at[1], yaw=at[2])  # one room, one frame for all its cars
     lidar = lidar_in_room(url, car.seed)
     pace = choice(url, "pace", "1")
     place = enter(url, car.name)
