@@ -27,6 +27,8 @@ def values(f):
     if f.type == "text":
         return st.text(st.characters(codec="ascii", min_codepoint=32, max_codepoint=126),
                        min_size=1, max_size=f.count)
+    if f.type == "bytes":
+        return st.binary(max_size=f.count)
     row = st.tuples(*[numbers(m.Field(f.name, f.type, "", 1, f.low, f.high))] * f.count)
     if f.type == "rows":
         return st.lists(row, max_size=m.POINTS).map(tuple)
@@ -85,6 +87,7 @@ def test_a_body_that_lies_under_a_good_checksum_is_refused_or_possible(kind, bod
     if heard is not None:
         assert heard.name.isprintable()
         for f, v in zip(kind.fields, heard.values, strict=True):
+            assert f.type != "bytes" or len(v) <= f.count
             if f.type in m.FORMATS:
                 assert all(f.low <= x <= f.high for x in (v if f.count > 1 else (v,)))
 

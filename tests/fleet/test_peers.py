@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rooms import pose_frame
 
+from dart_hal.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
@@ -241,3 +242,15 @@ def test_a_plan_and_a_health_come_with_the_pose(fed):
     assert (seen.plan.step, seen.plan.age) == (pytest.approx(0.05), pytest.approx(0.1))
     assert (seen.health.mode, seen.health.lost) == ("ARMED", 4)
     assert seen.health.doubts == {"IMU_STEP", "CAR_SLIDES"}
+
+
+def test_a_law_of_several_cars_tells_its_own_bytes(fed):
+    """Whatever they are; an overtaken frame does not replace a newer one."""
+    peers = Peers("blue", 1)
+    for seq, payload in ((1, b"\0\xff"), (3, b"new"), (2, b"old")):
+        hears(peers, fed, 0.1 * seq, encode(m.COORDINATION, 7, seq, 0.1 * seq, ("red", payload)))
+    told = peers.coordination(0.5)["red"]
+    assert (told.boot, told.seq, told.payload) == (7, 3, b"new")
+    assert told.age == pytest.approx(0.2)
+    with pytest.raises(UsageError, match="COORDINATION"):
+        encode(m.COORDINATION, 7, 1, 0.0, ("red", b"x" * 256))

@@ -21,7 +21,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Counters, encode
 from dart_hal.fleet.discovery import Announcement
 from dart_hal.fleet.messages import NOTE
-from dart_hal.fleet.peers import OtherPose, Peers, values_of_pose
+from dart_hal.fleet.peers import Coordination, OtherPose, Peers, values_of_pose
 from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
 from dart_hal.fleet.transports import Transport, open_transport
 from dart_hal.types import FloatArray, State
@@ -68,6 +68,7 @@ class Member:
         self._plan: tuple[float, str, float, tuple[tuple[float, ...], ...]] | None = None
         self._seq = self._count = self.unsaid = 0
         self._held, self._closed = "", False
+        self._read: dict[str, tuple[int, int]] = {}
         self._leave = car.on_state(self._step)
         if beat_within < inf:
             self._obey(car.now)
@@ -78,6 +79,15 @@ class Member:
         """The last known pose of each other car by name, as old as it is now."""
         with self._lock:
             return self.peers.other_poses(self.car.now)
+
+    def coordination(self) -> dict[str, Coordination]:
+        """What the law of each other car told last, by name, where that is new since this was
+        called last."""
+        with self._lock:
+            told = self.peers.coordination(self.car.now)
+            new = {name: c for name, c in told.items() if self._read.get(name) != c[1:3]}
+            self._read.update({name: c[1:3] for name, c in new.items()})
+        return new
 
     @property
     def held(self) -> str:
@@ -103,6 +113,14 @@ class Member:
         encode(m.PLAN, 0, 0, 0.0, (self.name, 0.0, frame, step, rows))
         with self._lock:
             self._plan = (self.car.now if t is None else t, frame, step, rows) if rows else None
+
+    def tell_coordination(self, payload: bytes) -> None:
+        """Tell the others what a shared law says, once, now; at most 255 bytes. Raises
+        UsageError."""
+        encode(m.COORDINATION, 0, 0, 0.0, (self.name, payload))
+        with self._lock:
+            if not self._closed:
+                self._send(m.COORDINATION, (payload,), self.car.now)
 
     def stop_all(self, why: str = "") -> StopCall:
         """Stop every car of the room, this one first.

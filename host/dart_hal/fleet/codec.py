@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isfinite
@@ -113,10 +114,10 @@ def _read(kind: Kind, data: bytes, end: int) -> tuple[Any, ...]:
             _possible(f, found)
             found = found if f.count > 1 else found[0]
         else:
-            size = data[at] * (1 if f.type == "text" else f.struct.size)
+            size = data[at] * (f.struct.size if f.type == "rows" else 1)
             part = data[at + 1:at + 1 + size]
             at += 1 + size
-            found = _text(f, part, size) if f.type == "text" else _rows(f, part, size)
+            found = _VARIABLE[f.type](f, part, size)
         values.append(found)
         if at > end:
             raise ValueError("the body ends too early")
@@ -143,6 +144,16 @@ def _rows(f: Field, part: bytes, size: int) -> tuple[tuple[float, ...], ...]:
     return rows
 
 
+def _bytes(f: Field, part: bytes, size: int) -> bytes:
+    if size > f.count:
+        raise ValueError("more bytes than there may be")
+    return part
+
+
+_VARIABLE: dict[str, Callable[[Field, bytes, int], Any]] = {
+    "text": _text, "rows": _rows, "bytes": _bytes}
+
+
 def _possible(f: Field, numbers: tuple[float, ...]) -> None:
     """Raises ValueError for a number that no car tells; NaN is one."""
     if not all(f.low <= v <= f.high and isfinite(v) for v in numbers):
@@ -166,9 +177,9 @@ def _written(f: Field, value: Any) -> bytes:
         numbers = value if f.count > 1 else (value,)
         _possible(f, numbers)
         return f.struct.pack(*numbers)
-    if f.type == "text":
-        raw = str(value).encode("utf-8")
-        _text(f, raw, len(raw))
+    if f.type in ("text", "bytes"):
+        raw = str(value).encode("utf-8") if f.type == "text" else bytes(value)
+        _VARIABLE[f.type](f, raw, len(raw))
         return bytes((len(raw),)) + raw
     rows = [f.struct.pack(*row) for row in value]
     if len(rows) > POINTS:

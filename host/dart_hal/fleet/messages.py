@@ -34,7 +34,8 @@ FORMATS = {"u8": "B", "u32": "I", "f32": "f", "f64": "d"}
 @dataclass(frozen=True)
 class Field:
     """One field. type: of ``FORMATS``, or text (u8 length, UTF-8, at most ``count`` bytes), or
-    rows (u8 number of rows, at most ``POINTS``, of ``count`` f32). low, high: what is possible."""
+    bytes (u8 length, at most ``count``, whatever they are), or rows (u8 number of rows, at most
+    ``POINTS``, of ``count`` f32). low, high: what is possible."""
 
     name: str
     type: str
@@ -115,6 +116,12 @@ STOPPED = _kind(
     _F("number", "u32", "of the stop", low=1),
 )
 BEAT = _kind("BEAT", 6, "who watches the room is there, 20 Hz", _NAME)
+PAYLOAD = 255
+"""Bytes of a coordination."""
+COORDINATION = _kind(
+    "COORDINATION", 7, "what a law that several cars share tells, when it tells it", _NAME,
+    _F("payload", "bytes", "the law's own", count=PAYLOAD),
+)
 
-KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT)
+KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT, COORDINATION)
 BY_ID = {kind.id: kind for kind in KINDS}

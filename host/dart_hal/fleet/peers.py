@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,16 @@ class OtherPose:
     tracking: Tracking
     plan: OtherPlan | None = None
     health: OtherHealth | None = None
+
+
+class Coordination(NamedTuple):
+    """What another car's law told last: age [s] by this car's clock, session and number of the
+    frame, the law's own bytes."""
+
+    age: float
+    boot: int
+    seq: int
+    payload: bytes
 
 
 @dataclass
@@ -214,6 +224,13 @@ class Peers:
         """The last known pose of each other car by name, at ``now`` [s] of this car's clock."""
         return {name: self._pose(name, sender, now)
                 for name, sender in sorted(self.senders.items()) if m.POSE.id in sender.told}
+
+    def coordination(self, now: float) -> dict[str, Coordination]:
+        """What the law of each other car told last, by name, at ``now`` [s]."""
+        return {name: Coordination(sender.age(m.COORDINATION, now), heard.boot, heard.seq,
+                                   heard.values[1])
+                for name, sender in sorted(self.senders.items()) if m.COORDINATION.id in sender.told
+                for heard in (sender.told[m.COORDINATION.id][2],)}
 
     def _pose(self, name: str, sender: Sender, now: float) -> OtherPose:
         _, said, frame, x, y, yaw, var, cov, speed, yaw_rate, tracking = \

@@ -126,6 +126,8 @@ class Mpcc:
         self.budget = inf
         self.clock: Callable[[], float] = lambda: 0.0
         """s for a plan, and what tells them; both may be set."""
+        self.line = inf
+        """m of the path before which the rear axle has to stand; may be set at any time."""
         self.outcomes: Counter[Outcome] = Counter()
         self.last: Plan | None = None
 
@@ -191,8 +193,9 @@ class Mpcc:
         times: FloatArray = plan.t + STAGE * np.arange(1.0, len(way) + 1.0)
         lane = self.corridor.bounds(way + self.vehicle.body.l_r, times)
         outcome = Outcome.BLOCKED if self.corridor.blocked else Outcome.SOLVED
+        room = self.line - way if self.line < inf else None
         h, g, rows = self.problem.build(
-            states[1:], inputs, before, moved, errors, self.speed_of(way), lane
+            states[1:], inputs, before, moved, errors, self.speed_of(way), lane, room
         )
         found = solve(h, g, rows, self.iterations, late, self._sweep)
         if found is None:

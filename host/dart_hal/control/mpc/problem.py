@@ -3,7 +3,7 @@
     minimise  sum_k  q_c e_c^2 + q_l e_l^2 + q_v (v_s - V)^2 + q_u (tau^2 + st^2)
                      + q_t (tau - tau_before)^2 + q_s (st - st_before)^2
     hard      inputs within their ends, their changes within their rates, |s - s_last| <= TRUST
-    soft      low <= e_c <= high,   v_x <= 1.05 V,   |v_x omega| <= a_lat
+    soft      low <= e_c <= high,   v_x <= 1.05 V,   |v_x omega| <= a_lat,   s + e_l <= line
 
 e_c, e_l are linear in the changes through the stages' slopes (``condensed``), so that the states
 are no variables: 3 x 20 of them remain. Without TRUST the iteration stalls.
@@ -34,8 +34,8 @@ RHO_INPUT, RHO_METRE, RHO_SPEED, RHO_ACROSS = 0.1, 10.0, 1.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """See the module; ends: of q_c at the last stage; lane, speed, lateral: prices per m, m/s,
-    m/s2 of the soft limits."""
+    """See the module; ends: of q_c at the last stage; lane, speed, lateral, line: prices per m,
+    m/s, m/s2, m of the soft limits."""
 
     contour: float = 20.0
     lag: float = 100.0
@@ -47,6 +47,7 @@ class Weights:
     lane: float = 50.0
     speed: float = 5.0
     lateral: float = 1.0
+    line: float = 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +138,12 @@ class Problem:
         errors: Errors,
         wanted: FloatArray,
         lane: tuple[FloatArray, FloatArray],
+        room: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray, Rows]:
         """(H, g, rows) about states (n, 8) behind the stages and inputs (3, n).
 
-        before: tau, st that were sent last; wanted (n,) [m/s]; lane: low, high (n,) [m].
+        before: tau, st that were sent last; wanted (n,) [m/s]; lane: low, high (n,) [m];
+        room (n,) [m]: from the progress to a line at which to stand, None = there is none.
         """
         n, w, u = self.n, self.weights, inputs.ravel()
         across, e_c = self._error(errors.across, errors.across_slopes, moved)
@@ -184,7 +187,21 @@ class Problem:
             self._price,
             self._rho,
         )
+        if room is not None:
+            rows = self._standing(rows, along, room - e_l)
         return h, g, rows
+
+    def _standing(self, rows: Rows, along: FloatArray, high: FloatArray) -> Rows:
+        """Rows for the line as well: where the car is along the path, whatever its progress."""
+        n, ahead = self.n, along.copy()
+        ahead[:, 2 * n :] += self._way
+        return Rows(
+            np.vstack([rows.c, ahead]),
+            np.append(rows.low, np.full(n, -inf)),
+            np.append(rows.high, high),
+            np.append(rows.price, np.full(n, self.weights.line)),
+            np.append(rows.rho, np.full(n, RHO_METRE)),
+        )
 
     def progress(self, s: float, v_s: FloatArray) -> FloatArray:
         """s [m] behind each stage."""

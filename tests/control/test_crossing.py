@@ -1,0 +1,310 @@
+"""Cars of a crossing: never nearer than they may be, across in time, and every way to wait has a
+name; what is wrong with a layout or a message is said."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from math import inf
+
+import numpy as np
+import pytest
+from tests.control import crossing_light as light
+from tests.control.crossing_figures import campaign
+from tests.control.crossing_light import Faults, Network, Start
+
+from dart_hal.control.crossing import layouts, order
+from dart_hal.control.crossing.coordinator import Coordinator, Wait
+from dart_hal.control.crossing.layout import Layout
+from dart_hal.control.crossing.message import Fault, decode, encode
+from dart_hal.control.crossing.order import Phase, Right, Verdict
+from dart_hal.control.crossing.speed import safe_speed, stopping_distance, throttle_at
+from dart_hal.errors import UsageError
+
+LEAST = 0.35
+
+
+@cache
+def layout(name="intersection"):
+    """Of the intersection the four ways straight on."""
+    made = layouts.LAYOUTS[name]()
+    if name != "intersection":
+        return made
+    return Layout(name, tuple(r for r in made.routes if r.name in light.STRAIGHT), layouts.SPEED)
+
+
+NO_FAULTS = Faults()
+
+
+def four(kind="near", seed=1, loss=0.0, faults=NO_FAULTS, seconds=25.0, name="intersection",
+         make=light.coordinator, ends=True):
+    starts = light.arrivals(layout(name), seed, kind)
+    network = Network(np.random.default_rng([seed, 5]), 4, loss)
+    return light.drive(layout(name), starts, network, seconds, faults, make, ends)
+
+
+@pytest.mark.parametrize("kind", ["symmetric", "near"])
+@pytest.mark.few("symmetric")
+def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
+    run = four(kind, loss=0.5)
+    assert run.least > LEAST
+    assert max(run.across) < 12.0
+    assert {Wait.FOR_CAR, Wait.GOING} <= light.waits(run)
+
+
+@pytest.mark.parametrize(("name", "loss", "bursts", "within"), [
+    ("intersection", 0.0, 0.0, 12.0), ("intersection", 0.3, 0.0, 12.0),
+    ("intersection", 0.5, 0.0, 12.0), ("intersection", 0.8, 0.0, 18.0),
+    ("merge", 0.5, 0.0, 12.0), ("roundabout", 0.5, 0.0, 20.0),
+])
+@pytest.mark.more
+@pytest.mark.cpu(20)
+def test_arrivals(name, loss, bursts, within):
+    least, last = campaign(layout(name), 20, loss, bursts)
+    assert least.min() > LEAST
+    assert last.max() < within
+
+
+@pytest.mark.parametrize(("name", "loss", "within"), [
+    ("intersection", 0.0, 12.0), ("intersection", 0.3, 12.0), ("intersection", 0.5, 12.0),
+    ("intersection", 0.8, 18.0), ("merge", 0.5, 12.0), ("roundabout", 0.5, 20.0),
+])
+@pytest.mark.slow
+def test_two_hundred_arrivals(name, loss, within):
+    least, last = campaign(layout(name), 200, loss)
+    assert least.min() > LEAST
+    assert last.max() < within
+
+
+# -- silence, death, restart ---------------------------------------------------------------------
+
+def test_without_any_message_all_stand_before_the_ground_and_say_who_is_silent():
+    run = four(loss=1.0, seconds=6.0)
+    entry = layout().entry[0]
+    assert run.least > LEAST
+    assert all(entry - 0.1 < s < entry + 0.03 for s in run.rows[-1][1:]), "3 cm of pose and roll"
+    assert all(car.events[-1][1] is Wait.SILENT for car in run.cars)
+    assert all(car.events[-1][2] for car in run.cars)
+
+
+@pytest.mark.parametrize("at", [2.4, 3.3, 4.2])
+@pytest.mark.few("3.3")
+def test_who_meets_a_dead_car_waits_for_it_by_name(at):
+    """Its computer does nothing from there on, and it rolls out: before the ground, on it, behind
+    it."""
+    alone = [Start("S-N", 1.0), Start("E-W", 0.3, 3), Start("N-S", 0.3, 5), Start("W-E", 0.0, 7)]
+    run = light.drive(layout(), alone, Network(np.random.default_rng(3), 4), 9.0,
+                      Faults(dead=(0, at)), ends=False)
+    assert run.least > LEAST
+    if at < 4.0:
+        stuck = [car for k, car in enumerate(run.cars) if run.across[k] == inf and k]
+        assert stuck
+        assert {car.events[-1][1:] for car in stuck} & {(Wait.SILENT, "car-0")}
+
+
+@pytest.mark.more
+def test_who_goes_silent_is_waited_for_where_it_was_heard_last():
+    run = four(faults=Faults(mute=(0, 1.5)), seconds=8.0)
+    assert run.least > LEAST
+
+
+@pytest.mark.parametrize(("when", "keeps"), [(1.0, True), (2.5, True), (2.5, False), (3.5, False)])
+@pytest.mark.few("2.5-True")
+def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
+    run = four("symmetric", faults=Faults(restart=(0, when, 1.5, keeps)), seconds=30.0)
+    assert run.least > LEAST
+    if keeps:
+        assert max(run.across) < 30.0
+    else:
+        ended = run.cars[0]
+        assert ended.phase in (Phase.BACK, Phase.DONE)
+        assert ended.phase is Phase.DONE or ended.events[-1][1] is Wait.STRANDED
+
+
+# -- negative controls ---------------------------------------------------------------------------
+
+def test_without_acknowledgement_they_touch(monkeypatch):
+    """The smallest stamp goes, of those that were heard: with 90 % of the messages lost one was
+    not. The bodies are 0.3 m long and 0.2 wide."""
+    assert four("near", 5, loss=0.9, seconds=9.0).least > LEAST
+    right = order.right
+    monkeypatch.setattr(order, "right", lambda car, j: Right.AFTER
+                        if right(car, j) is Right.AFTER else Right.GRANTED)
+    monkeypatch.setattr(order, "unknown_to", lambda car: None)
+    assert four("near", 5, loss=0.9, seconds=9.0).least < 0.2
+
+
+class MidPlane:
+    """No order: each keeps to its half of the plane amid two plans, stage by stage."""
+
+    AHEAD, WITHIN = 20, 1.5
+
+    def __init__(self, cars):
+        self.cars = cars
+        self.plans = [self.plan(car, 0.0) for car in cars]
+
+    @staticmethod
+    def plan(car, speed):
+        """Middles (20, 2) at a speed that is come to by 2 m/s2."""
+        t = 0.1 * np.arange(1, MidPlane.AHEAD + 1)
+        change = speed - car.v
+        ramp = np.minimum(t, abs(change) / 2.0)
+        way = car.v * t + np.sign(change) * (ramp * t - 0.5 * ramp**2) * 2.0
+        return np.array([car.path.at(car.s + w)[:2] for w in np.maximum(way, 0.0)])
+
+    def speed(self, i, most):
+        """The highest of some speeds whose plan is in every half plane."""
+        for v in np.linspace(most, 0.0, 11):
+            own = self.plan(self.cars[i], v)
+            if all(self.holds(i, j, own) for j in range(len(self.cars)) if j != i):
+                return v
+        return 0.0
+
+    def holds(self, i, j, own):
+        last, other = self.plans[i], self.plans[j]
+        apart = last - other
+        size = np.hypot(*apart.T)
+        n = apart / np.maximum(size, 1e-9)[:, None]
+        beyond = np.sum(n * (own - 0.5 * (last + other)), axis=1)
+        return bool(np.all((beyond >= 0.5 * layout().apart) | (size > self.WITHIN)))
+
+
+def test_by_mid_planes_alone_four_alike_wait_for_ever():
+    """Without any loss: the order is what lets them cross, not the distance."""
+    cars = [light.LightDrive(layout(), Start(route, 0.3)) for route in light.STRAIGHT]
+    law = MidPlane(cars)
+    for _ in range(100):
+        speeds = [law.speed(i, 1.0) for i in range(4)]
+        for car, speed in zip(cars, speeds, strict=True):
+            car.decide(float(speed))
+            for _ in range(light.EVERY):
+                car.move()
+        law.plans = [law.plan(car, v) for car, v in zip(cars, speeds, strict=True)]
+    assert all(2.0 < car.s < layout().exit[0] for car in cars)
+    assert all(car.v < 0.01 for car in cars)
+
+
+# -- layouts and laws ------------------------------------------------------------------------------
+
+def test_lanes_that_are_too_near_to_each_other_are_refused():
+    with pytest.raises(UsageError, match="too near to each other") as e:
+        layouts.intersection(beside=0.15)
+    assert "0.30 m apart" in str(e.value)
+
+
+def test_a_start_from_which_nobody_could_stop_is_refused():
+    entry = layout().entry[0]
+    layout().checked_start(0, entry - stopping_distance(1.0) - 0.01)
+    with pytest.raises(UsageError, match="starts too near"):
+        Coordinator(layout(), ("a", "b"), "a", "S-N", entry - 0.5, 1)
+    with pytest.raises(UsageError, match="no route S-X"):
+        Coordinator(layout(), ("a", "b"), "a", "S-X", 0.0, 1)
+
+
+def test_the_line_never_falls_and_keeps_the_distance():
+    made = layout()
+    for a in range(2):
+        for b in range(4):
+            path, s = made.routes[a].path, made.routes[a].path.s
+            line = np.array([made.line(a, at, b) for at in s])
+            assert np.all(np.diff(line[np.isfinite(line)]) >= 0.0)
+            for at, most in zip(s[::20], line[::20], strict=True):
+                own = made.routes[b].path
+                free = own.s < min(most, own.length) - 1e-9
+                here = np.hypot(own.x[free] - path.at(at).x, own.y[free] - path.at(at).y)
+                assert here.min(initial=1.0) >= made.apart - 1e-9
+
+
+def test_from_the_safe_speed_a_car_stops_before_the_line():
+    """0.3 s late, at 0.8 m/s2; what is left is the margin."""
+    s, v, dt = 0.0, 1.0, 0.001
+    late = [1.0] * 300
+    while v > 1e-3 and s < 3.0:
+        late.append(float(safe_speed(2.0 - s)))
+        v = max(min(late.pop(0), v), v - 0.8 * dt)
+        s += v * dt
+    assert 1.8 < s < 2.0
+    assert float(safe_speed(stopping_distance(1.0))) == pytest.approx(1.0)
+    assert float(safe_speed(-inf)) == 0.0
+    assert throttle_at(0.164, 0.1638) == 0.0
+    assert throttle_at(0.2, 0.1638) == 0.2
+
+
+# -- bad input -------------------------------------------------------------------------------------
+
+NAMES = ("a", "b")
+
+
+def pair():
+    make = partial(Coordinator, layout(), NAMES)
+    return make("a", "S-N", 1.0, 11), make("b", "E-W", 1.0, 12)
+
+
+def meet(a, b, t=0.0):
+    for x, y in ((a, b), (b, a), (a, b)):
+        x.step(t, 1.0)
+        y.hear(x.tell(), t)
+    b.step(t, 1.0)
+    a.hear(b.tell(), t)
+
+
+def test_messages_out_of_order_twice_or_a_minute_old_are_counted():
+    a, b = pair()
+    first, second = b.tell(), b.tell()
+    assert a.hear(second, 60.0, age=60.0) is Verdict.TAKEN
+    assert a.hear(first, 60.0) is Verdict.OLDER
+    assert a.hear(second, 60.0) is Verdict.OLDER
+    assert a.hear(a.tell(), 60.0) is Verdict.OWN
+    assert a.counts == {"TAKEN": 1, "OLD": 1, "OLDER": 2, "OWN": 1}
+
+
+def test_a_session_that_was_followed_is_not_heard_again():
+    a, b = pair()
+    late = b.tell()
+    newer = Coordinator(layout(), NAMES, "b", "E-W", 1.0, 13)
+    a.hear(b.tell(), 0.0)
+    a.hear(newer.tell(), 0.1)
+    assert a.hear(late, 0.2) is Verdict.RETIRED
+
+
+def test_a_neighbour_that_never_answers_is_named():
+    a, _ = pair()
+    assert a.step(0.0, 1.0).wait is Wait.GOING
+    assert a.step(0.5, 2.4)[1:] == (Wait.TO_BE_KNOWN, "b")
+    answer = a.step(3.0, 2.5)
+    assert answer[1:] == (Wait.SILENT, "b")
+    assert answer.line == layout().entry[0]
+
+
+def test_each_way_to_wait_has_its_name():
+    a, b = pair()
+    meet(a, b)
+    assert (a.phase, b.phase) == (Phase.WANT, Phase.WANT)
+    waits = {m.step(0.1, 2.5).wait for m in (a, b)}
+    assert waits <= {Wait.FOR_GRANT, Wait.FOR_CAR, Wait.GOING}
+    follower = Coordinator(layout(), NAMES, "a", "S-N", 0.0, 11, leader="b")
+    assert follower.step(0.0, 2.3)[1:] == (Wait.FOR_LEADER, "b")
+    assert follower.step(0.1, 1.0, free=0.5).wait is Wait.FOLLOWING
+    lost = Coordinator(layout(), NAMES, "a", "S-N", 3.0, 14, kept=0)
+    assert lost.step(0.0, 3.0) == (3.0, Wait.STRANDED, "")
+
+
+@pytest.mark.parametrize(("spoil", "fault"), [
+    (lambda d: b"\x09" + d[1:], Fault.VERSION), (lambda d: d[:1] + b"\0\0\0\0" + d[5:], Fault.KEY),
+    (lambda d: d[:20], Fault.LENGTH), (lambda d: d + b"x", Fault.LENGTH),
+    (lambda d: d[:8] + b"\x07" + d[9:], Fault.NUMBER),
+    (lambda d: d[:25] + np.array([np.nan]).tobytes() + d[33:], Fault.NUMBER),
+    (lambda d: d[:17] + b"\xff" * 8 + d[25:], Fault.NUMBER),
+])
+def test_bytes_that_are_no_message_are_named_and_counted(spoil, fault):
+    a, b = pair()
+    assert a.hear(spoil(b.tell()), 0.0) is fault
+    assert a.counts == {fault.value: 1}
+    assert a.car.others == (None, None)
+
+
+def test_a_message_survives_its_bytes():
+    _, b = pair()
+    _, told = order.tell(b.car)
+    assert decode(encode(told, 7), 7) == told
+    with pytest.raises(UsageError, match="too many cars"):
+        encode(told._replace(grants=(0,) * 17), 7)

@@ -1,0 +1,41 @@
+"""Emulated cars at an intersection: who waits has neutral at its ESC, and nobody touches."""
+
+from __future__ import annotations
+
+from math import inf
+
+import pytest
+from tests.control.crossing_fleet import Emulated
+
+from dart_hal.control.crossing.coordinator import Wait
+from dart_hal.control.crossing.layouts import LAYOUTS
+
+ROUTES = (("S-N", 1.2), ("E-W", 1.2))
+
+
+@pytest.mark.more
+@pytest.mark.cpu(50)
+def test_two_emulated_cars_cross_one_after_the_other(tmp_path):
+    room = "local://two?loss=0.5&delay=0.01&jitter=0.04&seed=3"
+    with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(tmp_path), "two") as cars:
+        cars.drive(15.0)
+        assert cars.least > 0.35
+        assert max(cars.across) < 12.0
+        assert cars.fleet.contacts == ()
+        assert any(Wait.FOR_CAR in waits for _, _, waits, _ in cars.rows)
+
+
+@pytest.mark.more
+@pytest.mark.cpu(50)
+def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path):
+    with Emulated(LAYOUTS["intersection"](), ROUTES, "local://none?loss=1", str(tmp_path),
+                  "none") as cars:
+        cars.drive(8.0)
+        entry = cars.layout.entry[0]
+        assert cars.across == [inf, inf]
+        assert all(entry - 0.25 < mind.s < entry + 0.03 for mind in cars.minds)
+        assert all(mind.last.wait is Wait.SILENT for mind in cars.minds)
+        stood = cars.rows[-100][3]
+        for n, world in enumerate(cars.worlds):
+            assert cars.driving(n, stood[n], world.t) == 0, "the last second at the pin"
+            assert cars.driving(n, 0.0, stood[n]) > 10, "control: it drove there"

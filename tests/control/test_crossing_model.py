@@ -1,0 +1,105 @@
+"""Every order of events of a few cars: never two on the ground, always a way to the end; and the
+protocol's parts, left out one at a time, let two of them on it."""
+
+from __future__ import annotations
+
+import pytest
+from tests.control.crossing_model import BEFORE, ON, PAST, Rules, check
+
+from dart_hal.control.crossing import order
+from dart_hal.control.crossing.order import Phase, Right
+
+
+class NoAcknowledgement(Rules):
+    """Goes by what it has heard: whoever is not known to be before it does not count."""
+
+    def may_go(self, car, j):
+        return order.right(car, j) is not Right.AFTER or super().may_go(car, j)
+
+
+class GrantWithoutStamp(Rules):
+    """Any grant that was ever heard will do."""
+
+    def may_go(self, car, j):
+        other = car.others[j]
+        after = order.right(car, j) is Right.AFTER
+        return super().may_go(car, j) if after or other is None else other.grant > 0
+
+
+class StampOfTheClockAlone(Rules):
+    """Not above what it has heard."""
+
+    def want(self, car, clock):
+        if car.phase is not Phase.FREE or order.unknown_to(car) is not None:
+            return car
+        return car._replace(phase=Phase.WANT, ts=clock + 1)
+
+
+class OneSession(Rules):
+    """The second crossing needs nobody to know of it."""
+
+    def again(self, car):
+        new = super().again(car)
+        return new._replace(boot=car.boot, seq=car.seq,
+                            others=tuple(o and o._replace(heard=car.boot) for o in new.others))
+
+
+class AsksAtOnce(Rules):
+    """A restarted car asks before all have told that they hear its session."""
+
+    def want(self, car, clock):
+        others = tuple(o and o._replace(heard=car.boot) for o in car.others)
+        known = tuple(o or order.Known(0, 0, 0, Phase.FREE, 0, 0, 0, car.boot) if j != car.id
+                      else None for j, o in enumerate(others))
+        new = order.want(car._replace(others=known), clock)
+        return car if new.phase is car.phase else new._replace(others=car.others)
+
+
+class Forgets(Rules):
+    """A car that restarts on the ground takes itself for one that wants nothing."""
+
+    def restarted(self, n, car, place, kept):
+        phase = Phase.DONE if place == PAST else Phase.FREE
+        return order.begun(car.id, n, car.boot + 1, 0, place, phase)
+
+
+class LosesItsStamp(Rules):
+    """The disk is gone as well."""
+
+    def restarted(self, n, car, place, kept):
+        return super().restarted(n, car, place, 0)
+
+
+@pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [
+    (2, 2, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (3, 1, 0, 0),
+    pytest.param(2, 2, 1, 1, marks=pytest.mark.slow),
+], ids=str)
+@pytest.mark.few("2-2-0-1")
+@pytest.mark.cpu(60)
+def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):
+    found = check(n, rounds, restarts, room)
+    assert found.states > 5000
+    assert found.unsafe is None
+    assert found.stuck is None
+
+
+@pytest.mark.parametrize(("mutant", "size"), [
+    (NoAcknowledgement, (2, 1)), (GrantWithoutStamp, (2, 2)), (StampOfTheClockAlone, (2, 1)),
+    (OneSession, (2, 2)), (AsksAtOnce, (2, 1, 1)), (Forgets, (2, 1, 1)),
+], ids=lambda v: v.__name__ if isinstance(v, type) else None)
+@pytest.mark.few("NoAcknowledgement-size0", "GrantWithoutStamp-size1", "StampOfTheClockAlone-size2")
+@pytest.mark.cpu(10)
+def test_without_each_of_its_parts_two_are_on_the_ground(mutant, size):
+    found = check(*size, rules=mutant())
+    assert found.unsafe is not None
+    assert found.unsafe.places.count(ON) == 2
+
+
+@pytest.mark.more
+@pytest.mark.cpu(10)
+def test_a_car_that_lost_its_stamp_on_the_ground_is_safe_but_stays():
+    found = check(2, 1, 1, rules=LosesItsStamp())
+    assert found.unsafe is None
+    assert found.stuck is not None
+    assert any(car.phase is Phase.BACK for car in found.stuck.cars)
+    assert BEFORE in found.stuck.places
