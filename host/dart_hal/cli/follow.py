@@ -100,7 +100,6 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, make, rules, half_width)
-        follower.clock = lambda: car.now
         summary = Summary(car)
         follow(car, follower, waive)
         car.stop()
