@@ -179,7 +179,8 @@ def draw(drives, file):
             panel.plot(t, gap, color=colours[n], lw=1.2, label=f"car {n + 1} behind car {n}")
             panel.plot(t[acc], gap[acc], ".", color=colours[n], ms=4)
         panel.axhline(0.0, color="k", lw=0.8)
-        panel.set_title(f"{name}; {len(one.touching)} pairs of cars touch", loc="left", fontsize=9)
+        panel.set_title(f"{name}; pairs of cars that touch: {len(one.touching)}", loc="left",
+                        fontsize=9)
         panel.set_ylabel("net gap [m]")
         panel.set_ylim(-0.1, 1.0)
         panel.legend(fontsize=7, ncols=4, loc="upper left")
