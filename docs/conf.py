@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import dart_hal
+from dart_hal.view.flash_page import assets
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -36,6 +37,15 @@ suppress_warnings = ["ref.python"]  # rooms have types of the same name
 HARDWARE = re.compile(r"\]\((?:\.\./)+hardware/README\.md(?=[#)])")
 
 
+def flasher(app, failure):
+    """The page that flashes a Nano, as files under flash/, with the prebuilt image."""
+    if failure is None and app.builder.format == "html":
+        folder = Path(app.outdir) / "flash"
+        folder.mkdir(exist_ok=True)
+        for name, body in assets(HERE.parent / "firmware" / "prebuilt" / "dart_nano.hex").items():
+            (folder / name).write_bytes(body)
+
+
 def setup(app):
     """In the handbook reference/hardware.md stands for hardware/README.md, which it includes."""
     def hardware_page(app, page, source):
@@ -43,4 +53,5 @@ def setup(app):
         source[0] = HARDWARE.sub(f"]({here}", source[0])
 
     app.connect("source-read", hardware_page)
+    app.connect("build-finished", flasher)
     api_pages.connect(app, HERE, Path(dart_hal.__file__).parent)

@@ -200,6 +200,13 @@ def test_flash_without_avrdude(verb, image):
     assert "apt-get" in error["try"]
 
 
+@pytest.mark.parametrize("option", [("--port", "/dev/ttyX"), ("--baud", "57600")])
+def test_flash_by_a_browser_that_chooses_them_itself(verb, image, option):
+    error = verb("flash", image, "--browser", *option, "--json").error
+    assert error["code"] == "D-USE-01"
+    assert "on the page" in error["what"]
+
+
 @pytest.mark.parametrize("content", [None, "", "no hex file"])
 def test_flash_of_what_is_no_image(verb, tmp_path, content):
     path = tmp_path / "bad.hex"

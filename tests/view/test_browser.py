@@ -2,69 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 
 import pytest
 from at_the_desk import driving
+from browser import DESK, PHONE, Browser
 from sockets import live_page
 
 from dart_hal.car import Car
 from dart_hal.view.player import Player, run_of
 
-selenium = pytest.importorskip("selenium.webdriver")
-from selenium.webdriver.chrome.service import Service  # noqa: E402 - after the skip
-
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-         "--disable-background-networking", "--disable-component-update", "--disable-sync")
-DESK, PHONE = (1280, 800), (390, 844)
 NEUTRAL = 0.250
-
-
-class Browser:
-    """One window."""
-
-    def __init__(self):
-        options = selenium.ChromeOptions()
-        for flag in FLAGS:
-            options.add_argument(flag)
-        options.binary_location = shutil.which("chromium")
-        self.driver = selenium.Chrome(options=options,
-                                      service=Service(shutil.which("chromedriver")))
-
-    def open(self, url, size=DESK):
-        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
-            "width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size == PHONE})
-        self.driver.get(url)
-
-    def __getitem__(self, name):
-        return self.driver.find_element("id", name)
-
-    def press(self, name):
-        self[name].click()
-
-    def text(self, name):
-        return self[name].text
-
-    def until(self, what, name, within=10.0):
-        ends = time.monotonic() + within
-        while time.monotonic() < ends:
-            said = self.text(name)
-            if said == what if name == "mode" else what in said:
-                return
-            time.sleep(0.05)
-        raise AssertionError(f"{name} says {self.text(name)!r}, not {what!r}")
-
-    def run(self, script):
-        return self.driver.execute_script(script)
-
-    def hold(self):
-        hand = selenium.ActionChains(self.driver)
-        hand.move_to_element(self["stick"]).click_and_hold().move_by_offset(-20, -80).perform()
-
-    def let_go(self):
-        selenium.ActionChains(self.driver).release().perform()
 
 
 def drives_off(browser, page, car, tries=5):
@@ -81,23 +30,6 @@ def drives_off(browser, page, car, tries=5):
             return
         browser.let_go()
     raise AssertionError(browser.text("said"))
-
-
-@pytest.fixture
-def browsers():
-    """Opens windows and closes them."""
-    if not (shutil.which("chromium") and shutil.which("chromedriver")):
-        pytest.skip("chromium is not installed: sh firmware/toolchain.sh --apt chromium "
-                    "chromium-driver")
-    opened = []
-
-    def new():
-        opened.append(Browser())
-        return opened[-1]
-
-    yield new
-    for one in opened:
-        one.driver.quit()
 
 
 def hides(browser):

@@ -1,4 +1,7 @@
-"""``dart-hal flash``: avrdude at both bootloader speeds, then the firmware's HELLO."""
+"""``dart-hal flash``: avrdude at both bootloader speeds, then the firmware's HELLO.
+
+``--browser`` serves a page that does the same by Web Serial, without avrdude.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.links.image import find_image
 from dart_hal.links.serial_port import holders, is_port
+from dart_hal.view.flash_page import serve_flash_page
 
 BAUDS = (115_200, 57_600)
 """Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""
@@ -31,12 +35,23 @@ USB_BRIDGES = "1A86:|0403:|2341:|10C4:|067B:"
 @click.option("--avrdude", default="avrdude", show_default=True,
               help="program that writes the flash")
 @click.option("--baud", type=int, default=None, help="try only this bootloader speed")
+@click.option("--browser", is_flag=True,
+              help="serve a page that flashes from Chrome or Edge, without avrdude")
 @json_option
-def command(image: Path | None, port: str | None, avrdude: str, baud: int | None,
+def command(image: Path | None, port: str | None, avrdude: str, baud: int | None, browser: bool,
             as_json: bool) -> int:
     """Write IMAGE (default: the firmware of this version) to a Nano and wait for its HELLO."""
     path = image or find_image().with_suffix(".hex")
-    _check(path, avrdude)
+    _check(path)
+    if browser:
+        if port or baud:
+            raise UsageError("--browser chooses port and speed on the page",
+                             remedy="dart-hal flash --browser, or leave --browser out")
+        return _serve(path, as_json)
+    if shutil.which(avrdude) is None:
+        raise FlashFailed(f"{avrdude} is not installed",
+                          remedy="sudo apt-get install avrdude, name it with --avrdude, or "
+                                 "dart-hal flash --browser")
     device = port or _only_port()
     if not Path(device).exists():
         raise PortMissing(f"there is no port {device}", found=_present())
@@ -57,7 +72,18 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
     return 0
 
 
-def _check(path: Path, avrdude: str) -> None:
+def _serve(path: Path, as_json: bool) -> int:
+    with serve_flash_page(path) as server:
+        url = f"http://localhost:{server.server_port}/"
+        if as_json:
+            print_json({"url": url})
+        else:
+            results.print(f"open {url} in Chrome or Edge on this computer; Ctrl-C ends it")
+        server.serve_forever()
+    return 0
+
+
+def _check(path: Path) -> None:
     if not path.is_file():
         raise UsageError(f"no firmware image at {path}", expected="an Intel hex file",
                          remedy="make firmware, or give the path of dart_nano.hex")
@@ -69,9 +95,6 @@ def _check(path: Path, avrdude: str) -> None:
         raise FlashFailed(f"{path} does not match {wanted.name}", found=digest,
                           likely="a broken download or a local build in its place",
                           remedy="make firmware, then dart-hal flash firmware/build/dart_nano.hex")
-    if shutil.which(avrdude) is None:
-        raise FlashFailed(f"{avrdude} is not installed",
-                          remedy="sudo apt-get install avrdude, or name it with --avrdude")
 
 
 def _only_port() -> str:
