@@ -100,7 +100,7 @@ def test_hello_is_read_and_nothing_else_is():
         return whole; }) })"""
     said = node(script, [list(s) for s in streams], ("HELLO_REQ, Listener", PAGE / "hello.mjs"))
     assert bytes(said["req"]) == encode(HELLO_REQ, 0, {"proto": PROTO, "schema": 0, "flags": 0})
-    wanted = {"schema": SCHEMA, "version": [3, 1, 4], "build": 4, "board": 0x3F0052A1,
+    wanted = {"schema": SCHEMA, "version": [3, 1, 4], "board": 0x3F0052A1,
               "boots": 258, "bootloader": 1}
     assert said["read"][:3] == [wanted] * 3
     assert said["read"][3:] == [None] * (len(hello) + 2)

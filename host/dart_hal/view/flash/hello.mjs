@@ -30,7 +30,7 @@ function read(block) {
   const view = new DataView(Uint8Array.from(frame).buffer);
   if (view.getUint16(LENGTH - 2, true) !== crc16(frame.slice(0, -2))) return null;
   const at = 2;  // behind type and seq
-  return { schema: view.getUint32(at + 2, true), version: frame.slice(at + 6, at + 9), build: frame[at + 9],
+  return { schema: view.getUint32(at + 2, true), version: frame.slice(at + 6, at + 9),
     board: view.getUint32(at + 14, true), boots: view.getUint16(at + 18, true), bootloader: frame[at + 21] };
 }
 

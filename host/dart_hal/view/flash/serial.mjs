@@ -17,11 +17,13 @@ export class Line {
   }
 
   async #listen() {
-    while (this.isOpen && this.port.readable) {  // noise at a wrong speed ends one stream, and there is another
+    let there = true;
+    while (there && this.isOpen && this.port.readable) {  // noise at a wrong speed ends one stream, and there is another
       this.reader = this.port.readable.getReader();
       try {
         for (;;) {
           const { value, done } = await this.reader.read();
+          there = !done;
           if (done) break;
           for (const byte of value) this.heard.push(byte);
           this.wake();
