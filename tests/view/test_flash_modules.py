@@ -123,6 +123,7 @@ def flashed(cases):
                 ("FakeNano", Path(__file__).parent / "fake_nano.mjs"))
 
 
+@pytest.mark.realtime
 def test_it_flashes_at_both_speeds_and_names_what_fails():
     hello = list(encode(HELLO, 1, WHO))
     old, new, chip, worn, mute, pulled, busy = flashed([
@@ -142,6 +143,7 @@ def test_it_flashes_at_both_speeds_and_names_what_fails():
 
 
 @pytest.mark.more
+@pytest.mark.realtime
 def test_nobody_answers_or_the_program_is_another():
     silent, other = flashed([{"speed": 19200}, {}])
     assert (silent["kind"], silent["pages"]) == ("silent", 0)
