@@ -26,14 +26,15 @@ def driving(pulses, since):
 class AtTheDesk:
     """``drive(seconds, each)``: the desk's loop, with ``each(t)`` at every State."""
 
-    def __init__(self, seed=1, drives=True):
+    def __init__(self, seed=1, drives=True, **options):
         backend = open_backend(f"sim://?nano=mock&seed={seed}")
         self.world = world_of(backend)
         self.pulses, self.modes, self.told = [], [], []
         self.world.watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
         self.car = Car.over(backend, raise_on_trip=False)
-        self.desk = Desk(self.car, Access(8642, token=TOKEN), drives=drives, clock=self.now)
+        self.desk = Desk(self.car, Access(8642, token=TOKEN), drives=drives, clock=self.now,
+                         **options)
         self._each = lambda t: None
         self._count = 0
         self.car.on_state(self._step)

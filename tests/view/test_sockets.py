@@ -88,6 +88,7 @@ def test_every_sample_arrives_at_each_of_five_pages():
             assert set(steps) == {1}
 
 
+@pytest.mark.more  # until the kernel's buffers are full
 def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, caplog):
     monkeypatch.setattr(server, "MOST_WAITING", 2_000)
     with live_page(drives=False) as (_, page), join(page) as stalled, join(page) as other:

@@ -165,7 +165,7 @@ class Engine:
         return due
 
     def start(self) -> None:
-        """HELLO is there: note it."""
+        """HELLO is there: note it in the recording."""
         if self.recorder is not None and self.receiver.hello_values is not None:
             self.recorder.hello(self.receiver.hello_values)
             self.recorder.note("line", {"baud": str(self.backend.link.baud or BAUD)})

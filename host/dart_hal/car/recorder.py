@@ -8,7 +8,7 @@ from pathlib import Path
 from dart_hal.car.engine import Engine
 from dart_hal.car.misuse import check_note
 from dart_hal.config import CarFiles, left_aside
-from dart_hal.errors import DartHalError
+from dart_hal.errors import DartHalError, UsageError
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.live_file import LiveFile
 from dart_hal.recording.log import LogNames
@@ -29,6 +29,40 @@ class Recorded:
 
     def __init__(self) -> None:
         self._log_names = LogNames()
+        self.logged: dict[str, float] = {}
+        """The newest number of each name that ``log`` was given; arrays are left out."""
+
+    def start_recording(self, path: str | Path) -> Path | None:
+        """Record from now on, until ``end_recording`` or the end; a file that is there is kept
+        under another name, which is returned.
+
+        A replay of it begins its estimators where it begins, so the first second differs from
+        what the program saw; bytes of the I2C bus are there only in a recording that began with
+        ``Car.open``. Raises UsageError where one is under way already, OSError.
+        """
+        if self._recorder is not None:
+            raise UsageError("a recording is under way", found=str(self._recorder.path),
+                             expected="one at a time", remedy="car.end_recording()")
+        kept = keep_old(path)
+        with self._engine.lock:
+            self._recorder = start_recording(self._engine, self.files, path)
+            self._engine.start()
+            self._engine.ask()  # a HELLO among the bytes, by which a replay begins
+        return kept
+
+    def end_recording(self) -> None:
+        """Close the file; nothing is done where none is written."""
+        if self._recorder is not None:
+            with self._engine.lock:
+                leave_recording(self._engine, self._recorder)
+                recorder, self._recorder = self._recorder, None
+            recorder.close()
+
+    @property
+    def recording(self) -> Path | None:
+        """The file that is being written; None: none is."""
+        writer = self._recorder
+        return None if writer is None or isinstance(writer.file, LiveFile) else writer.path
 
     @property
     def recording_trouble(self) -> DartHalError | None:
@@ -58,6 +92,7 @@ class Recorded:
         the car's clock. Raises LogError for another name or value, recording or not.
         """
         channels = self._log_names.take(name, value)
+        self.logged |= {one: v for one, v in channels.items() if isinstance(v, float)}
         if self._recorder is not None:
             self._recorder.log(self._engine.now, channels)
 
@@ -102,3 +137,15 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
     if isinstance(backend.bus, RecordedBus):
         backend.bus.recorder = writer
     return writer
+
+
+def leave_recording(engine: Engine, writer: RunWriter) -> None:
+    """The engine writes nothing more into it; the inverse of ``start_recording``."""
+    engine.hooks.recorder = engine.recorder = None
+    engine.listeners = [one for one in engine.listeners if one != writer.state]
+    if engine.poses is not None:
+        engine.poses.record = lambda pose: None
+    if engine.scans is not None:
+        engine.scans.record = lambda scan: None
+    if isinstance(engine.backend.bus, RecordedBus):
+        engine.backend.bus.recorder = None

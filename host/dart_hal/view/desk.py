@@ -12,12 +12,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, NotArmed
+from dart_hal.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.types import FloatArray, Scan, State
 from dart_hal.view import messages as m
 from dart_hal.view.access import Access
@@ -42,21 +43,24 @@ class Desk:
     """One car's page, without its sockets.
 
     access: who may drive; drives: whether a page may, in ``run``; lines (m, 4) [m]: the map that
-    is drawn; max_throttle: of a stick that is pushed to its end; clock [s]: by which commands age.
+    is drawn; max_throttle: of a stick that is pushed to its end; folder:
+    where the recordings go that a page begins; clock [s]: by which commands age.
     """
 
     def __init__(self, car: Car, access: Access, *, drives: bool = False,
                  lines: FloatArray | None = None, waive: Sequence[str] = (),
-                 max_throttle: float = 0.35, clock: Callable[[], float] = time.monotonic) -> None:
+                 max_throttle: float = 0.35, folder: Path = Path("runs"),
+                 clock: Callable[[], float] = time.monotonic) -> None:
         self.car, self.drives, self.operator = car, drives, Operator(access)
         self._lines, self._waive, self._max_throttle = lines, tuple(waive), max_throttle
-        self._clock = clock
+        self._clock, self._folder = clock, folder
         self._lock = threading.Lock()
         self._rows: deque[Row] = deque(maxlen=KEPT)
         self._state: State | None = None
         self._scan: Scan | None = None
         self._said: deque[str] = deque(maxlen=100)
-        self._wishes: deque[type[m.Message]] = deque(maxlen=10)
+        self._wishes: deque[m.Message] = deque(maxlen=10)
+        self._logged: dict[str, float] = {}
         self._told_at, self._stopped_until, self._closed = -inf, -inf, False
         self._trouble = ""
         self.pages = 0
@@ -91,10 +95,12 @@ class Desk:
     def _step(self) -> None:
         while self._wishes:
             wish = self._wishes.popleft()
-            if wish is m.Arm:
+            if isinstance(wish, m.Arm):
                 self._arm()
-            elif wish is m.Unlock:
+            elif isinstance(wish, m.Unlock):
                 self.car.unlock("by hand, at the live page")
+            elif isinstance(wish, m.Record):
+                self._record(wish.on)
         with self._lock:
             wanted = self.operator.wanted(self._clock())
         if wanted is not None and self.car.mode == "ARMED":
@@ -115,6 +121,19 @@ class Desk:
             self._say(str(why))
         with self._lock:
             self.operator.armed()
+
+    def _record(self, on: bool) -> None:
+        """Begin a file in the folder for recordings, or end it."""
+        if not on:
+            self.car.end_recording()
+            return
+        path = self._folder / time.strftime("run_%Y-%m-%d_%H-%M-%S.mcap")
+        try:
+            self.car.start_recording(path)
+        except (DartHalError, OSError) as why:
+            self._say(f"no recording: {why}")
+        else:
+            self._say(f"recording {path}")
 
     # -- in the server's thread ------------------------------------------------------------
 
@@ -143,7 +162,7 @@ class Desk:
                 self.operator.drive(page, message.steering, message.throttle, message.heard, now)
             else:
                 self.operator.check(page)
-                self._wishes.append(type(message))
+                self._wishes.append(message)
         self._end_drive()
         return None
 
@@ -168,6 +187,9 @@ class Desk:
         if not self.pages:
             return
         yield _json({"type": "rows", "now": now, "rows": rows}).decode()
+        if (logged := dict(self.car.logged)) != self._logged:
+            self._logged = logged
+            yield _json({"type": "log", "values": logged}).decode()
         if state is not None and now - self._told_at >= STATUS_EVERY:
             self._told_at = now
             yield _json(status(self.car, state, self._extra())).decode()
@@ -182,8 +204,9 @@ class Desk:
         return _json({"type": "said", "text": why}).decode()
 
     def _extra(self) -> dict[str, Any]:
-        return {"pages": self.pages, "driven": self.operator.page is not None,
-                "trouble": self._trouble}
+        trouble = self._trouble or str(self.car.recording_trouble or "")
+        return {"pages": self.pages, "driven": self.operator.page is not None, "trouble": trouble,
+                "recording": self.car.recording.name if self.car.recording else ""}
 
     def _say(self, text: str) -> None:
         self._said.append(text)

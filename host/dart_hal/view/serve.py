@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Sequence
 from math import inf
+from pathlib import Path
 
 from dart_hal.car import Car
 from dart_hal.types import FloatArray
@@ -15,17 +16,18 @@ from dart_hal.view.server import Server, bound
 
 def serve(car: Car, *, port: int = PORT, lan: bool = False, drives: bool = False,
           lines: FloatArray | None = None, waive: Sequence[str] = (),
-          max_throttle: float = 0.35) -> LivePage:
+          max_throttle: float = 0.35, folder: Path = Path("runs")) -> LivePage:
     """Serve a live page of an open car, until ``close``.
 
     port: 0 takes any that is free. lan: other computers and phones may open it. drives: a page may
     drive, in ``LivePage.run``; else it watches, and stops what the program does. lines (m, 4) [m]:
-    the map that is drawn. max_throttle: of a stick that is pushed to its end. Raises UsageError for
-    a port that is in use.
+    the map that is drawn. max_throttle: of a stick that is pushed to its end. folder: where
+    recordings go that a page begins. Raises UsageError for a port that is in use.
     """
     place = bound(port, lan)
     access = Access.at(place.getsockname()[1], lan)
-    desk = Desk(car, access, drives=drives, lines=lines, waive=waive, max_throttle=max_throttle)
+    desk = Desk(car, access, drives=drives, lines=lines, waive=waive, max_throttle=max_throttle,
+                folder=folder)
     return LivePage(desk, place, access)
 
 

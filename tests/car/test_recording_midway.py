@@ -1,0 +1,54 @@
+"""A recording that begins and ends while the car drives."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.errors import UsageError
+
+
+def drive(car, seconds):
+    seen = []
+    for state in car.states(duration=seconds):
+        car.drive(throttle=0.25, steering=0.1)
+        seen.append((round(state.t, 6), state.ticks))
+    return seen
+
+
+def test_it_replays_what_passed_meanwhile_and_nothing_else(tmp_path):
+    path = tmp_path / "run.mcap"
+    with Car.open("sim://?nano=mock&seed=3&mocap=1") as car:
+        car.arm()
+        drive(car, 0.5)
+        assert car.start_recording(path) is None
+        assert car.recording == path
+        meanwhile = drive(car, 1.0)
+        car.end_recording()
+        size = path.stat().st_size
+        assert car.recording is None
+        drive(car, 0.5)
+        assert path.stat().st_size == size
+    with Car.open(f"replay://{path}") as replay:
+        assert replay.hello.board_id == car.hello.board_id
+        again = [(round(s.t, 6), s.ticks) for s in replay.states()]
+    assert [one for one in again if one in meanwhile] == meanwhile
+    assert len(again) <= len(meanwhile) + 3
+
+
+def test_one_at_a_time_and_an_old_file_is_kept(tmp_path):
+    path = tmp_path / "run.mcap"
+    path.write_text("old")
+    with Car.open("sim://?nano=mock") as car:
+        kept = car.start_recording(path)
+        assert kept is not None
+        assert kept.read_text() == "old"
+        with pytest.raises(UsageError, match="under way"):
+            car.start_recording(tmp_path / "other.mcap")
+        car.end_recording()
+        car.end_recording()
+        car.start_recording(tmp_path / "other.mcap")
+        for _ in car.states(duration=0.2):
+            pass
+    with Car.open(f"replay://{tmp_path / 'other.mcap'}"):
+        pass

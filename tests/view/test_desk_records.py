@@ -1,0 +1,44 @@
+"""A page that begins a recording, and numbers of the program that it plots."""
+
+from __future__ import annotations
+
+from at_the_desk import AtTheDesk
+
+from dart_hal.car import Car
+from dart_hal.view import messages as m
+
+
+def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
+    with AtTheDesk(folder=tmp_path) as at:
+        at.take_and_arm()
+        at.say("one", m.Record(True))
+        at.drive(1.0, lambda t: at.hold())
+        assert at.told[-1]["type"]
+        status = [one for one in at.told if one["type"] == "status"][-1]
+        (path,) = tmp_path.glob("run_*.mcap")
+        assert status["recording"] == path.name
+        at.say("one", m.Record(False))
+        at.drive(0.3)
+        assert [one for one in at.told if one["type"] == "status"][-1]["recording"] == ""
+    with Car.open(f"replay://{path}") as replay:
+        assert sum(state.speed > 0.1 for state in replay.states()) > 30
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with AtTheDesk(folder=tmp_path / "file") as at:
+        at.take_and_arm()
+        at.say("one", m.Record(True))
+        at.drive(0.5, lambda t: at.hold())
+        assert any("no recording" in text for text in at.said())
+        assert at.driving(at.now() - 0.1), "it drives on"
+
+
+def test_numbers_that_the_program_logs_are_told_when_they_change():
+    with AtTheDesk(drives=False) as at:
+        at.car.log("mpc/cost", 3.5)
+        at.car.log("mpc/plan", [1.0, 2.0])
+        at.drive(0.2)
+        at.drive(0.2)
+        logs = [one["values"] for one in at.told if one["type"] == "log"]
+        assert logs == [{"mpc/cost": 3.5}]
