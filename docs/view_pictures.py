@@ -65,7 +65,7 @@ def shoot(url: str, folder: Path) -> None:
 def shoot_fleet(folder: Path) -> None:
     """Four emulated cars of a room, one of which is gone."""
     places = ("0,0,0", "1.5,0.6,1", "-1,1.2,2", "0.5,-1.2,3")
-    urls = [f"sim://?nano=mock&pace=1&world=page&seed={n + 1}&at={place}"
+    urls = [f"sim://?nano=mock&pace=1&mocap=1&world=page&seed={n + 1}&at={place}"
             for n, place in enumerate(places)]
     with Fleet.open(urls, room="local://page") as fleet, Station("local://page") as station, \
             FleetPage([station], 0, lan=False) as page:
