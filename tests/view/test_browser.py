@@ -23,7 +23,10 @@ def drives_off(browser, page, car, tries=5):
     for _ in range(tries):
         browser.until("DISARMED", "mode")
         browser.press("arm")
-        browser.until("ARMED", "mode")
+        try:
+            browser.until("ARMED", "mode", within=5.0)
+        except AssertionError:  # refused: frames came late
+            continue
         browser.hold()
         time.sleep(0.8)
         if driving(page.pulses, car.now - 0.05):
