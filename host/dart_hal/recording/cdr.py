@@ -152,20 +152,30 @@ def numbers_of(payload: bytes) -> FloatArray:
 
 def odometry(state: State, zero_ns: int = 0) -> bytes:
     """nav_msgs/Odometry: pose of the rear axle in ``odom``, speed in ``base_link``."""
-    pose, cov = state.pose, state.pose.cov
-    half = 0.5 * pose.yaw
+    pose, half = state.pose, 0.5 * state.pose.yaw
+    return _ODOMETRY.pack(
+        HEADER, *_stamp(state.t, zero_ns), _ODOM_IDS,
+        pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half),
+        *planar_covariance(pose.cov), state.speed, 0.0, 0.0, 0.0, 0.0, state.yaw_rate or 0.0,
+        *twist_covariance(state))
+
+
+def planar_covariance(cov: FloatArray) -> list[float]:
+    """That of x, y, yaw (3, 3) as ROS has it: 36 numbers, of x, y, z, roll, pitch, yaw."""
     spread = [0.0] * 36
     for i, row in enumerate(_PLANE):
         for j, column in enumerate(_PLANE):
             spread[6 * row + column] = float(cov[i, j])
     spread[14] = spread[21] = spread[28] = _UNKNOWN
-    twist = [0.0] * 36
-    twist[0] = state.speed_std**2
-    twist[7] = twist[14] = twist[21] = twist[28] = twist[35] = _UNKNOWN
-    return _ODOMETRY.pack(
-        HEADER, *_stamp(state.t, zero_ns), _ODOM_IDS,
-        pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half), *spread,
-        state.speed, 0.0, 0.0, 0.0, 0.0, state.yaw_rate or 0.0, *twist)
+    return spread
+
+
+def twist_covariance(state: State) -> list[float]:
+    """36 numbers; nothing but the speed is stated."""
+    spread = [0.0] * 36
+    spread[0] = state.speed_std**2
+    spread[7] = spread[14] = spread[21] = spread[28] = spread[35] = _UNKNOWN
+    return spread
 
 
 def imu(state: State, zero_ns: int = 0) -> bytes | None:
@@ -187,14 +197,10 @@ def drive(state: State, zero_ns: int = 0) -> bytes:
 def external_pose(pose: ExternalPose) -> bytes:
     """geometry_msgs/PoseWithCovarianceStamped: marker frame in the room, stamp of the source."""
     name = _text(pose.frame, 8, 8)
-    spread = [0.0] * 36
-    for i, row in enumerate(_PLANE):
-        for j, column in enumerate(_PLANE):
-            spread[6 * row + column] = float(pose.cov[i, j])
-    spread[14] = spread[21] = spread[28] = _UNKNOWN
     half = 0.5 * pose.yaw
     return (HEADER + _TIME.pack(*divmod(nanoseconds(pose.stamp), 10**9)) + name
-            + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half), *spread))
+            + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half),
+                         *planar_covariance(pose.cov)))
 
 
 def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
