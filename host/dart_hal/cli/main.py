@@ -38,6 +38,7 @@ VERBS = {
     "export": "write a run for other programs: table, ROS bag, LeRobot",
     "compare": "put two runs side by side, and say when they part",
     "top": "live view of a car in the terminal",
+    "bridge": "let ROS drive a car by the topics of DART's own software",
     "view": "live page in a browser: watch a car, drive it, stop it; or look at a recording",
     "sim": "serve the simulated car as a serial port, or reveal its true parameters",
     "data": "check, repair or download recordings",

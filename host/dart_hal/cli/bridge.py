@@ -1,0 +1,64 @@
+"""``dart-hal bridge``: DART's own topics in ROS, so that its controllers drive this car."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from math import inf
+from pathlib import Path
+
+import click
+
+from dart_hal.bridges.bridge import Bridge, Middleware
+from dart_hal.cli.options import (
+    car_options,
+    drive_options,
+    json_option,
+    lidar_option,
+    poses_option,
+    waive_option,
+)
+from dart_hal.cli.output import console, notices, print_json, results
+from dart_hal.cli.session import in_real_time, opened, paced
+from dart_hal.cli.summary import Summary
+
+
+@click.command("bridge")
+@click.argument("middleware", type=click.Choice(["ros1", "ros2"]))
+@car_options
+@click.option("--number", type=click.IntRange(0, 999), default=1, show_default=True,
+              help="of the car, in the names of its topics")
+@drive_options
+@waive_option
+@poses_option
+@lidar_option
+@json_option
+def command(middleware: str, url: str | None, car_name: str, cars: Path | None, number: int,
+            duration: float | None, record: Path | None, waive: tuple[str, ...],
+            poses: str | None, lidar: str | None, as_json: bool) -> None:
+    """Arm the car and let ROS drive it by DART's own topics, until Ctrl-C.
+
+    It drives while safety_value says 1; silence, and what is no number that can be meant, is
+    neutral. A recording is told and not driven.
+    """
+    with (closing(_opened(middleware, f"dart_hal_{number}")) as node,
+          opened(paced(url), car_name, cars, record, poses, lidar) as car):
+        summary = Summary(car)
+        states = car.states(duration=duration or inf)
+        console.print(f"car {number} on {middleware}: arming" if car.drives else
+                      f"car {number} on {middleware}: a recording", markup=False, highlight=False)
+        Bridge(car, number, node, lambda text: notices((text,))).run(
+            car.arming(waive=waive), in_real_time(states) if car.waits else states)
+        found = summary.as_json({"recording": record} if record else {})
+    if as_json:
+        print_json(found)
+    else:
+        results.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s")
+
+
+def _opened(middleware: str, name: str) -> Middleware:
+    """A node of that name; each module is imported for its own middleware alone."""
+    if middleware == "ros1":
+        from dart_hal.bridges.ros1 import Ros1
+        return Ros1(name)
+    from dart_hal.bridges.ros2 import Ros2
+    return Ros2(name)

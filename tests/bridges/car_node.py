@@ -1,0 +1,37 @@
+"""An emulated car in real time on ROS 1; at the end of its standard input it writes what the ESC
+got.
+
+    python car_node.py PINS.json [URL]: {"pulses": [[time.time(), us], ...], "said": [...]}
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from pathlib import Path
+
+from dart_hal.bridges.bridge import Bridge
+from dart_hal.bridges.ros1 import Ros1
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+
+def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):
+    node = Ros1("dart_hal_1")
+    backend = open_backend(url)
+    pulses, said, speeds = [], [], []
+    world = world_of(backend)
+    world.watchers.append(lambda channel, pulse: pulses.append(
+        (time.time(), (pulse[1] - pulse[0]) * 1e6)) if channel == 1 else None)
+    with Car.over(backend) as car:
+        threading.Thread(target=lambda: (sys.stdin.read(), node.close()), daemon=True).start()
+        car.on_state(lambda state: speeds.append((time.time(), world.truth().v_x)))
+        Bridge(car, 1, node, said.append).run(car.arming(), car.states())
+    Path(out).write_text(json.dumps({"pulses": pulses, "said": said, "speeds": speeds}))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,105 @@
+"""What messages do to the car, as numbers."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from dart_hal.bridges.commands import HOLD, Commands, Wanted, steering_angle
+
+
+@pytest.fixture
+def commands():
+    """Armed at 0 s, told to go and to drive at 1 s."""
+    made = Commands()
+    made.armed()
+    made.wanted(0.5)
+    made.safety(1.0, 1.0)
+    made.throttle(0.25, 1.0)
+    return made
+
+
+def test_go_and_a_throttle_drive(commands):
+    assert commands.wanted(1.0) == Wanted(0.0, 0.25)
+    assert commands.logged(1.0) == (1.0, 0.25, 0.0)
+    assert commands.said() == []
+
+
+@pytest.mark.parametrize("silent", ["safety_value", "throttle"])
+def test_silence_is_neutral_and_said_once(commands, silent):
+    spoken = {"safety_value": lambda t: commands.throttle(0.25, t),
+              "throttle": lambda t: commands.safety(1.0, t)}[silent]
+    for t in np.arange(1.0, 3.0, 0.01):
+        spoken(t)
+        assert (commands.wanted(t).throttle != 0.0) == (t < 1.0 + HOLD), t
+    assert commands.said() == [f"{silent} has been silent for 0.3 s: neutral"]
+    commands.safety(1.0, 3.0)
+    commands.throttle(0.25, 3.0)
+    assert commands.wanted(3.0).throttle == 0.25
+    commands.wanted(4.0)
+    assert len(commands.said()) == 2, "both fell silent, and it is another silence"
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf, 1.0001, -1.0001, 3e38])
+@pytest.mark.parametrize("topic", ["throttle", "steering"])
+def test_what_cannot_be_meant_is_neutral_until_it_can(commands, topic, value):
+    for _ in range(5):
+        getattr(commands, topic)(value, 1.1)
+        assert commands.wanted(1.1).throttle == 0.0
+    (said,) = commands.said()
+    assert said == f"{topic} was {value:g}, expected -1 to 1: neutral"
+    getattr(commands, topic)(0.2, 1.2)
+    assert commands.wanted(1.2).throttle == (0.2 if topic == "throttle" else 0.25)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5, 0.999, 2.0, -1.0, nan, inf])
+def test_nothing_but_one_is_go(commands, value):
+    commands.safety(value, 1.1)
+    assert commands.wanted(1.1).throttle == 0.0
+    assert commands.logged(1.1) == (0.0, 0.25, 0.0), "the throttle is told as it was sent"
+    assert len(commands.said()) == (value != 0.0)
+
+
+def test_the_gate_opens_before_a_throttle_comes():
+    """A controller may wait for it."""
+    commands = Commands()
+    commands.armed()
+    commands.wanted(0.0)
+    commands.safety(1.0, 0.1)
+    assert commands.wanted(0.1).throttle == 0.0
+    assert commands.logged(0.1) == (1.0, 0.0, 0.0)
+
+
+def test_steering_holds_and_a_wrong_one_changes_nothing(commands):
+    commands.steering(0.5, 0.2)
+    assert commands.wanted(1.1).steering == steering_angle(0.5)
+    commands.steering(nan, 1.1)
+    assert commands.wanted(1.1).steering == steering_angle(0.5)
+
+
+def test_a_go_that_was_there_while_it_armed_moves_nothing():
+    commands = Commands()
+    for t in np.arange(0.0, 2.0, 0.1):
+        commands.safety(1.0, t)
+        commands.throttle(0.3, t)
+        if t == 1.0:
+            commands.armed()
+        assert commands.wanted(t).throttle == 0.0
+        assert commands.logged(t)[0] == 0.0
+    assert commands.said() == [
+        "safety_value was 1 while the car was armed: send 0, or nothing for 0.3 s, then 1"]
+    commands.safety(0.0, 2.0)
+    assert commands.wanted(2.0).throttle == 0.0
+    commands.safety(1.0, 2.1)
+    assert commands.wanted(2.1).throttle == 0.3
+
+
+def test_the_angle_that_upstreams_helper_asks_for_is_the_one_that_is_steered():
+    """Its table inverts the curve of car 1 by a hundred points."""
+    command = np.linspace(-1.0, 1.0, 100)
+    table = [steering_angle(s) for s in command]
+    for wanted in (-0.3, -0.1, 0.0, 0.07, 0.25):
+        assert steering_angle(float(np.interp(wanted, table, command))) == pytest.approx(
+            wanted, abs=1e-3)

@@ -1,0 +1,75 @@
+"""A real master and rospy: DART's own nodes, and one of the same interface, drive the car."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ros_world import MISSING, RosWorld, installed, upstream_nodes
+
+pytestmark = [pytest.mark.more, pytest.mark.realtime, pytest.mark.cpu(60)]
+
+NEUTRAL = 0.5
+"""s from the last safety_value to the end of the last driving pulse."""
+
+
+@pytest.fixture
+def world(tmp_path):
+    if not installed():
+        pytest.skip(MISSING)
+    with RosWorld(tmp_path) as made:
+        yield made
+
+
+def check(seen, pins):
+    """Rates, speed, and the pin after the silence of safety_value alone."""
+    driving = [t for t, us in pins["pulses"] if abs(us - 1500.0) > 5.0]
+    speeds = [v for t, v in pins["speeds"] if seen["began"] <= t < seen["silent"]]
+    late = max(driving) - seen["silent"]
+    print(f"sensors {seen['rate']:.1f} Hz, speed {seen['speed']:.3f} m/s, truly "
+          f"{sum(speeds) / len(speeds):.3f}, neutral {late:.3f} s behind the last safety_value, "
+          f"stamps {1e3 * seen['stamp_age']:.0f} ms old, {pins['said']}")
+    assert seen["rate"] == pytest.approx(100.0, rel=0.02)
+    assert {k: round(v / 100.0, 1) for k, v in seen["counts"].items()} == dict.fromkeys(
+        ("odom_1", "/tf", "vx_1", "arduino_data_1", "vicon/jetracer1"), 1.0)
+    assert seen["speed"] == pytest.approx(1.0, rel=0.15)
+    assert set(seen["gate"]) == {1.0}
+    assert any(t > seen["silent"] for t in driving), "it drove until then"
+    assert late <= NEUTRAL
+    assert seen["after"] == 0.0
+    assert seen["stamp_age"] < 0.5
+    assert seen["frames"] == ["odom_1", "base_link_1", "base_link_1"]
+    assert pins["said"][-1] == "safety_value has been silent for 0.3 s: neutral"
+
+
+def test_a_node_of_upstreams_interface_drives(world):
+    seen, pins = world.drive("own")
+    check(seen, pins)
+    assert seen["yaw_rate"] > 0.2, "left"
+
+
+def test_upstreams_own_nodes_drive_unchanged(world):
+    folder = upstream_nodes()
+    if folder is None:
+        pytest.skip("DART's two nodes are not here ($DART_UPSTREAM_ROS)")
+    for name in ("v_tracking_controller.py", "steering_angle_2_command.py"):
+        world.start(folder / name)
+    check(*world.drive("upstream"))
+
+
+def test_the_verb_without_and_with_a_master(world):
+    verb = [Path(sys.executable).parent / "dart-hal", "bridge", "ros1", "--url",
+            "sim://?nano=mock&seed=1", "--duration", "0.5"]
+    for _ in range(3):  # as RosWorld.drive
+        done = subprocess.run(verb, env=world.env, capture_output=True, text=True, timeout=60)
+        if "LINK_" not in done.stderr:
+            break
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.00 m in ")
+    done = subprocess.run(verb, env={**world.env, "ROS_MASTER_URI": "http://127.0.0.1:1"},
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "no ROS master answers" in done.stderr
+    assert "roscore" in done.stderr

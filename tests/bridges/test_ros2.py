@@ -1,0 +1,91 @@
+"""The rclpy node with classes and CDR of rosbags behind a toy rclpy: rclpy itself was not run."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from ros_types import classes_of
+
+from dart_hal.bridges.messages import external_pose, number, numbers
+from dart_hal.bridges.ros1 import Ros1
+from dart_hal.bridges.ros2 import Ros2
+from dart_hal.errors import UsageError
+from dart_hal.recording import cdr
+from dart_hal.types import ExternalPose
+
+
+class ToyNode:
+    """Keeps the bytes of what is published."""
+
+    def __init__(self, name, store):
+        self.name, self.store, self.sent, self.heard = name, store, {}, {}
+
+    def create_subscription(self, kind, topic, callback, depth):
+        self.heard[topic] = (kind, callback, depth)
+
+    def create_publisher(self, kind, topic, depth):
+        def publish(message):
+            self.sent[topic] = bytes(self.store.serialize_cdr(message, message.__msgtype__))
+        return SimpleNamespace(publish=publish, kind=kind)
+
+
+@pytest.fixture
+def rclpy(monkeypatch):
+    class_of, store = classes_of("ROS2_HUMBLE")
+    rclpy, signals = ModuleType("rclpy"), ModuleType("rclpy.signals")
+    signals.SignalHandlerOptions = SimpleNamespace(NO="no")
+    state = SimpleNamespace(up=False, options=None)
+
+    def init(signal_handler_options):
+        state.up, state.options = True, signal_handler_options
+
+    rclpy.init, rclpy.ok, rclpy.spin = init, lambda: state.up, lambda node: None
+    rclpy.create_node = lambda name: ToyNode(name, store)
+    rclpy.try_shutdown = lambda: setattr(state, "up", False)
+    rclpy.state, rclpy.store = state, store
+    for name, module in (("rclpy", rclpy), ("rclpy.signals", signals)):
+        monkeypatch.setitem(sys.modules, name, module)
+    for package in ("std_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "builtin_interfaces"):
+        messages = ModuleType(f"{package}.msg")
+        messages.__getattr__ = lambda name, package=package: class_of(f"{package}/{name}")
+        monkeypatch.setitem(sys.modules, package, ModuleType(package))
+        monkeypatch.setitem(sys.modules, f"{package}.msg", messages)
+    return rclpy
+
+
+def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
+    node = Ros2("dart_hal_1")
+    sent = node._node.sent
+    pose = ExternalPose(5.0, 2.0, 1.0, -0.5, 0.3, frame="room")
+    for topic, message in (("vx_1", number(0.25)), ("arduino_data_1", numbers((1.0, 2.0))),
+                           ("vicon/jetracer1", external_pose(pose, pose.stamp))):
+        node.advertise(topic, message.kind)
+        node.publish(topic, message)
+    assert sent["vx_1"] == bytes.fromhex("00010000" "0000803e")
+    assert sent["arduino_data_1"] == bytes.fromhex(
+        "00010000" "00000000" "00000000" "02000000" "0000803f" "00000040")
+    assert sent["vicon/jetracer1"] == cdr.external_pose(pose), "to the byte the recorder's"
+
+
+def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):
+    node, heard = Ros2("dart_hal_1"), []
+    node.subscribe("throttle_1", heard.append)
+    _, callback, depth = node._node.heard["throttle_1"]
+    callback(rclpy.store.deserialize_cdr(bytes.fromhex("00010000" "0000803e"),
+                                         "std_msgs/msg/Float32"))
+    assert (heard, depth) == ([0.25], 1)
+    assert rclpy.state.options == "no", "Ctrl-C stays the car's"
+    assert not node.closed
+    node.close()
+    assert node.closed
+    node.publish("nobody hears it", number(0.0))
+
+
+@pytest.mark.parametrize(("node", "package"), [(Ros1, "rosgraph"), (Ros2, "rclpy")])
+def test_without_ros_it_says_what_to_install(monkeypatch, node, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(UsageError, match="needs ROS") as why:
+        node("dart_hal_1")
+    assert "docs/how_to/ros.md" in why.value.remedy

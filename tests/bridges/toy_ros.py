@@ -1,0 +1,77 @@
+"""An emulated car in virtual time behind the bridge, a middleware of lists, the ESC's pulses."""
+
+from __future__ import annotations
+
+from dart_hal.bridges.bridge import Bridge
+from dart_hal.car import Car
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+NEAR_US = 5.0
+
+
+class ToyRos:
+    """``say(topic, value)``: somebody publishes; ``published``: (topic, message)."""
+
+    def __init__(self):
+        self.heard, self.advertised, self.published, self.closed = {}, {}, [], False
+
+    def subscribe(self, topic, heard):
+        self.heard[topic] = heard
+
+    def advertise(self, topic, kind):
+        self.advertised[topic] = kind
+
+    def publish(self, topic, message):
+        assert self.advertised[topic] == message.kind
+        self.published.append((topic, message))
+
+    def close(self):
+        self.closed = True
+
+    def say(self, topic, value):
+        self.heard[topic](value)
+
+    def last(self, topic):
+        return next(m for name, m in reversed(self.published) if name == topic)
+
+
+class BridgedCar:
+    """``run(seconds, each)``: arms, then drives, with ``each(t)`` at every State, t s behind."""
+
+    def __init__(self, url="sim://?nano=mock&seed=1", number=1):
+        backend = open_backend(url)
+        self.pulses, self.said, self.ros, self.armed_at = [], [], ToyRos(), None
+        world_of(backend).watchers.append(
+            lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
+        self.car = Car.over(backend)
+        self.bridge = Bridge(self.car, number, self.ros, self.said.append, lambda: self.car.now)
+
+    def run(self, seconds, each, while_arming=lambda: None):
+        def arming():
+            for state in self.car.arming():
+                while_arming()
+                yield state
+
+        def states():
+            self.armed_at = self.car.now
+            for state in self.car.states(duration=seconds):
+                each(self.car.now - self.armed_at)
+                yield state
+
+        self.bridge.run(arming(), states())
+
+    def driving(self, since=-10.0, until=1e9):
+        """(begin, end) of pulses that are not neutral and end between these, s since armed."""
+        zero = self.armed_at
+        return [(rise - zero, fall - zero) for rise, fall in self.pulses
+                if since < fall - zero < until and abs((fall - rise) * 1e6 - 1500.0) > NEAR_US]
+
+    def last_driving(self):
+        return max((fall for _, fall in self.driving()), default=-1.0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.car.close()
