@@ -165,6 +165,7 @@ def test_a_paced_car_drives_on_while_its_program_computes():
 
 
 @pytest.mark.more
+@pytest.mark.realtime
 def test_a_paced_car_obeys_a_loop_that_is_quick():
     backend = open_backend(MOCK + "&pace=1")
     with Car.over(backend) as car:
