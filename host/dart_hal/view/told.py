@@ -11,6 +11,8 @@ from dart_hal.car import Car
 from dart_hal.types import FloatArray, State
 from dart_hal.view.rows import FIELDS
 
+IDLE = ("DISARMED", "TRIPPED", "LOCKED", "FAULT")
+"""Modes in which it matters what would keep the car from arming."""
 MOST_LINES = 4000
 """Lines of a map that are drawn; a room of boards has 30, a grid of 10 m some thousand."""
 
@@ -38,7 +40,7 @@ def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
                      "age_ms": round(1e3 * timing.link_age, 1)},
             "loop": {"p99_ms": _ms(timing.p99), "late": timing.late, "skipped": timing.skipped},
             "pose_age": None if external is None or external.age > 1e6 else round(external.age, 3),
-            "refusals": [refusal(name) for name in car.refusals()],
+            "refusals": [refusal(name) for name in car.refusals()] if car.mode in IDLE else [],
             "trips": trips(car), "cautions": [str(c) for c in car.cautions], **extra}
 
 
