@@ -22,7 +22,7 @@ from dart_hal.lidar.health import Watch
 from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import LATE, UNLEARNT
 from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import RIGHT, STALE, agreement
+from dart_hal.localisation.health import AGREED, STALE, agreement
 from dart_hal.localisation.matcher import match
 from dart_hal.localisation.path import Steps
 from dart_hal.localisation.search import LOOSE, search
@@ -176,7 +176,7 @@ def _laid(drive: Drive, chart: Map, mount: Mount) -> Seen:
             continue
         found = match(chart, beams.points, beams.rays, start, LOOSE, SMALL).pose
         agreed = agreement(chart, found, beams.points, beams.rays, beams.origin).share
-        if agreed < RIGHT:
+        if agreed < AGREED:
             continue
         last = end, found
         rows.append((*_middle(beams, found), found[3], agreed))

@@ -32,7 +32,7 @@ from dart_hal.control.wall import Wall
 from dart_hal.errors import Disarmed, LinkLost, UsageError
 from dart_hal.localisation.field import map_of_grid
 from dart_hal.localisation.grid import Grid, write_grid
-from dart_hal.localisation.health import RIGHT, agreement
+from dart_hal.localisation.health import AGREED, agreement
 from dart_hal.mapping.checks import Checks
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
@@ -117,7 +117,7 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
         print_json(found)
     else:
         results.print(sentence(found), markup=False, highlight=False)
-    return 0 if good and found["explained"] > RIGHT else 1
+    return 0 if good and found["explained"] > AGREED else 1
 
 
 def along_walls(car: Car, speed: float, wall: Wall, distance: float, duration: float,

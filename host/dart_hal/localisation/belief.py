@@ -25,6 +25,8 @@ from dart_hal.localisation.path import Stretch
 from dart_hal.types import FloatArray
 
 POSE, ERRORS, TAU, SCALE = slice(0, 3), slice(3, 7), 7, 8
+SEEN = (0, 1, 2, SCALE)
+"""What a scan is laid on the map by."""
 STD = np.array((0.05, 0.05, 0.03, 0.03, 0.015, 0.02, 0.016, 0.010, 0.008))
 """One sigma at the beginning: pose of a coarse search; a car that was never calibrated; slip of
 the published sets (0.011 and 0.034 rad per m/s2); 1.5 % of a bare X4's distances at 2 sigma."""
@@ -82,11 +84,11 @@ class Belief:
         c, s = np.cos(self.mean[2] - end), np.sin(self.mean[2] - end)
         turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
         sees = np.zeros((4, len(STD)))
-        sees[(0, 1, 2, 3), (0, 1, 2, SCALE)] = 1.0
+        sees[(0, 1, 2, 3), SEEN] = 1.0
         sees[:3, ERRORS] = -turn @ way.by
         sees[:3, TAU] = -turn @ way.rate
         known = np.linalg.inv(sees @ self.cov @ sees.T)
-        start = self.mean[[0, 1, 2, SCALE]]
+        start = self.mean[SEEN,]
         found = match(chart, points, rays, start, known)
         off = found.pose - start
         if off @ known @ off < SURPRISE:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import UsageError
+from dart_hal.localisation.boxes import walls_of
 from dart_hal.localisation.grid import Grid, lines_of_grid
 from dart_hal.types import FloatArray
 
@@ -25,11 +26,13 @@ MOST = 4_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """lines (m, 4): x1, y1, x2, y2 [m]; origin (2,) [m] of node 0, 0; distance (rows, columns)
+    """lines (m, 4): x1, y1, x2, y2 [m]; walls (k, 4): those that stay when boxes are carried off;
+    origin (2,) [m] of node 0, 0; distance (rows, columns)
     [m], at most ``REACH``, which it is along the border; patch (rows * columns, 4): of the cell
     right above a node, the distance there and what x, y and x y add to it."""
 
     lines: FloatArray
+    walls: FloatArray
     origin: FloatArray
     cell: float
     distance: FloatArray
@@ -56,12 +59,14 @@ def map_of_lines(lines: FloatArray, cell: float = CELL) -> Map:
     distance = np.full((rows, columns), REACH)
     for line in lines:
         _draw(distance, line, low, cell)
-    return Map(lines, low, cell, distance, _patches(distance))
+    walls = walls_of(lines, low, cell, distance)
+    return Map(lines, walls, low, cell, distance, _patches(distance))
 
 
 def map_of_pieces(lines: FloatArray, cell: float = CELL) -> Map:
     """The map of many lines (m, 4) [m] no longer than a few cells, five times quicker: of each
-    node the distance to the piece whose middle is nearest. Raises as ``map_of_lines``."""
+    node the distance to the piece whose middle is nearest; nothing in it is a box. Raises as
+    ``map_of_lines``."""
     from scipy.ndimage import distance_transform_edt
 
     lines, low, shape = _raster(lines, cell)
@@ -74,7 +79,7 @@ def map_of_pieces(lines: FloatArray, cell: float = CELL) -> Map:
     node = low + cell * np.column_stack((i, j))
     near = _distance(node.T, lines[nearest[row[j, i], column[j, i]]].T)
     distance[j, i] = np.minimum(near, REACH)
-    return Map(lines, low, cell, distance, _patches(distance))
+    return Map(lines, lines, low, cell, distance, _patches(distance))
 
 
 def _raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, tuple[int, int]]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from dart_hal.lidar.health import Watch
 from dart_hal.localisation.beams import Beams, beams_of
-from dart_hal.localisation.belief import ERRORS, POSE, TAU, UNLEARNT, Belief, again, begun
+from dart_hal.localisation.belief import ERRORS, POSE, SEEN, TAU, UNLEARNT, Belief, again, begun
 from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import STALE, Agreement, Judge, Status, agreement
+from dart_hal.localisation.health import FITS, Judge, Status, agreement
 from dart_hal.localisation.path import Steps
 from dart_hal.localisation.search import search
 from dart_hal.types import Pose, Scan
@@ -79,11 +79,6 @@ class Localiser:
             return Located(t, scan.arrival, self._nowhere, None, self._agreed, self._mirrored)
         return self._track(beams, scan.arrival)
 
-    def _fits(self, agreed: Agreement) -> bool:
-        """Whether a pose that was searched may be one; walls that are gone are no news, once this
-        is known to be the room."""
-        return (agreed.share if self._mapped else agreed.proof) >= STALE
-
     @property
     def _mirrored(self) -> bool:
         return (self._watch.sense or 0.0) < MIRRORED
@@ -106,12 +101,12 @@ class Localiser:
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
             self._agreed = found.agreement.share
-            fits = self._fits(found.agreement)
-            if not (fits and found.sure):
-                self._nowhere = Status.AMBIGUOUS if fits else Status.LOST
+            if not (found.fits and found.sure):
+                self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
                 return False
             pose = found.pose[:3]
-            self._judge = Judge(found.agreement.share, searched=not self._mapped)
+            self._judge = Judge(found.agreement.share,
+                                None if self._mapped else found.agreement.proof)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -120,11 +115,11 @@ class Localiser:
         t = float(beams.way.t[-1])
         way = self._steps.stretch(self.belief.t, t, self.belief.mean[ERRORS])
         half = self._steps.stretch(0.5 * float(beams.way.t[0] + t), t, self.belief.mean[ERRORS])
-        belief, found = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)
-        agreed = agreement(self.chart, found.pose, beams.points, beams.rays, beams.origin)
+        belief = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)[0]
+        agreed = agreement(self.chart, belief.mean[SEEN,], beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
         if status is Status.LOST or self._mirrored or (self._proven < PROVEN
-                                                            and not self._fits(agreed)):
+                                                            and agreed.proof < FITS):
             self.belief, self._agreed = None, agreed.share
             return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief

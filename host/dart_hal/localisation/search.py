@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.localisation.field import REACH, Map
-from dart_hal.localisation.health import STALE, Agreement, agreement
+from dart_hal.localisation.health import FITS, Agreement, agreement
 from dart_hal.localisation.matcher import C, match
 from dart_hal.types import FloatArray, IntArray
 
@@ -27,7 +27,7 @@ BEST = 25
 CLEAR = 0.08
 """m: a car is not in a wall, and its axle not nearer to one."""
 MARGIN = 0.06
-"""By which agreement must exceed that of the best other place."""
+"""By which worth must exceed that of the best other place."""
 APART, TURNED = 0.3, 0.25
 """m and rad beyond which a place is another one."""
 Worth = NDArray[np.float32]
@@ -37,8 +37,8 @@ LOOSE = np.diag(1.0 / np.array((0.3, 0.3, 0.2, 0.008))**2)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """pose (4,): x, y [m], yaw [rad], scale; agreement of it; other: share of the beams that agree
-    at the best other place."""
+    """pose (4,): x, y [m], yaw [rad], scale; agreement of it; other: worth of the best other
+    place."""
 
     pose: FloatArray
     agreement: Agreement
@@ -47,12 +47,12 @@ class Found:
     @property
     def sure(self) -> bool:
         """Whether no other place is nearly as good."""
-        return self.agreement.share > self.other + MARGIN
+        return self.agreement.worth > self.other + MARGIN
 
     @property
     def fits(self) -> bool:
         """Whether this is the room of the map."""
-        return self.agreement.proof >= STALE
+        return self.agreement.proof >= FITS
 
 
 def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray) -> Found:
@@ -63,9 +63,9 @@ def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray)
         pose = match(chart, points, rays, start, LOOSE).pose
         if all(_another(pose, known) for _, known in judged):
             judged.append((agreement(chart, pose, points, rays, origin), pose))
-    judged.sort(key=lambda one: -one[0].share)
-    others = [agreed.share for agreed, _ in judged[1:]]
-    return Found(judged[0][1], judged[0][0], max(others, default=0.0))
+    judged.sort(key=lambda one: -one[0].worth)
+    others = [agreed.worth for agreed, _ in judged[1:]]
+    return Found(judged[0][1], judged[0][0], max(others, default=-1.0))
 
 
 def _another(a: FloatArray, b: FloatArray) -> bool:

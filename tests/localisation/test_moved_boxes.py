@@ -1,0 +1,101 @@
+"""Boxes that were carried off: told from walls, and no reason to be lost; and what is judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tests.localisation.figures import _warmed, wrongs
+from tests.localisation.world import drive, hidden, run
+
+from dart_hal.localisation.belief import begun
+from dart_hal.localisation.field import map_of_grid, map_of_lines
+from dart_hal.localisation.grid import Grid
+from dart_hal.localisation.health import Status, agreement
+from dart_hal.localisation.localiser import Localiser
+from dart_hal.localisation.rays import best
+from dart_hal.sim.lidar.maps import box
+
+HALL = box(3.0, 2.5, 0.0, 6.0, 5.0)
+STOOL = box(4.5, 2.5, 0.3, 0.5, 0.3)
+SHELF = box(3.0, 4.85, 0.0, 0.5, 0.3)
+
+
+def test_a_box_is_what_is_small_and_touches_nothing():
+    """A shelf against the wall is of the wall."""
+    chart = map_of_lines(np.vstack((HALL, STOOL, SHELF)))
+    assert np.array_equal(chart.walls, np.vstack((HALL, SHELF)))
+    wide = np.vstack((HALL, box(3.0, 2.5, 0.0, 1.0, 0.3)))
+    assert len(map_of_lines(wide).walls) == 8
+
+
+def test_a_map_of_cells_has_boxes_too():
+    occupied = np.ones((60, 80), dtype=bool)
+    occupied[1:-1, 1:-1] = False
+    occupied[20:28, 50:55] = True
+    grid = Grid(occupied, ~occupied, 0.05, np.zeros(2))
+    chart = map_of_grid(grid)
+    lone = (chart.lines > 0.06).all(axis=1) & (chart.lines < 2.9).all(axis=1)
+    assert lone.sum() == 4
+    assert np.array_equal(chart.walls, chart.lines[~lone])
+
+
+def seen(there, chart):
+    turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
+    ahead = np.column_stack((np.cos(turn), np.sin(turn)))
+    origin = np.tile((2.0, 2.5), (606, 1))
+    ends = (best()(there, origin, ahead))[:, None] * ahead
+    return agreement(chart, np.array((2.0, 2.5, 0.0, 0.0)), ends, ends, np.zeros_like(ends))
+
+
+def test_through_a_box_that_is_gone_and_through_a_wall():
+    """Another box behind it hides the wall, and says nothing; the control is a wall gone."""
+    chart = map_of_lines(np.vstack((HALL, STOOL, (2.5, 0.0, 2.5, 1.5))))
+    full = seen(chart.lines, chart)
+    assert full.share == full.worth == 1.0
+    gone = seen(np.vstack((HALL, chart.lines[-1:])), chart)
+    assert gone.gone > 0.02
+    assert gone.passed == 0.0
+    assert gone.share + gone.gone == pytest.approx(1.0)
+    moved = seen(np.vstack((HALL, box(5.3, 2.5, 0.3, 0.5, 0.3), chart.lines[-1:])), chart)
+    assert moved.passed == 0.0
+    assert 0.95 < moved.share + moved.gone < 1.0
+    torn = seen(np.vstack((HALL, STOOL)), chart)
+    assert torn.passed > 0.03
+    assert torn.gone == 0.0
+
+
+def test_the_pose_that_is_judged_is_the_one_that_is_told():
+    """The match of these scans explains 95 % of them, at the right place: 0.7 to 0.4 m from what
+    the filter makes of it."""
+    d = drive(7107, hidden(7107))
+    local, t = _warmed(d, 426), float(d.scans[426].t[-1]) - 0.01
+    local.belief = begun(t, d.true(t) + np.array((-0.084, 0.774, 0.439)))
+    told = []
+    for before, scan in pairwise(d.scans[426:430]):
+        for j in np.flatnonzero((d.t > before.arrival) & (d.t <= scan.arrival)):
+            d.tell(local, int(j))
+        told.append(local.add(scan))
+    assert [seen.pose for seen in told] == [None] * 3
+    assert told[-1].status is Status.LOST
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("seed", [7101, 7105])
+def test_wrong_poses_are_lost_and_good_ones_kept_with_half_the_boxes_gone(seed):
+    counts = wrongs(seed, drive(seed, hidden(seed, stale=0.22, gone=2)))
+    assert sum(counts[:3]) == 38
+    assert counts[2:4] == [0, 0]
+
+
+@pytest.mark.more
+def test_a_car_is_found_in_a_room_whose_boxes_have_all_moved():
+    """The control is a map that knows no box, where what is gone tells of another room."""
+    d = drive(5200, hidden(5200, stale=0.22, gone=4, seconds=4.0))
+    found = run(d, localiser=Localiser(d.chart))
+    assert found.off.max() < 0.03
+    assert found.t[0] < d.t[0] + 1.0
+    rigid = run(d, localiser=Localiser(replace(d.chart, walls=d.chart.lines)))
+    assert not len(rigid.off)
