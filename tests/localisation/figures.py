@@ -164,7 +164,7 @@ def starts(first: int, seeds: int) -> None:
                 begin = time.process_time()
                 best = search(chart, beams.points, beams.rays, beams.origin)
                 spent.append(time.process_time() - begin)
-                if not (best.sure and best.fits):
+                if not (best.sure and best.known):
                     flagged += 1
                     continue
                 true = d.true(float(beams.way.t[-1]))

@@ -202,7 +202,7 @@ def _from(last: tuple[float, FloatArray] | None, steps: Steps, end: float) -> Fl
 def _searched(chart: Map, beams: Beams) -> FloatArray | None:
     """Of the whole map. One of two places that are alike does as well as the other."""
     found = search(chart, beams.points, beams.rays, beams.origin)
-    return found.pose if found.fits else None
+    return found.pose if found.known else None
 
 
 def _middle(beams: Beams, pose: FloatArray) -> tuple[float, float, float, float]:

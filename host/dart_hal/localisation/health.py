@@ -19,13 +19,13 @@ import numpy as np
 
 from dart_hal.localisation.field import Map
 from dart_hal.localisation.rays import best
-from dart_hal.types import FloatArray
+from dart_hal.types import BoolArray, FloatArray
 
 NEAR, SHARE = 0.08, 0.02
 """m and share of the distance."""
 EVERY = 3
 """Of the beams that are judged."""
-PASSES = 8.0
+PASSES = 20.0
 """Weight of the share of beams that pass through a wall, where it is asked whether this is the room
 of the map at all: in that room none did, whatever boxes had come and gone."""
 AGREED = 0.60
@@ -67,12 +67,13 @@ class Status(str, Enum):
 
 
 class Agreement(NamedTuple):
-    """Shares of the beams that agree with the map, that pass through its walls, and that would
-    agree if its boxes were gone."""
+    """Shares of the beams that agree with the map, that pass through its walls, that would agree
+    if its boxes were gone, and that meet its boxes, less those that pass them."""
 
     share: float
     passed: float
     gone: float = 0.0
+    boxes: float = 0.0
 
     @property
     def worth(self) -> float:
@@ -96,13 +97,19 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
     start, ahead = start @ turn + pose[:2], reach @ turn / told[:, None]
     limit = NEAR + SHARE * told
     beyond = told - best()(chart.lines, start, ahead)
+    behind = told - best()(chart.walls, start, ahead)
     agrees, far = np.abs(beyond) < limit, beyond >= limit
-    beyond[far] = told[far] - best()(chart.walls, start[far], ahead[far])
-    gone = far & (np.abs(beyond) < limit)
-    through = far & (beyond >= limit)
-    ring = np.concatenate((through[-1:], through, through[:1]))
-    through &= ring[:-2] | ring[2:]
-    return Agreement(*(float(np.mean(beams)) for beams in (agrees, through, gone)))
+    gone = far & (np.abs(behind) < limit)
+    boxes = np.mean(agrees & (behind < beyond)) - np.mean(gone | _pairs(far & (behind <= -limit)))
+    return Agreement(float(np.mean(agrees)), float(np.mean(_pairs(behind >= limit))),
+                     float(np.mean(gone)), float(boxes))
+
+
+def _pairs(beams: BoolArray) -> BoolArray:
+    """Those with a neighbour among them."""
+    ring = np.concatenate((beams[-1:], beams, beams[:1]))
+    both: BoolArray = beams & (ring[:-2] | ring[2:])
+    return both
 
 
 class Judge:

@@ -21,6 +21,9 @@ from dart_hal.types import Pose, Scan
 
 PROVEN = 5
 """Scans that a pose which was searched must explain, while the car goes on, until it is told."""
+FAR = 4.0
+"""m that it must go on to explain them where boxes do not stand as in the map, for a pose to be
+told: another room of the same outline has walls elsewhere."""
 LONGEST = 4.0
 """s without a scan that are bridged by wheels and gyro."""
 MIRRORED = -0.3
@@ -54,7 +57,7 @@ class Localiser:
         self.belief: Belief | None = None
         self._start = None if start is None else np.array(start)
         self._steps, self._watch, self._yaw = Steps(), Watch(), 0.0
-        self._judge, self._proven = Judge(1.0), 0
+        self._judge, self._proven, self._owed = Judge(1.0), 0, 0.0
         self._mapped = start is not None
         """Whether this is the room of the map: somebody said so, or a track has shown it."""
         self._learnt: Belief | None = None
@@ -92,7 +95,7 @@ class Localiser:
     def _begin(self, beams: Beams) -> bool:
         """Find the car; False where it cannot be found with this scan."""
         t = float(beams.way.t[-1])
-        self._agreed, self._nowhere, self._proven = 0.0, Status.LOST, 0
+        self._agreed, self._nowhere, self._proven, self._owed = 0.0, Status.LOST, 0, 0.0
         if self._start is not None:
             pose, self._start, self._proven = self._start, None, PROVEN
             self._judge = Judge(1.0)
@@ -104,7 +107,7 @@ class Localiser:
             if not (found.fits and found.sure):
                 self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
                 return False
-            pose = found.pose[:3]
+            pose, self._owed = found.pose[:3], 0.0 if self._mapped or found.known else FAR
             self._judge = Judge(found.agreement.share,
                                 None if self._mapped else found.agreement.proof)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
@@ -124,9 +127,10 @@ class Localiser:
             return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief
         self._proven += 1
-        if self._proven <= PROVEN or self._judge.doubted:
-            return Located(t, arrival, status if self._judge.doubted else Status.LOST, None,
-                           agreed.share)
+        self._owed -= way.way
+        proven = self._proven > PROVEN and self._owed <= 0.0
+        if not proven or self._judge.doubted:
+            return Located(t, arrival, status if proven else Status.LOST, None, agreed.share)
         self._learnt = belief
         self._mapped = self._mapped or not self._judge.fresh
         cov = belief.cov[POSE, POSE].copy()
