@@ -177,14 +177,17 @@ def starts(first: int, seeds: int) -> None:
 
 
 def whole(first: int, seeds: int) -> None:
-    """Drives of 30 s without a known start: in its room, in another, mirrored, kidnapped."""
+    """Drives of 30 s without a known start: in its room, with all boxes of the map gone and 22 %
+    new ones, in another, mirrored, kidnapped."""
     found = list(drives(first, seeds, seconds=30.0))
-    for name in ("own room", "another room", "reversed rotation", "kidnapped"):
+    for name in ("own room", "boxes moved", "another room", "reversed rotation", "kidnapped"):
         poses = wrong = scans = never = 0
         times = []
         for at, (seed, hid, d) in enumerate(found):
             if name == "reversed rotation":
                 d = drive(seed, hidden(seed, seconds=hid.seconds, sense=-1.0))
+            if name == "boxes moved":
+                d = drive(seed, hidden(seed, seconds=hid.seconds, stale=0.22, gone=4))
             if name == "kidnapped":
                 d = kidnapped(d)
             chart = found[(at + 1) % len(found)][2].chart if name == "another room" else d.chart
