@@ -23,6 +23,24 @@ def test_a_wheel_that_spins_costs_neither_place_nor_honesty(spun):
     assert 0.2 < found.nees.mean() < 5.0
 
 
+def test_a_slip_of_a_few_tenths_is_felt():
+    """0.3 m/s, 15 %, which cost 2.1 cm and 10 standard errors when it was not."""
+    found = run(drive(2003, hidden(2003, speed=2.0, seconds=7.0, spin=0.15)))
+    during = (found.t > 5.0) & (found.t < 5.6)
+    assert found.off[during].max() < 0.012
+    assert np.sqrt(found.nees[during].max()) < 4.0
+
+
+def test_an_imu_off_the_axle_is_no_spin_in_turns():
+    """0.1 m at 4 rad/s feels 1.6 m/s2; the control is a turn that is not told."""
+    rate, lever = 4.0 * np.sin(0.02 * np.arange(600)), 0.1
+    spin, blind = Spin(), Spin()
+    assert not any(spin.moved(0.02, 0.01, -lever * w * w, 0.01 * w) for w in rate)
+    assert any(blind.moved(0.02, 0.01, -lever * w * w) for w in rate)
+    assert spin._lever == pytest.approx(lever, abs=0.02)
+    assert any(spin.moved(0.026, 0.01, -lever * 16.0, 0.04) for _ in range(20))
+
+
 def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
     """The negative control; errors by standard errors were 25 in the spin, 34 in the mean."""
     blind = run(replace(spun, accel=np.full(len(spun.t), np.nan)))

@@ -138,14 +138,18 @@ def drive_along(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generat
     there = room.lines[:len(room.lines) - 4 * hid.gone]
     lines = np.vstack((there, _stale(room, way, hid, rng)))
     return Drive(map_of_lines(room.lines), room, t, truth, told,
-                 list(_scans(lines, room.glass, t, truth, hid, rng, n)), _felt(speed, seed), lines)
+                 list(_scans(lines, room.glass, t, truth, hid, rng, n)),
+                 _felt(speed, truth[:, 2], seed), lines)
 
 
-def _felt(speed: FloatArray, seed: int) -> FloatArray:
-    """Acceleration [m/s2] of a BNO055: noise, and a bias that its tilt on the floor makes."""
+def _felt(speed: FloatArray, yaw: FloatArray, seed: int) -> FloatArray:
+    """Acceleration [m/s2] of a BNO055 up to 0.1 m before or behind the axle: noise, and a bias
+    that its tilt on the floor makes."""
     rng = np.random.default_rng([seed, 10])
     true = np.gradient(speed, DT)
-    return true + rng.uniform(-0.1, 0.1) + 0.1 * rng.normal(size=len(speed))
+    felt = true + rng.uniform(-0.1, 0.1) + 0.1 * rng.normal(size=len(speed))
+    swing: FloatArray = rng.uniform(-0.1, 0.1) * (np.gradient(yaw) / DT)**2
+    return felt - swing
 
 
 def _resampled(way: FloatArray, at: FloatArray) -> FloatArray:

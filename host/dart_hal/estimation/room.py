@@ -84,7 +84,8 @@ class RoomEstimator:
 
     def _on_ground(self, motion: Motion, yaw: float, accel: float | None) -> Motion:
         """What the car did, where its wheels part from what the accelerometer feels."""
-        ground = self._spin.moved(motion.speed * motion.dt, motion.dt, accel)
+        ground = self._spin.moved(motion.speed * motion.dt, motion.dt, accel,
+                                  motion.yaw_rate * motion.dt)
         if ground is None:
             self._loose = 0.0
             return motion

@@ -66,7 +66,7 @@ class Steps:
             c, s = cos(middle), sin(middle)
             step = (c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), yaw - yaw0,
                     0.0)
-            ground = self._spin.moved(step[0], t - self._t[-1], accel)
+            ground = self._spin.moved(step[0], t - self._t[-1], accel, step[2])
             if ground is not None:
                 step = self._slipped(ground, t, step)
         self._last = (x, y, yaw)
