@@ -25,7 +25,7 @@ def test_another_room_of_the_same_outline_is_refused():
 
 def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
     agreed = Agreement(0.8, 0.03)
-    assert agreed.share > FITS > agreed.proof
+    assert agreed.share > FITS > agreed.proof()
 
 
 def test_one_beam_past_an_edge_is_no_way_through_a_wall():
@@ -40,7 +40,7 @@ def test_one_beam_past_an_edge_is_no_way_through_a_wall():
 
 
 def test_a_searched_track_in_another_room_is_given_up():
-    judge = Judge(0.8, 0.8)
+    judge = Judge(0.8, Agreement(0.8, 0.0))
     told = [judge.add(Agreement(0.8, 0.05)) for _ in range(20)]
     assert told[-1] is Status.LOST
     assert Judge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING     # somebody said where it is

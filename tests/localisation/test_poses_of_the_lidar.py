@@ -114,7 +114,7 @@ def test_three_bad_scans_are_a_loss_and_two_are_none():
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
-    told, searched = Judge(0.95), Judge(0.8, 0.8)
+    told, searched = Judge(0.95), Judge(0.8, Agreement(0.8, 0.0))
     much, half = Agreement(0.65, 0.0), Agreement(0.5, 0.0)
     assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
     assert told.add(half) is Status.MAP_STALE  # the threshold is lower there

@@ -25,9 +25,10 @@ NEAR, SHARE = 0.08, 0.02
 """m and share of the distance."""
 EVERY = 3
 """Of the beams that are judged."""
-PASSES = 20.0
+PASSES, DOUBTFUL = 7.0, 50.0
 """Weight of the share of beams that pass through a wall, where it is asked whether this is the room
-of the map at all: in that room none did, whatever boxes had come and gone."""
+of the map at all; and where boxes have moved as well. In that room none did, whatever boxes had
+come and gone, by exact maps; by grids of 5 cm up to 0.8 % in the mean."""
 AGREED = 0.60
 """Agreement of one scan above which it counts, where maps and lidars are measured."""
 DOUBT, RIGHT = 0.60, 0.45
@@ -81,9 +82,13 @@ class Agreement(NamedTuple):
         return self.share + self.gone - self.passed
 
     @property
-    def proof(self) -> float:
-        """How well this is the room of the map, likewise."""
-        return self.share + self.gone - PASSES * self.passed
+    def familiar(self) -> bool:
+        """Whether more of the boxes in sight stand where they did than not."""
+        return self.boxes >= 0.0
+
+    def proof(self, passes: float = PASSES) -> float:
+        """How well this is the room of the map, likewise; passes: weight of those beams."""
+        return self.share + self.gone - passes * self.passed
 
 
 def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray,
@@ -113,16 +118,18 @@ def _pairs(beams: BoolArray) -> BoolArray:
 
 
 class Judge:
-    """One per track. mean: agreement of its first scan; proof: of the same, where nobody but a
+    """One per track. mean: agreement of its first scan; searched: that scan, where nobody but a
     search says that this is the room of the map.
 
     ``mean``: agreement of the last seconds; ``doubted``: the last scan disagrees.
     """
 
-    def __init__(self, mean: float, proof: float | None = None) -> None:
-        self.mean, self._proof = mean, 1.0 if proof is None else proof
+    def __init__(self, mean: float, searched: Agreement | None = None) -> None:
+        self.mean, self._proof, self._passes, self._fresh = mean, 1.0, PASSES, 0
         self._bad: deque[float] = deque(maxlen=LONGEST)
-        self._fresh = 0 if proof is None else FRESH
+        if searched is not None:
+            self._passes = PASSES if searched.familiar else DOUBTFUL
+            self._proof, self._fresh = searched.proof(self._passes), FRESH
 
     @property
     def fresh(self) -> bool:
@@ -145,7 +152,8 @@ class Judge:
         else:
             self._bad.clear()
             self.mean += MEMORY * (agreed.share - self.mean)
-            self._proof += MEMORY * (agreed.proof - self._proof)
+            if self._fresh > 0:
+                self._proof += MEMORY * (agreed.proof(self._passes) - self._proof)
         if self._proof < FITS and self._fresh > 0:
             return Status.LOST
         return Status.MAP_STALE if stale else Status.TRACKING

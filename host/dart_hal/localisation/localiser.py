@@ -109,7 +109,7 @@ class Localiser:
                 return False
             pose, self._owed = found.pose[:3], 0.0 if self._mapped or found.known else FAR
             self._judge = Judge(found.agreement.share,
-                                None if self._mapped else found.agreement.proof)
+                                None if self._mapped else found.agreement)
         self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
         return True
 
@@ -122,7 +122,7 @@ class Localiser:
         agreed = agreement(self.chart, belief.mean[SEEN,], beams.points, beams.rays, beams.origin)
         status = self._judge.add(agreed)
         if status is Status.LOST or self._mirrored or (self._proven < PROVEN
-                                                            and agreed.proof < FITS):
+                                                            and agreed.proof() < FITS):
             self.belief, self._agreed = None, agreed.share
             return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief

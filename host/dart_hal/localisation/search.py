@@ -52,13 +52,12 @@ class Found:
     @property
     def fits(self) -> bool:
         """Whether this may be the room of the map."""
-        return self.agreement.proof >= FITS
+        return self.agreement.proof() >= FITS
 
     @property
     def known(self) -> bool:
-        """Whether it is: more of its boxes that are in sight stand where they did than not. In
-        another room of the same outline they do not."""
-        return self.fits and self.agreement.boxes >= 0.0
+        """Whether it is: in another room of the same outline boxes stand elsewhere."""
+        return self.fits and self.agreement.familiar
 
 
 def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray) -> Found:
