@@ -12,6 +12,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import api_pages  # noqa: E402 - beside this file
+import recorded_run  # noqa: E402
 
 project = "DART-HAL"
 author = "The DART-HAL developers"
@@ -55,3 +56,4 @@ def setup(app):
     app.connect("source-read", hardware_page)
     app.connect("build-finished", flasher)
     api_pages.connect(app, HERE, Path(dart_hal.__file__).parent)
+    recorded_run.connect(app)
