@@ -18,8 +18,8 @@ project = "DART-HAL"
 author = "The DART-HAL developers"
 copyright = "2026, The DART-HAL developers"
 version = release = dart_hal.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
-source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
+nb_execution_mode = "off"  # docs/notebooks.py runs them
 exclude_patterns = ["build"]
 html_theme = "furo"
 html_title = "DART-HAL"
