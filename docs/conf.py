@@ -20,7 +20,7 @@ copyright = "2026, The DART-HAL developers"
 version = release = dart_hal.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc"]
 nb_execution_mode = "off"  # docs/notebooks.py runs them
-exclude_patterns = ["build"]
+exclude_patterns = ["build", "jupyter_execute"]
 html_theme = "furo"
 html_title = "DART-HAL"
 html_static_path = ["_static"]

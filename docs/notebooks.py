@@ -21,7 +21,8 @@ FOLDER = Path(__file__).parent / "notebooks"
 PATIENCE = 1800
 """s for one cell, on a machine that does much else."""
 KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
-          "language_info": {"name": "python", "file_extension": ".py", "mimetype": "text/x-python"}}
+          "language_info": {"name": "python", "file_extension": ".py", "mimetype": "text/x-python",
+                            "pygments_lexer": "ipython3"}}  # which knows cells of the shell
 
 
 def read(source: Path) -> nbformat.NotebookNode:
