@@ -44,8 +44,10 @@ def executed(source: Path, folder: Path) -> nbformat.NotebookNode:
     env = {k: v for k, v in os.environ.items() if not k.startswith("DART_")}
     env |= {"PATH": f"{bins}{os.pathsep}{env['PATH']}", "XDG_DATA_HOME": str(folder)}
     notebook = read(source)
-    NotebookClient(notebook, timeout=PATIENCE, kernel_name="python3", record_timing=False,
-                   resources={"metadata": {"path": str(folder)}}).execute(env=env)
+    client = NotebookClient(notebook, timeout=PATIENCE, kernel_name="python3",
+                            record_timing=False, coalesce_streams=True,
+                            resources={"metadata": {"path": str(folder)}})
+    client.execute(env=env)
     notebook.metadata = nbformat.from_dict(KERNEL)
     return notebook
 

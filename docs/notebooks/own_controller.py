@@ -7,6 +7,7 @@
 # The text of this notebook is `docs/notebooks/own_controller.py`.
 
 # %%
+import os
 from dataclasses import replace
 from math import atan, pi, remainder
 from pathlib import Path
@@ -24,6 +25,7 @@ from dart_hal.vehicle.load import find_model
 
 URL = "sim://?nano=mock&mocap=1&vehicle=upstream-2024"
 TRACK = track_named("racetrack_vicon_2")
+os.environ |= {"FORCE_COLOR": "", "COLUMNS": "100"}  # commands answer in plain text
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
 print(f"{TRACK.length:.2f} m, tightest bend {1 / np.abs(TRACK.curvature).max():.2f} m")
 
@@ -104,7 +106,7 @@ figure.tight_layout()
 # The table says of each number how sure it is; *no* marks what this drive did not tell.
 
 # %% language="sh"
-# dart-hal identify all --joint stanley-1.5.mcap stanley-8.0.mcap --base paper --out identified.toml 2>&1 | cut -c1-110
+# dart-hal identify all --joint stanley-1.5.mcap stanley-8.0.mcap --base paper --out identified.toml 2>/dev/null
 
 # %% [markdown]
 # ## Contouring control by three models

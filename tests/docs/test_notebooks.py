@@ -18,7 +18,7 @@ SOURCES = sorted(notebooks.FOLDER.glob("*.py"))
 MOST = 700_000
 """Bytes of one with its pictures."""
 SAYS = {
-    "calibrate_identify_diagnose": r"steering_lag, k 0\.(0[89]|1[0-4])\d* ",
+    "calibrate_identify_diagnose": r"steering_lag, k 0\.0[6-9]\d ",
     "exercise_for_a_class": r"diagnose +3 +3 +3 +3 +12",
     "own_controller": r"the paper's +[1-9]\.\d cm rms[^\n]*\nidentified +0\.\d cm rms",
 }
@@ -46,6 +46,8 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
     text = notebooks.read(source)
     assert [(c.cell_type, c.source) for c in shown.cells] == [
         (c.cell_type, c.source) for c in text.cells]
+    assert re.search(SAYS[source.stem], printed(shown))
+    assert len(pictures(shown)) >= 2
     assert source.with_suffix(".ipynb").stat().st_size <= MOST
     prose = "\n\n".join(c.source for c in text.cells if c.cell_type == "markdown")
     assert broken_links(source, prose) == []
