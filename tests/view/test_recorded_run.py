@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -65,7 +66,7 @@ def served(tmp_path):
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", ["run.json", "none.json"])
 def test_it_plays_in_a_browser_without_a_program(served, name):
-    at_the_page = pytest.importorskip("test_browser")
+    at_the_page = pytest.importorskip("browser")
     if not at_the_page.shutil.which("chromium"):
         pytest.skip("chromium is not installed")
     url, asked = served
@@ -78,7 +79,7 @@ def test_it_plays_in_a_browser_without_a_program(served, name):
             return
         one.until("recorded", "mode")
         before = one.text("at")
-        at_the_page.time.sleep(1.5)
+        time.sleep(1.5)
         assert one.text("at") != before, "it plays by itself"
         one.run("const bar = document.getElementById('time'); bar.value = 1;"
                 "bar.dispatchEvent(new Event('input'))")
