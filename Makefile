@@ -129,4 +129,4 @@ $(VENV)/.guide: pyproject.toml | $(BIN)/python
 	@touch $@
 
 clean: ## remove what was built (not the environment)
-	@rm -rf demo docs/build firmware/build
+	@rm -rf demo docs/build docs/jupyter_execute firmware/build

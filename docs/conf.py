@@ -12,14 +12,15 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import api_pages  # noqa: E402 - beside this file
+import recorded_run  # noqa: E402
 
 project = "DART-HAL"
 author = "The DART-HAL developers"
 copyright = "2026, The DART-HAL developers"
 version = release = dart_hal.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
-source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["build"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
+nb_execution_mode = "off"  # docs/notebooks.py runs them
+exclude_patterns = ["build", "jupyter_execute"]
 html_theme = "furo"
 html_title = "DART-HAL"
 html_static_path = ["_static"]
@@ -55,3 +56,4 @@ def setup(app):
     app.connect("source-read", hardware_page)
     app.connect("build-finished", flasher)
     api_pages.connect(app, HERE, Path(dart_hal.__file__).parent)
+    recorded_run.connect(app)

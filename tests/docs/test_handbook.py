@@ -8,8 +8,8 @@ import handbook
 import pytest
 from handbook import DOCS, ROOT
 
-KINDS = {"tutorials", "build_guide", "how_to", "use_cases", "reference", "explanation",
-         "results"}
+KINDS = {"tutorials", "notebooks", "gallery", "build_guide", "how_to", "use_cases", "reference",
+         "explanation", "results"}
 WORDS = 900  # of the README
 
 
@@ -33,6 +33,7 @@ def listed() -> list[str]:
 def test_every_page_has_its_place_by_kind():
     found = {str(p.relative_to(DOCS).with_suffix("")) for p in handbook.pages()
              if DOCS in p.parents and p.name != "index.md"}
+    found |= {f"notebooks/{p.stem}" for p in (DOCS / "notebooks").glob("*.ipynb")}
     assert found == set(listed())
     assert {name.split("/")[0] for name in found} == KINDS
 
