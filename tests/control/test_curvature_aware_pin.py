@@ -11,6 +11,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.control.curvature_aware import tracker
 from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.mpc import driving
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Lqr
@@ -68,7 +69,7 @@ def test_plans_that_are_late_end_at_neutral():
 @pytest.mark.more
 def test_a_tracker_that_forgave_every_late_plan_would_drive_on(monkeypatch):
     """The control."""
-    monkeypatch.setattr(tracker, "LATEST", inf)
+    monkeypatch.setattr(driving, "LATEST", inf)
     why, rows = driven()
     assert why == ""
     t, width, _ = rows.T

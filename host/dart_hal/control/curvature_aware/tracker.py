@@ -7,26 +7,27 @@ that of ``mpc.tracker``; ``safe`` then steers to rest.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import inf, tan
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from dart_hal.control.curvature_aware.two_layers import TwoLayerPlan, TwoLayers
+from dart_hal.control.mpc.driving import (
+    BUDGET,
+    REACH,
+    first_state,
+    inputs_of,
+    vehicle_of,
+    why_of,
+)
 from dart_hal.control.mpc.iteration import Outcome
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.problem import Limits
-from dart_hal.control.mpc.tracker import BUDGET, LATEST, REACH
 from dart_hal.control.on_path import OnPath
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.types import FloatArray, MotionEstimate
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.parameters import Delay
-
-MOTOR = 0.1
-"""Of throttle beyond the dead band, the least that a car may be asked for."""
 
 
 class TwoLayerTracker(OnPath):
@@ -35,13 +36,8 @@ class TwoLayerTracker(OnPath):
     def __init__(self, path: Path, plant: Plant, safe: OnPath, **options: Any) -> None:
         """options: of ``TwoLayers``; published: a plant of kind "kinematic" without lags."""
         super().__init__(path, plant)
-        p, late = settled(plant.vehicle), plant.late
-        lag = p.delay.throttle_lag_s if late.lag or late.transport else 0.0
-        vehicle = replace(p, delay=Delay(steering_lag_s=late.lag, throttle_lag_s=lag))
-        low, high = (plant.command_of(angle) for angle in plant.lock)
-        onset = -p.motor.g
-        limits = Limits((onset, max(plant.throttle, onset + MOTOR)), (low, high))
-        self.layers = TwoLayers(vehicle, path, self._paces, limits, **options)
+        vehicle = vehicle_of(plant)
+        self.layers = TwoLayers(vehicle, path, self._paces, Limits(*inputs_of(plant)), **options)
         self.layers.budget = BUDGET
         self.plan: TwoLayerPlan | None = None
         self._l_r = vehicle.body.l_r
@@ -80,21 +76,11 @@ class TwoLayerTracker(OnPath):
     def _planned(self, motion: MotionEstimate) -> TwoLayerPlan:
         """The plan from the time on at which it acts; ``why`` where there is none to drive by."""
         where, s = self._see(motion, self.plant.late.transport)
-        speed, steady, plan = max(where.speed, 0.0), self.plant.steady, self.plan
-        bend = steady.bend(where.angle, speed)
-        omega, slip = bend * speed, steady.turn(bend, speed).slip
-        tau = float(plan.at(where.t)[6]) if plan else self.layers.limits.tau[0]
-        state = np.array((where.x, where.y, where.yaw, speed,
-                          self._l_r * omega + speed * tan(slip), omega, tau,
-                          self.plant.command_of(where.angle)))
+        tau = float(self.plan.at(where.t)[6]) if self.plan else self.layers.limits.tau[0]
+        state = first_state(self.plant, where, self._l_r, tau, self.plant.command_of(where.angle))
         found = self.layers.plan(where.t, state, s, (tau, self._st))
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
-        if found.outcome is Outcome.DIVERGED:
-            self.why = "the plan diverged"
-        elif found.outcome is Outcome.BLOCKED:
-            self.why = "obstacles leave no way within the lane"
-        elif self._missed > LATEST:
-            self.why = f"no plan within {BUDGET:g} s, {self._missed} times in a row"
+        self.why = why_of(found.outcome, self._missed)
         return found
 
     def _paces(self, s: FloatArray) -> FloatArray:

@@ -2,9 +2,9 @@
 
 The plan begins at the pose that is predicted for the time at which its answer acts, with the
 model's slip there. The car's speed loop drives: it is given the speed that the plan has a little
-later, where that is less than the profile's. A plan that is late is the last one, shifted; more
-than ``LATEST`` of them in a row, one that diverged or one without a way past the obstacles end the
-drive (``why``): ``safe`` steers to rest.
+later, where that is less than the profile's. A plan that is late is the last one, shifted; too
+many of them in a row (``driving.LATEST``), one that diverged or one without a way past the
+obstacles end the drive (``why``): ``safe`` steers to rest.
 
 What the car passes is given as discs; how near it came to each, by its own estimate, is in ``air``.
 """
@@ -12,12 +12,20 @@ What the car passes is given as discs; how near it came to each, by its own esti
 from __future__ import annotations
 
 from dataclasses import replace
-from math import cos, inf, sin, tan
+from math import cos, inf, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from dart_hal.control.mpc.disturbance import Learning
+from dart_hal.control.mpc.driving import (
+    BUDGET,
+    REACH,
+    first_state,
+    inputs_of,
+    vehicle_of,
+    why_of,
+)
 from dart_hal.control.mpc.iteration import Mpcc, Outcome, Plan
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
@@ -29,13 +37,7 @@ from dart_hal.control.plant import Plant
 from dart_hal.control.steady import SPEEDS
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray, MotionEstimate
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.parameters import Delay
 
-BUDGET, LATEST = 0.05, 3
-"""s for a plan, half of what there is; late ones in a row that are still as good as the model."""
-REACH = 0.3
-"""s ahead of which the plan's speed is asked for: what the speed loop takes to answer, and some."""
 LANE = 0.3
 """m to either side."""
 EDGE = 0.04
@@ -65,9 +67,7 @@ class Contouring(OnPath):
         """discs: what is to be passed, from the first answer on; compiled: by generated C, where
         that can be had; lane [m] to either side."""
         super().__init__(path, plant)
-        p, late = settled(plant.vehicle), plant.late
-        lag = p.delay.throttle_lag_s if late.lag or late.transport else 0.0
-        self._vehicle = replace(p, delay=Delay(steering_lag_s=late.lag, throttle_lag_s=lag))
+        self._vehicle = vehicle_of(plant)
         self.mpcc, self.in_numpy = self._controller(compiled, lane)
         self.discs, self.air = discs, [inf] * len(discs)
         self.shown: list[Shown] = []
@@ -142,25 +142,16 @@ class Contouring(OnPath):
     def _planned(self, motion: MotionEstimate) -> Plan:
         """The plan from the time on at which it acts; ``why`` where there is none to drive by."""
         where, s = self._see(motion, self.plant.late.transport)
-        speed, plan = max(where.speed, 0.0), self.plan
-        steady, l_r = self.plant.steady, self._vehicle.body.l_r
-        bend = steady.bend(where.angle, speed)
-        omega, slip = bend * speed, steady.turn(bend, speed).slip
+        plan = self.plan
         tau = float(plan.at(where.t)[6]) if plan else self.mpcc.limits.tau[0]
         acts = self._learning.disturbance.effective
-        state = np.array((where.x, where.y, where.yaw, speed, l_r * omega + speed * tan(slip),
-                          omega, tau, acts(where.servo)))
+        state = first_state(self.plant, where, self._vehicle.body.l_r, tau, acts(where.servo))
         sent = float(plan.inputs[0, 0]) if plan else tau
         low, high = self.mpcc.limits.st
         self.mpcc.problem.turn_within(acts(low), acts(high))
         found = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
-        if found.outcome is Outcome.DIVERGED:
-            self.why = "the plan diverged"
-        elif found.outcome is Outcome.BLOCKED:
-            self.why = "obstacles leave no way within the lane"
-        elif self._missed > LATEST:
-            self.why = f"no plan within {BUDGET:g} s, {self._missed} times in a row"
+        self.why = why_of(found.outcome, self._missed)
         return found
 
     def _paces(self, s: FloatArray) -> FloatArray:
@@ -183,7 +174,4 @@ def _passable(k: int, disc: Disc, o: Obstacle, lane: float) -> None:
 def _limits(plant: Plant) -> Limits:
     """Of the car: dead band, stops, most throttle; tyres by the model."""
     ends = np.abs(plant.steady.ends) * SPEEDS**2
-    low, high = (plant.command_of(angle) for angle in plant.lock)
-    onset = -plant.vehicle.motor.g
-    return Limits((onset, max(plant.throttle, onset + 0.1)), (low, high),
-                  lateral=GRIP * float(ends.max(axis=1).min()))
+    return Limits(*inputs_of(plant), lateral=GRIP * float(ends.max(axis=1).min()))
