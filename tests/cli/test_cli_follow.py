@@ -67,6 +67,9 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("nothing.csv", "--speed", 1), "nothing.csv"),
     (("savoiardo", "--speed", 1, "--obstacle", "1,0,0.1"), "add --tracker mpcc to --obstacle"),
     (("savoiardo", "--speed", 1, "--compiled"), "add --tracker mpcc to --compiled"),
+    (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--compiled"), "ca-mpcc has no --c"),
+    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--weights", "tuned"), "mpcc has no --w"),
+    (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--lane", 0.9), "a lane of 0.40 m"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
 ])
@@ -90,6 +93,20 @@ def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
     assert far > 3.0
     assert told["plans"]["SOLVED"] > 30
     assert "plan/std" in {row.name for row in RunReader(run).logged()}
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("weights", ["tuned", "published"])
+def test_the_two_layers_drive_past_an_obstacle(verb, tmp_path, weights):
+    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
+    done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "ca-mpcc",
+                "--weights", weights, "--obstacle", "2.4,-0.15,0.15", "--record", run, "--url",
+                "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    assert told["obstacles"][0]["air_m"] > 0.05
+    assert told["plans"]["SOLVED"] > 30
+    assert {"plan/std", "plan/x"} <= {row.name for row in RunReader(run).logged()}
 
 
 def test_an_obstacle_without_a_way_past_it_is_refused(verb, tmp_path):

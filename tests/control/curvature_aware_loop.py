@@ -15,24 +15,22 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
-from math import cos, sin
 
 import numpy as np
 from tests.control.mpc_loop import LATE, Loop, P, figures, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
-from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
+from dart_hal.control.curvature_aware.generator import TUNED, WEIGHTS, PathWeights
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
-from dart_hal.control.mpc.obstacles import HALF_WIDTH, Obstacle
+from dart_hal.control.mpc.obstacles import Obstacle, air
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 TRACK = track_named("racetrack_vicon_2")
-LANE, BEHIND, HALF_LENGTH = 0.30, 3.0, 0.15
-"""m to either side; m of way that no figure counts; m of the body."""
-WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
+LANE, BEHIND = 0.30, 3.0
+"""m to either side; m of way that no figure counts."""
 KINEMATIC = replace(UPSTREAM_2024, kind="kinematic", delay=Delay())
 """The later set without slip and lags: the published controller's own model."""
 
@@ -143,17 +141,8 @@ def passed(seed: int, law: Law = Law.CA, weights: PathWeights = TUNED, beside: f
     o = Obstacle(float(rng.uniform(4.0, 12.0)), float(rng.choice((-beside, beside))), 0.15, 0.5)
     layers.obstacles = (o,)
     rows = Loop(layers, case.true, case.late, noise=rng, learns=False).drive(1.0)
-    return min(room_to(o, *row[[0, 4, 5, 6]]) for row in rows), float(np.abs(rows[:, 2]).max())
-
-
-def room_to(o: Obstacle, t: float, x: float, y: float, yaw: float) -> float:
-    """m between a body at a pose of its middle and a disc."""
-    spot = TRACK.at(o.s + o.speed * (t - o.t))
-    ox = spot.x - o.offset * sin(spot.heading) - x
-    oy = spot.y + o.offset * cos(spot.heading) - y
-    along, across = ox * cos(yaw) + oy * sin(yaw), oy * cos(yaw) - ox * sin(yaw)
-    return float(np.hypot(max(abs(along) - HALF_LENGTH, 0.0),
-                          max(abs(across) - HALF_WIDTH, 0.0))) - o.radius
+    least = min(air(x, y, yaw, o, TRACK, t) for t, _, _, _, x, y, yaw in rows)
+    return least, float(np.abs(rows[:, 2]).max())
 
 
 def arcs() -> None:

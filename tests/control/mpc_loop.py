@@ -17,9 +17,10 @@ from math import cos, exp, sin
 import numpy as np
 
 from dart_hal.control.mpc.disturbance import Disturbance
-from dart_hal.control.mpc.iteration import Mpcc, Plan
+from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.control.mpc.model import STAGE, make_stage
 from dart_hal.control.mpc.obstacles import Obstacle, air
+from dart_hal.control.mpc.planner import Plan
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Late, Plant

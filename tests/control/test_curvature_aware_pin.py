@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.control.curvature_aware import tracker
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.mpc import driving
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import Lqr
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
@@ -29,11 +27,8 @@ def driven():
     world.watchers.append(lambda channel, pulse: seen.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]), world.truth().v_x)) if channel == 1 else None)
 
-    def make(path, plant):
-        return tracker.TwoLayerTracker(path, plant, Lqr(path, plant))
-
     with Car.over(backend) as car:
-        follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, make,
+        follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, "ca-mpcc",
                             Rules(here=True))
         car.arm()
         moved = None
@@ -42,7 +37,7 @@ def driven():
             moved = state.t if moved is None and state.speed > 0.1 else moved
             if ceased is None and moved is not None and state.t > moved + SPOILT:
                 ceased = world.t
-                follower.tracker.layers.clock = lambda: float(next(ticks))
+                follower.tracker.mpcc.clock = lambda: float(next(ticks))
             if follower.phase is Phase.ENDED or (ceased and world.t > ceased + AFTER):
                 break
             car.drive_speed(steering=steering, speed=speed)

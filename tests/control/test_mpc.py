@@ -12,9 +12,9 @@ from tests.control.mpc_loop import NO_LAGS, Loop, P, around, controller, figures
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Rows, solve
-from dart_hal.control.mpc.iteration import Outcome
 from dart_hal.control.mpc.model import STAGE, linearised, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named

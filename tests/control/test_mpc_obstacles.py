@@ -13,7 +13,7 @@ from tests.control.obstacle_figures import passed
 from tests.control.test_mpc import TRACK
 
 from dart_hal.control.follow import Follower, Phase
-from dart_hal.control.mpc import spread, tracker
+from dart_hal.control.mpc import generated, spread, tracker
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import contouring
@@ -88,7 +88,7 @@ def test_without_casadi_it_drives_on_numpy_and_says_so(monkeypatch):
     def none(*_):
         raise UsageError("contouring control in C needs casadi")
 
-    monkeypatch.setattr(tracker.Mpcc.__init__.__globals__["generated"], "compiled", none)
+    monkeypatch.setattr(generated, "compiled", none)
     begun = follower(Disc(30.0, 0.0, 0.1), compiled=True)
     assert "needs casadi" in begun.tracker.in_numpy
     assert follower(Disc(30.0, 0.0, 0.1)).tracker.in_numpy == ""

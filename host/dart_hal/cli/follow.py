@@ -30,6 +30,7 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
+from dart_hal.control.curvature_aware.generator import WEIGHTS
 from dart_hal.control.ending import Phase
 from dart_hal.control.follow import LANE, Follower, Rules
 from dart_hal.control.keyboard import Terminal
@@ -39,7 +40,7 @@ from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, Make, contouring
+from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import path_of
 from dart_hal.errors import UsageError
 from dart_hal.report.figures import FORMATS
@@ -57,10 +58,13 @@ SOURCE = "follow"
               help="m/s; slower where tyres, steering or path ask for it; keys + and - change it")
 @click.option("--profile", is_flag=True, help="as fast as the car's model holds everywhere")
 @click.option("--tracker", type=click.Choice(list(TRACKERS)), default="lqr", show_default=True,
-              help="linear-quadratic with preview, pure pursuit, or contouring control")
+              help="linear-quadratic with preview, pure pursuit, contouring control, or two "
+                   "layers of it that know the bend ahead")
+@click.option("--weights", type=click.Choice(list(WEIGHTS)), default=None,
+              help="of the planned path (ca-mpcc): tuned, the default, or as published")
 @click.option("--obstacle", "discs", type=DiscType(), multiple=True, metavar="X,Y,R[,SPEED]",
-              help="a disc to be passed (mpcc): middle in the frame of the poses and radius, m; "
-                   "m/s along the path; may be given again")
+              help="a disc to be passed (mpcc, ca-mpcc): middle in the frame of the poses and "
+                   "radius, m; m/s along the path; may be given again")
 @click.option("--compiled", is_flag=True,
               help="plan by generated C (mpcc): the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
@@ -81,8 +85,9 @@ SOURCE = "follow"
 @lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
-            profile: bool, tracker: str, discs: tuple[Disc, ...], compiled: bool,
-            laps: int, half_width: float | None, reverse: bool, here: bool, odometry: bool,
+            profile: bool, tracker: str, weights: str | None, discs: tuple[Disc, ...],
+            compiled: bool, laps: int, half_width: float | None, reverse: bool, here: bool,
+            odometry: bool,
             lane: float, duration: float | None, record: Path | None,
             plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
             as_json: bool) -> int:
@@ -95,7 +100,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("say how fast", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
-    make = tracker_of(tracker, discs, compiled, lane)
+    make = tracker_of(tracker, discs, compiled, lane, weights)
     track = path_of(path).reversed() if reverse else path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
@@ -114,14 +119,21 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     return 0 if follower.good else 1
 
 
-def tracker_of(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float) -> Make:
+def tracker_of(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float,
+               weights: str | None) -> Make:
     """What makes the tracker. Raises UsageError for options of another one."""
+    for option, given, whose in (("--obstacle", discs, ("mpcc", "ca-mpcc")),
+                                 ("--compiled", compiled, ("mpcc",)),
+                                 ("--weights", weights, ("ca-mpcc",))):
+        if given and name not in whose:
+            raise UsageError(f"{name} has no {option}", found=f"--tracker {name}",
+                             expected=" or ".join(f"--tracker {other}" for other in whose),
+                             remedy=f"add --tracker {whose[0]} to {option}")
     if name == "mpcc":
         return partial(contouring, discs=discs, compiled=compiled, lane=lane)
-    if discs or compiled:
-        what = "--obstacle" if discs else "--compiled"
-        raise UsageError(f"{name} has no {what}", found=f"--tracker {name}",
-                         expected="--tracker mpcc", remedy=f"add --tracker mpcc to {what}")
+    if name == "ca-mpcc":
+        return partial(curvature_aware, path_weights=WEIGHTS[weights or "tuned"], discs=discs,
+                       lane=lane)
     return TRACKERS[name]
 
 
@@ -225,7 +237,7 @@ def figures(follower: Follower) -> dict[str, Any]:
         **(passed(tracker) if isinstance(tracker, Contouring) else {})}
 
 
-def passed(tracker: Contouring) -> dict[str, Any]:
+def passed(tracker: Contouring[Any]) -> dict[str, Any]:
     """Plans by how they came about, and the least air beside the body at each obstacle."""
     return {"plans": {str(how): n for how, n in tracker.mpcc.outcomes.items() if n},
             "obstacles": [{"x": disc.x, "y": disc.y, "radius_m": disc.radius,
