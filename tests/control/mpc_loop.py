@@ -1,6 +1,6 @@
 """Contouring control on the light simulation, at its own commands: throttle and steering.
 
-    python -m tests.control.mpc_loop [--laps 3] [--noise [--dull]] [--obstacles 50]
+    python -m tests.control.mpc_loop [--laps 3] [--noise [--dull]] [--obstacles 50 [--first 100]]
 
 Without options: rms and largest error of the true rear axle on the 22.92 m track by the exact
 model, and what becomes of it without lags or delay in the model. --noise: cars whose model is 5 %
@@ -205,9 +205,10 @@ def main() -> None:
     parser.add_argument("--noise", action="store_true")
     parser.add_argument("--dull", action="store_true")
     parser.add_argument("--obstacles", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
     given = parser.parse_args()
     if given.obstacles:
-        found = np.array([margin(k) for k in range(given.obstacles)])
+        found = np.array([margin(given.first + k) for k in range(given.obstacles)])
         print(
             f"obstacles: {np.sum(found[:, 0] >= 0.05)} of {len(found)} with 5 cm or more; least "
             f"{100.0 * found[:, 0].min():.1f} cm; largest error {100.0 * found[:, 1].max():.1f}"

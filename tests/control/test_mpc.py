@@ -194,9 +194,20 @@ def test_a_corridor_beside_an_obstacle():
     corridor = Corridor(0.3)
     corridor.obstacles = (Obstacle(2.0, -0.15, 0.15), Obstacle(9.0, 0.15, 0.15))
     low, high = corridor.bounds(np.array([0.0, 2.0, 2.3, 6.0]), np.zeros(4))
-    assert low[1] == pytest.approx(0.2)
+    assert low[1] == pytest.approx(0.22)
     assert low[0] == low[3] == -0.3
     assert (high == 0.3).all()
+
+
+def test_a_side_is_kept_for_an_encounter_and_forgotten_with_its_obstacle():
+    corridor, o = Corridor(0.3), Obstacle(2.0, -0.15, 0.15)
+    corridor.obstacles = (o,)
+    corridor.bounds(np.array([0.0]), np.zeros(1))
+    assert corridor._sides == {o: 1.0}
+    corridor.obstacles = (o, replace(o, s=4.0))
+    assert corridor._sides == {o: 1.0}
+    corridor.obstacles = ()
+    assert not corridor._sides
 
 
 def test_what_it_expects_and_how_sure_it_is():

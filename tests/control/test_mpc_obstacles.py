@@ -55,8 +55,8 @@ def test_air_between_a_body_and_a_disc(x, y, yaw, expected):
 def test_one_in_the_middle_is_refused_by_its_place():
     with pytest.raises(UsageError, match="obstacle 1 leaves no way within the lane") as told:
         light_drive(follower(Disc(6.0, 0.02, 0.15)))
-    assert "0.33 m beside the path" in str(told.value)
-    assert "--lane 0.37" in str(told.value)
+    assert "0.35 m beside the path" in str(told.value)
+    assert "--lane 0.39" in str(told.value)
 
 
 def test_with_the_lane_that_it_asks_for_there_is_a_way():
