@@ -1,7 +1,8 @@
 """MPCC beside CA-MPCC on emulated cars around the later published set, by their lidars' poses.
 
     python -m tests.control.curvature_aware_emulated --seeds 6 [--first 1] [--laps 2] [--speed 2]
-        [--poses lidar|mocap] [--weights tuned] [--published]
+        [--poses lidar|mocap] [--weights tuned] [--law ca-mpcc]
+        [--published]
 
 What the car's files know is the truth with the errors of calibrations and of an identification, as
 in ``follow_figures``. The error is that of the true rear axle beside the path in the room, that of
@@ -128,11 +129,12 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=2.0)
     parser.add_argument("--poses", choices=("lidar", "mocap"), default="lidar")
     parser.add_argument("--weights", choices=tuple(WEIGHTS), nargs="*", default=tuple(WEIGHTS))
+    parser.add_argument("--law", type=Law, choices=tuple(Law), nargs="*", default=tuple(Law))
     parser.add_argument("--published", action="store_true")
     given = parser.parse_args()
     for name in given.weights:
         weights = WEIGHTS[name]
-        for law in Law:
+        for law in given.law:
             all_ = []
             for seed in range(given.first, given.first + given.seeds):
                 found, follower = drive(seed, law, weights, speed=given.speed, laps=given.laps,

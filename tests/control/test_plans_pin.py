@@ -1,16 +1,18 @@
-"""The ESC's pin of an emulated car whose plans do not come in time any more."""
+"""The ESC's pin of an emulated car whose plans fail while it drives."""
 
 from __future__ import annotations
 
 from itertools import count
-from math import inf
+from math import inf, nan
 
 import numpy as np
 import pytest
 
 from dart_hal.car import Car
 from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc import driving
+from dart_hal.control.mpc import driving, tracker
+from dart_hal.control.mpc.obstacles import Obstacle
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.links.base import open_backend
@@ -18,43 +20,69 @@ from dart_hal.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040
 SPOILT, AFTER = 1.5, 2.0  # s from the first motion on, s that are looked at
+LATE = "no plan within 0.05 s, 4 times in a row"
 
 
-def driven():
-    """(why, [(t after the plans ceased [s], pulse [us], true speed [m/s])])."""
+def late(mpcc):
+    """Each look at the clock takes a second."""
+    ticks = count()
+    mpcc.clock = lambda: float(next(ticks))
+
+
+def blocked(mpcc):
+    """A disc in the middle, 2.5 m ahead."""
+    mpcc.obstacles = (Obstacle(mpcc.last.s[0] + 2.5, 0.0, 0.25),)
+
+
+def diverged(mpcc):
+    """States that are no numbers."""
+    plan = mpcc.plan
+    mpcc.plan = lambda t, state, *rest: plan(t, nan * state, *rest)
+
+
+def driven(name, spoil):
+    """(follower, [(t after the plans ceased [s], pulse [us], true speed [m/s])], ranks that were
+    told of plans)."""
     backend = open_backend("sim://?nano=mock&mocap=1")
-    world, seen, ceased, ticks = world_of(backend), [], None, count()
+    world, seen, ceased, told = world_of(backend), [], None, []
     world.watchers.append(lambda channel, pulse: seen.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]), world.truth().v_x)) if channel == 1 else None)
-
     with Car.over(backend) as car:
-        follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, "ca-mpcc",
+        follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, name,
                             Rules(here=True))
         car.arm()
         moved = None
         for state in car.states(duration=15.0):
             steering, speed = follower.answer(state.estimate.at(car.now))
+            told.extend(follower.tracker.told.get("outcome", ()))
             moved = state.t if moved is None and state.speed > 0.1 else moved
             if ceased is None and moved is not None and state.t > moved + SPOILT:
                 ceased = world.t
-                follower.tracker.mpcc.clock = lambda: float(next(ticks))
+                spoil(follower.tracker.mpcc)
             if follower.phase is Phase.ENDED or (ceased and world.t > ceased + AFTER):
                 break
             car.drive_speed(steering=steering, speed=speed)
-        why = follower.why
         car.stop()
         for _ in car.states(duration=0.3):
             pass
-    return why, np.array([(t - ceased, width, v) for t, width, v in seen if t > ceased])
+    return follower, np.array([(t - ceased, width, v) for t, width, v in seen if t > ceased]), told
 
 
 @pytest.mark.more
-def test_plans_that_are_late_end_at_neutral():
-    """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before."""
-    why, rows = driven()
-    assert why == "no plan within 0.05 s, 4 times in a row"
+@pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
+    ("mpcc", late, LATE, Outcome.LATE), ("ca-mpcc", late, LATE, Outcome.LATE),
+    ("mpcc", blocked, "obstacles leave no way within the lane", Outcome.BLOCKED),
+    ("mpcc", diverged, "the plan diverged", Outcome.DIVERGED)])
+def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
+    """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before. What
+    it was is counted, and told for the recording."""
+    follower, rows, told = driven(name, spoil)
+    assert follower.why == why
+    assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is Outcome.LATE else 1)
+    assert told[-1] == tracker.OUTCOMES.index(outcome)
+    assert told[0] == tracker.OUTCOMES.index(Outcome.SOLVED)
     t, width, speed = rows.T
-    driving = width[t < 0.3].max()
+    driving = width[t < 0.1].max()
     assert driving > NEUTRAL_US + 50.0
     assert (width[t > 0.7] < driving - 20.0).all()
     assert speed[-1] < 0.5
@@ -62,10 +90,11 @@ def test_plans_that_are_late_end_at_neutral():
 
 
 @pytest.mark.more
-def test_a_tracker_that_forgave_every_late_plan_would_drive_on(monkeypatch):
+@pytest.mark.parametrize("name", ["mpcc", "ca-mpcc"])
+def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch):
     """The control."""
     monkeypatch.setattr(driving, "LATEST", inf)
-    why, rows = driven()
-    assert why == ""
+    follower, rows, _ = driven(name, late)
+    assert follower.why == ""
     t, width, _ = rows.T
     assert width[(t > 0.7) & (t < AFTER)].max() > NEUTRAL_US + 50.0

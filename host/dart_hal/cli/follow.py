@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -14,7 +14,8 @@ from typing import Any
 import click
 import numpy as np
 
-from dart_hal.car import Car
+from dart_hal.car import Car, join
+from dart_hal.car.others import Others
 from dart_hal.cli.follow_picture import draw
 from dart_hal.cli.options import (
     DiscType,
@@ -65,6 +66,9 @@ SOURCE = "follow"
 @click.option("--obstacle", "discs", type=DiscType(), multiple=True, metavar="X,Y,R[,SPEED]",
               help="a disc to be passed (mpcc, ca-mpcc): middle in the frame of the poses and "
                    "radius, m; m/s along the path; may be given again")
+@click.option("--room", default=None, metavar="URL",
+              help="enter this room of cars (udp://.., zenoh://.., local://..): others on the path "
+                   "are passed (mpcc, ca-mpcc) or waited for")
 @click.option("--compiled", is_flag=True,
               help="plan by generated C (mpcc): the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
@@ -86,11 +90,10 @@ SOURCE = "follow"
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str, weights: str | None, discs: tuple[Disc, ...],
-            compiled: bool, laps: int, half_width: float | None, reverse: bool, here: bool,
-            odometry: bool,
-            lane: float, duration: float | None, record: Path | None,
-            plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
-            as_json: bool) -> int:
+            room: str | None, compiled: bool, laps: int, half_width: float | None,
+            reverse: bool, here: bool, odometry: bool, lane: float, duration: float | None,
+            record: Path | None, plot: Path | None, waive: tuple[str, ...], poses: str | None,
+            lidar: str | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     The path lies in the frame of the poses (motion capture); the car starts within 1 m of it,
@@ -106,12 +109,14 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, make, rules, half_width)
         summary = Summary(car)
-        follow(car, follower, waive)
-        car.stop()
+        with (nullcontext() if room is None else join(car, room)) as member:
+            cars_about = Others(member, follower) if member else None
+            follow(car, follower, waive, cars_about)
+            car.stop()
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw(follower, path, plot)
-    told = figures(follower)
+    told = figures(follower) | (cars_about.told if cars_about else {})
     if as_json:
         print_json({**found, "summary": {**found["summary"], "path": path, **told}})
     else:
@@ -161,13 +166,17 @@ def follower_of(car: Car, track: Track, speed: float, tracker: Make, rules: Rule
     return follower
 
 
-def follow(car: Car, follower: Follower, waive: tuple[str, ...]) -> None:
+def follow(car: Car, follower: Follower, waive: tuple[str, ...],
+           others: Others | None = None) -> None:
     """Drive until it has ended."""
     armed = False
     with typed() as keys, progress_bar() as bar:
         task = bar.add_task("following", total=follower.path.length * follower.rules.laps)
         for state in car.states():
-            steering, speed = follower.answer(motion_of(car, state, follower.rules))
+            motion = motion_of(car, state, follower.rules)
+            if others:
+                others.look(motion)
+            steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 return
             if follower.phase is Phase.WAITING:
@@ -182,6 +191,8 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...]) -> None:
                                "speed": speed})
             if follower.tracker.told:
                 car.log("plan", follower.tracker.told)
+            if others:
+                car.log("traffic", others.tell())
             listen(keys, follower)
             bar.update(task, completed=follower.tracker.s - follower.begun_at)
 

@@ -46,6 +46,8 @@ EDGE = 0.04
 car errs by 2 to 3 cm beside one."""
 SHOWN = 10
 """Plans from one that is kept to be drawn to the next: 1 s."""
+OUTCOMES = tuple(Outcome)
+"""How a plan came about, by its place, as it is recorded."""
 GRIP = 0.8
 """Of the most that the tyres hold across, by the model."""
 
@@ -76,6 +78,7 @@ class Contouring(OnPath, Generic[PlannerT]):
         self.mpcc = make(self._vehicle, path, self._paces, replace(_limits(plant), lane=lane))
         self.in_numpy = ""
         self.discs, self.air = discs, [inf] * len(discs)
+        self._still: tuple[Obstacle, ...] = ()
         self.shown: list[Shown] = []
         self.mpcc.budget = BUDGET
         self.plan: Plan | None = None
@@ -107,13 +110,14 @@ class Contouring(OnPath, Generic[PlannerT]):
         if motion.t > self._due - 1e-6:
             self._due = motion.t + STAGE
             self.plan = self._planned(motion)
+            self.told = {"outcome": np.array([float(OUTCOMES.index(self.plan.outcome))])}
             if self.why:
                 return self._safe.steer(motion)
             self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             std = across(self.plan, motion.cov)
-            self.told = {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
-                         "steering": self.plan.inputs[1], "std": std}
+            self.told |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
+                          "steering": self.plan.inputs[1], "std": std}
             if self._count % SHOWN == 0:
                 self.shown.append(Shown(x, y, std))
             self._count += 1
@@ -121,13 +125,18 @@ class Contouring(OnPath, Generic[PlannerT]):
             self.speed = float(self.plan.at(motion.t + REACH)[3])
         return self._turned(motion)
 
+    def pass_by(self, others: tuple[Obstacle, ...]) -> None:
+        """What is to be passed from now on, beside the discs."""
+        self.mpcc.obstacles = (*self._still, *others)
+
     def _watch(self, motion: MotionEstimate) -> None:
         """The discs begin to move with the first answer; how near the body is to each."""
-        if self.discs and not self.mpcc.obstacles:
-            self.mpcc.obstacles = tuple(d.beside(self.path, motion.t) for d in self.discs)
+        if self.discs and not self._still:
+            self._still = tuple(d.beside(self.path, motion.t) for d in self.discs)
+            self.pass_by(())
         pose, ahead = motion.pose, self._vehicle.body.l_r
         x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
-        for k, o in enumerate(self.mpcc.obstacles[:len(self.air)]):
+        for k, o in enumerate(self._still):
             self.air[k] = min(self.air[k], air(x, y, pose.yaw, o, self.path, motion.t))
 
     def _turned(self, motion: MotionEstimate) -> float:
