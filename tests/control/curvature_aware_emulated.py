@@ -108,16 +108,17 @@ def driven(car, follower, start, world) -> list[tuple[float, ...]]:
 
 def found_of(follower, rows, laps) -> Found:
     path, s, table = follower.path, follower.begun_at, []
-    for _, x, y in rows:
+    for t, x, y in rows:
         s = path.closest(x, y, s)
-        table.append((s - follower.begun_at, path.offset(x, y, s)))
-    way, error = np.array(table).T
+        table.append((t, s - follower.begun_at, path.offset(x, y, s)))
+    times, way, error = np.array(table).T
+    t, on = times[way > BEHIND], way[way > BEHIND]
     counted, plans = error[way > BEHIND], np.array(follower.tracker.mpcc.errors)
     whole = follower.why == "the path is driven"
-    flying = follower.driven.lap_times[1:]
+    pace = (t[-1] - t[0]) / (on[-1] - on[0])
     return Found(float(np.sqrt(np.mean(plans[:, -1] ** 2))), float(np.sqrt(np.mean(plans**2))),
                  float(np.sqrt(np.mean(counted**2))), float(np.abs(counted).max()),
-                 left_lane(counted), float(np.mean(flying)) if whole and flying else np.nan,
+                 left_lane(counted), float(pace) * path.length if whole else np.nan,
                  float(way[-1]))
 
 

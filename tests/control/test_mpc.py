@@ -8,7 +8,17 @@ from math import inf
 import numpy as np
 import pytest
 from tests.control.light_follow import LATER, light_drive, plant_by
-from tests.control.mpc_loop import NO_LAGS, Loop, P, around, controller, figures, lap, margin
+from tests.control.mpc_loop import (
+    NO_LAGS,
+    Loop,
+    P,
+    around,
+    by_profile,
+    controller,
+    figures,
+    lap,
+    margin,
+)
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Rows, solve
@@ -27,7 +37,7 @@ CORNERING = (0.3, -0.2, 0.4, 1.6, 0.05, 1.2, 0.28, 0.35)
 
 def test_a_lap_at_two_metres_a_second():
     """Half of what is wanted is left for noise; 0.54 / 1.3 cm when written."""
-    rms, most = lap(2.0)
+    rms, most, _ = lap(2.0)
     assert rms < 0.008
     assert most < 0.02
 
@@ -49,6 +59,14 @@ def test_a_model_that_is_5_percent_off_and_noise(seed):
     bends to the left at 2 m/s. What is learnt is worth a factor of two, and half is left."""
     assert lap(2.0, true=around(seed), seed=seed)[0] < 0.018
     assert lap(2.0, true=around(seed), seed=seed, learns=False)[0] > 0.035
+
+
+@pytest.mark.more
+def test_a_profile_up_to_two_and_a_half():
+    """1.5 / 4.2 cm and 10.6 s when written."""
+    rms, _, time = lap(2.5, true=around(1), seed=1, make=by_profile)
+    assert rms < 0.04
+    assert time < 10.7
 
 
 @pytest.mark.more

@@ -15,11 +15,13 @@ from dart_hal.control.mpc.obstacles import Obstacle
 from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
+from dart_hal.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040
 SPOILT, AFTER = 1.5, 2.0  # s from the first motion on, s that are looked at
+GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it asks for half the speed
 LATE = "no plan within 0.05 s, 4 times in a row"
 
 
@@ -84,7 +86,7 @@ def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     t, width, speed = rows.T
     driving = width[t < 0.1].max()
     assert driving > NEUTRAL_US + 50.0
-    assert (width[t > 0.7] < driving - 20.0).all()
+    assert (width[t > GONE] < driving - 20.0).all()
     assert speed[-1] < 0.5
     assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
 
@@ -97,4 +99,48 @@ def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch
     follower, rows, _ = driven(name, late)
     assert follower.why == ""
     t, width, _ = rows.T
-    assert width[(t > 0.7) & (t < AFTER)].max() > NEUTRAL_US + 50.0
+    assert width[(t > GONE) & (t < AFTER)].max() > NEUTRAL_US + 50.0
+
+
+def started(beside):
+    """(follower or the refusal, [(t, us)]) of a car that stands so many m beside the path."""
+    backend, seen = open_backend("sim://?nano=mock"), []
+    world_of(backend).watchers.append(lambda channel, pulse: seen.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))) if channel == 1 else None)
+    with Car.over(backend) as car:
+        path = Path([(6.0, 0.0)], closed=False, start=(0.0, beside, 0.0))
+        follower, armed = Follower(path, plant_of(car.files), 1.0, "mpcc",
+                                   Rules(odometry=True)), False
+        try:
+            for state in car.states(duration=15.0):
+                steering, speed = follower.answer(state.estimate.at(car.now))
+                if follower.phase is Phase.ENDED:
+                    break
+                if not armed:
+                    armed = True
+                    car.arm()
+                car.drive_speed(steering=steering, speed=speed)
+        except UsageError as why:
+            follower = why
+        car.stop()
+        for _ in car.states(duration=0.3):
+            pass
+    return follower, np.array(seen)
+
+
+@pytest.mark.more
+def test_a_start_outside_the_lane_comes_into_it_and_ends_at_neutral():
+    follower, pulses = started(0.5)
+    assert follower.why == "the path is driven"
+    offset = follower.driven.table[:, 3]
+    assert abs(offset[0]) > 0.45
+    assert abs(offset[-1]) < 0.03
+    t, width = pulses.T
+    assert width.max() > NEUTRAL_US + 50.0
+    assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
+
+
+def test_one_that_is_further_away_never_drives():
+    refused, pulses = started(1.2)
+    assert "1.20 m away from the path" in str(refused)
+    assert (np.abs(pulses[:, 1] - NEUTRAL_US) <= NEAR_US).all()
