@@ -26,11 +26,10 @@ from dart_hal import Car
 from dart_hal.config import save_model
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.curvature_aware.tracker import TwoLayerTracker
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.mpc.obstacles import Obstacle
 from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import Lqr
+from dart_hal.control.trackers import curvature_aware
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.file import model_of
 
@@ -65,9 +64,7 @@ class Drive(NamedTuple):
 
 def drive(where, cars, law, weights, obstacle=False):
     """One lap."""
-    def make(path, plant):
-        return TwoLayerTracker(path, plant, Lqr(path, plant), law=law, path_weights=weights)
-
+    make = partial(curvature_aware, law=law, path_weights=weights)
     plans, seen, rolled = [], None, URL is not None
     with Car.open(where, cars=cars) as car:
         follower = Follower(TRACK, plant_of(car.files), SPEED, make,
@@ -86,7 +83,7 @@ def drive(where, cars, law, weights, obstacle=False):
             tracker = follower.tracker
             if tracker.plan is None or tracker.plan is seen:
                 continue
-            seen, layers = tracker.plan, tracker.layers
+            seen, layers = tracker.plan, tracker.mpcc
             if obstacle and not layers.obstacles:
                 layers.obstacles = (Obstacle(tracker.s + AHEAD, BESIDE, RADIUS, PACE, motion.t),)
             plans.append((tracker.s - follower.begun_at,

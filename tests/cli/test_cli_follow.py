@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from tests.control.light_follow import LATER, plant_by
 
+from dart_hal.cli import follow as verb_module
 from dart_hal.cli.follow import SLOWEST, listen
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.tracks import track_named
+from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run import RunReader
+from dart_hal.types import Pose, Tracking, pose_cov
 
 URL = "sim://?seed=3&nano=mock&mocap=1"
 
@@ -64,9 +67,13 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--profile"), "say how fast"),
     (("savoiardo", "--speed", 1, "--raceline", 0.9), "lane of this width"),
     (("racetrack_vicon", "--speed", 1), "tighter than the car turns"),
+    (("racetrack_vicon", "--speed", 1, "--tracker", "mpcc"), "tighter than the car turns"),
     (("nothing.csv", "--speed", 1), "nothing.csv"),
     (("savoiardo", "--speed", 1, "--obstacle", "1,0,0.1"), "add --tracker mpcc to --obstacle"),
     (("savoiardo", "--speed", 1, "--compiled"), "add --tracker mpcc to --compiled"),
+    (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--compiled"), "ca-mpcc has no --c"),
+    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--weights", "tuned"), "mpcc has no --w"),
+    (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--lane", 0.9), "a lane of 0.40 m"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
 ])
@@ -86,10 +93,58 @@ def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
     assert done.code == 0, done.err
     told = done.json["summary"]
     near, far = (row["air_m"] for row in told["obstacles"])
-    assert 0.05 < near < 0.12
+    assert 0.05 < near < 0.14
     assert far > 3.0
     assert told["plans"]["SOLVED"] > 30
     assert "plan/std" in {row.name for row in RunReader(run).logged()}
+
+
+class Silent:
+    """A member of a room in which a car at (3.5, 0) of the odometry's frame fell silent."""
+
+    def __init__(self, car, room):
+        red = OtherPose("red", 60.0, True, Pose(3.5, 0.0, 0.0, pose_cov(0.01, 0.01)), "start", 0.0,
+                        0.0, Tracking.TRACKING)
+        self.other_poses, self.plans = lambda: {"red": red}, []
+
+    def tell_plan(self, points, **of):
+        self.plans.append(points)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+
+@pytest.mark.more
+def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb, tmp_path,
+                                                                           monkeypatch):
+    monkeypatch.setattr(verb_module, "join", Silent)
+    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(30)]), tmp_path / "run.mcap"
+    done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "mpcc", "--room",
+                "local://lab", "--duration", 6, "--record", run, "--url",
+                "sim://?seed=3&nano=mock", "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    assert told["others"] == ["red"]
+    assert told["waited_s"]["LOST"] > 2.0
+    rows = {row.name: row for row in RunReader(run).logged()}
+    assert {"traffic/room", "traffic/wait", "plan/outcome"} <= rows.keys()
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("weights", ["tuned", "published"])
+def test_the_two_layers_drive_past_an_obstacle(verb, tmp_path, weights):
+    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
+    done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "ca-mpcc",
+                "--weights", weights, "--obstacle", "2.4,-0.15,0.15", "--record", run, "--url",
+                "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
+    assert done.code == 0, done.err
+    told = done.json["summary"]
+    assert told["obstacles"][0]["air_m"] > 0.05
+    assert told["plans"]["SOLVED"] > 30
+    assert {"plan/std", "plan/x"} <= {row.name for row in RunReader(run).logged()}
 
 
 def test_an_obstacle_without_a_way_past_it_is_refused(verb, tmp_path):

@@ -1,7 +1,8 @@
 """MPCC beside CA-MPCC on emulated cars around the later published set, by their lidars' poses.
 
     python -m tests.control.curvature_aware_emulated --seeds 6 [--first 1] [--laps 2] [--speed 2]
-        [--poses lidar|mocap] [--published]
+        [--poses lidar|mocap] [--weights tuned] [--law ca-mpcc]
+        [--published]
 
 What the car's files know is the truth with the errors of calibrations and of an identification, as
 in ``follow_figures``. The error is that of the true rear axle beside the path in the room, that of
@@ -25,8 +26,9 @@ from tests.control.follow_figures import later, write_files
 from dart_hal.car import Car
 from dart_hal.config import save_model
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.curvature_aware.tracker import TwoLayerTracker
+from dart_hal.control.curvature_aware.two_layers import TwoLayers
 from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.mpc.tracker import LANE, Contouring
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Lqr, uncompensated
 from dart_hal.links.base import open_backend
@@ -37,17 +39,21 @@ from dart_hal.sim.truth import room_of_car, world_of
 from dart_hal.vehicle.file import model_of
 
 
-class Watched(TwoLayerTracker):
+class Watched(TwoLayers):
     """Keeps the progress error of each plan in ``errors``."""
 
-    def __init__(self, path, plant, **options):
-        super().__init__(path, plant, Lqr(path, plant), **options)
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
         self.errors = []
 
-    def _planned(self, motion):
-        plan = super()._planned(motion)
-        self.errors.append(plan.way.error(self.layers.reference, plan.s[0]))
+    def plan(self, *args):
+        plan = super().plan(*args)
+        self.errors.append(plan.way.error(self.reference, plan.s[0]))
         return plan
+
+
+def watched(path, plant, **options):
+    return Contouring(path, plant, Lqr(path, plant), partial(Watched, **options), lane=LANE)
 
 
 def drive(seed: int, law, weights, *, speed: float = 2.0, laps: float = 2.0,
@@ -74,7 +80,7 @@ def drive(seed: int, law, weights, *, speed: float = 2.0, laps: float = 2.0,
                 known = uncompensated(replace(plant, vehicle=replace(plant.vehicle,
                                                                      kind="kinematic")))
             follower = Follower(TRACK, known, speed,
-                                partial(Watched, law=law, path_weights=weights),
+                                partial(watched, law=law, path_weights=weights),
                                 Rules(laps=laps, lane=1.0, duration=40.0 * laps,
                                       here=not by_lidar))
             rows = driven(car, follower, (x0, y0, yaw0), world_of(backend))
@@ -102,16 +108,17 @@ def driven(car, follower, start, world) -> list[tuple[float, ...]]:
 
 def found_of(follower, rows, laps) -> Found:
     path, s, table = follower.path, follower.begun_at, []
-    for _, x, y in rows:
+    for t, x, y in rows:
         s = path.closest(x, y, s)
-        table.append((s - follower.begun_at, path.offset(x, y, s)))
-    way, error = np.array(table).T
-    counted, plans = error[way > BEHIND], np.array(follower.tracker.errors)
+        table.append((t, s - follower.begun_at, path.offset(x, y, s)))
+    times, way, error = np.array(table).T
+    t, on = times[way > BEHIND], way[way > BEHIND]
+    counted, plans = error[way > BEHIND], np.array(follower.tracker.mpcc.errors)
     whole = follower.why == "the path is driven"
-    flying = follower.driven.lap_times[1:]
+    pace = (t[-1] - t[0]) / (on[-1] - on[0])
     return Found(float(np.sqrt(np.mean(plans[:, -1] ** 2))), float(np.sqrt(np.mean(plans**2))),
                  float(np.sqrt(np.mean(counted**2))), float(np.abs(counted).max()),
-                 left_lane(counted), float(np.mean(flying)) if whole and flying else np.nan,
+                 left_lane(counted), float(pace) * path.length if whole else np.nan,
                  float(way[-1]))
 
 
@@ -122,16 +129,19 @@ def main() -> None:
     parser.add_argument("--laps", type=float, default=2.0)
     parser.add_argument("--speed", type=float, default=2.0)
     parser.add_argument("--poses", choices=("lidar", "mocap"), default="lidar")
+    parser.add_argument("--weights", choices=tuple(WEIGHTS), nargs="*", default=tuple(WEIGHTS))
+    parser.add_argument("--law", type=Law, choices=tuple(Law), nargs="*", default=tuple(Law))
     parser.add_argument("--published", action="store_true")
     given = parser.parse_args()
-    for name, weights in WEIGHTS.items():
-        for law in Law:
+    for name in given.weights:
+        weights = WEIGHTS[name]
+        for law in given.law:
             all_ = []
             for seed in range(given.first, given.first + given.seeds):
                 found, follower = drive(seed, law, weights, speed=given.speed, laps=given.laps,
                                         poses=given.poses, published=given.published)
                 all_.append(found)
-                told = {str(k): n for k, n in follower.tracker.layers.outcomes.items() if n}
+                told = {str(k): n for k, n in follower.tracker.mpcc.outcomes.items() if n}
                 print(f"  {name:9s} {law.value:7s} car {seed}: {found}; {follower.why}; {told}",
                       flush=True)
             rms, most = 100.0 * np.array([f.rms for f in all_]), max(f.most for f in all_)

@@ -2,12 +2,14 @@
 
     python -m tests.control.curvature_aware_loop [--laps 3] [--noise] [--rough]
     python -m tests.control.curvature_aware_loop --arcs
+    python -m tests.control.curvature_aware_loop --causes
     python -m tests.control.curvature_aware_loop --obstacles 10
 
 On the light simulation, by their own throttle and steering: progress error of the plans (rms of
 their ends, of all stages), rms and largest error of the true rear axle, how often it left the lane
 of +-0.30 m, flying laps. --rough: the path's curvature as it steps, not its mean over 0.2 m.
---arcs: progress error beside an exact arc. --obstacles: passes of a disc
+--arcs: progress error beside an exact arc. --causes: of what the error of a plan's
+end is made. --obstacles: passes of a disc
 that moves on in the lane. The emulated car: ``curvature_aware_emulated``.
 """
 
@@ -15,24 +17,25 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
-from math import cos, sin
+from functools import cache, partial
 
 import numpy as np
 from tests.control.mpc_loop import LATE, Loop, P, figures, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
-from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
+from dart_hal.control.curvature_aware.generator import REACH, STAGES, TUNED, WEIGHTS, PathWeights
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
-from dart_hal.control.mpc.obstacles import HALF_WIDTH, Obstacle
+from dart_hal.control.mpc.obstacles import Obstacle, air
+from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 TRACK = track_named("racetrack_vicon_2")
-LANE, BEHIND, HALF_LENGTH = 0.30, 3.0, 0.15
-"""m to either side; m of way that no figure counts; m of the body."""
-WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
+LANE, BEHIND = 0.30, 3.0
+"""m to either side; m of way that no figure counts."""
 KINEMATIC = replace(UPSTREAM_2024, kind="kinematic", delay=Delay())
 """The later set without slip and lags: the published controller's own model."""
 
@@ -108,6 +111,44 @@ class Rough(TwoLayers):
         self.reference.curvatures = TRACK.curvatures
 
 
+class Finer(TwoLayers):
+    """One by the curvature of its path, ``own``, or by the published kernel; a stage in substeps;
+    ``rounded``: its path is the track with its bends drawn out over 0.2 m."""
+
+    def __init__(self, model, path, *args, own=False, substeps=1, rounded=False, **options):
+        super().__init__(model, round_track() if rounded else path, *args, **options)
+        self.generator.stage, self._own, self._substeps = self._stage, own, substeps
+
+    def _stage(self, s, speed):
+        path, n, length = self.reference.path, self._substeps, REACH * STAGES * 0.1 * speed
+        weights = weights_of(self.reference.curvatures(s + length * GRID))
+
+        def curve(at):
+            if self._own:
+                return np.interp(s + at, path.s, path.curvature, period=path.length)
+            return curvature(at, weights, length)
+
+        part = make_stage(make_rates(self.generator.law, speed, curve), 0.1 / n)
+
+        def stage(*at):
+            state, turn = at[:-1], at[-1]
+            for _ in range(n):
+                state = part(*state, turn)
+            return state
+
+        return stage
+
+
+@cache
+def round_track() -> Path:
+    """The track with a curvature that does not step: its mean over 0.2 m, integrated."""
+    k, d = Reference(TRACK)._curvature, TRACK.spacing
+    yaw = TRACK.heading[0] + np.cumsum(k * d) - 0.5 * k * d
+    at = np.cumsum(d * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
+    at -= np.outer(np.arange(1.0, len(k) + 1.0) / len(k), at[-1])  # 5 cm are missing at its end
+    return Path.through(np.vstack([(0.0, 0.0), at[:-1]])[::3], closed=True)
+
+
 def left_lane(error: np.ndarray) -> int:
     """How often."""
     return int(np.sum(np.diff((np.abs(error) > LANE).astype(int), prepend=0) > 0))
@@ -143,17 +184,8 @@ def passed(seed: int, law: Law = Law.CA, weights: PathWeights = TUNED, beside: f
     o = Obstacle(float(rng.uniform(4.0, 12.0)), float(rng.choice((-beside, beside))), 0.15, 0.5)
     layers.obstacles = (o,)
     rows = Loop(layers, case.true, case.late, noise=rng, learns=False).drive(1.0)
-    return min(room_to(o, *row[[0, 4, 5, 6]]) for row in rows), float(np.abs(rows[:, 2]).max())
-
-
-def room_to(o: Obstacle, t: float, x: float, y: float, yaw: float) -> float:
-    """m between a body at a pose of its middle and a disc."""
-    spot = TRACK.at(o.s + o.speed * (t - o.t))
-    ox = spot.x - o.offset * sin(spot.heading) - x
-    oy = spot.y + o.offset * cos(spot.heading) - y
-    along, across = ox * cos(yaw) + oy * sin(yaw), oy * cos(yaw) - ox * sin(yaw)
-    return float(np.hypot(max(abs(along) - HALF_LENGTH, 0.0),
-                          max(abs(across) - HALF_WIDTH, 0.0))) - o.radius
+    least = min(air(x, y, yaw, o, TRACK, t) for t, _, _, _, x, y, yaw in rows)
+    return least, float(np.abs(rows[:, 2]).max())
 
 
 def arcs() -> None:
@@ -166,6 +198,20 @@ def arcs() -> None:
               f"the published grid {found[2]} m")
 
 
+def causes() -> None:
+    """What keeps the end of a CA-MPCC plan from where it says that it is: the kinematic car."""
+    case = CASES["kinematic car, its model"]
+    for rounded in (False, True):
+        for own in (False, True):
+            for substeps in (1, 4):
+                make = partial(Finer, own=own, substeps=substeps, rounded=rounded)
+                ends = [100.0 * drive(case, Law.CA, weights, 1.0, make).plan_end
+                        for weights in WEIGHTS.values()]
+                print(f"{'rounded' if rounded else 'stepping'} bends, "
+                      f"{'their curvature' if own else 'the kernel'}, {substeps} steps a stage: "
+                      f"published {ends[0]:.2f}, tuned {ends[1]:.2f} cm", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--laps", type=float, default=3.0)
@@ -173,9 +219,13 @@ def main() -> None:
     parser.add_argument("--rough", action="store_true")
     parser.add_argument("--obstacles", type=int, default=0)
     parser.add_argument("--arcs", action="store_true")
+    parser.add_argument("--causes", action="store_true")
     given = parser.parse_args()
     if given.arcs:
         arcs()
+        return
+    if given.causes:
+        causes()
         return
     if given.obstacles:
         for law in Law:

@@ -16,8 +16,8 @@ from dart_hal.control.curvature_aware.generator import REACH, STAGES, TURNS, Way
 from dart_hal.control.curvature_aware.lane import MOST_SLACK, SLACK
 from dart_hal.control.curvature_aware.progress import Law
 from dart_hal.control.curvature_aware.two_layers import TwoLayers, _plan
-from dart_hal.control.mpc.iteration import Outcome
 from dart_hal.control.mpc.model import STAGE, make_stage
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.vehicle.namespace import adapt
 
 LENGTH = REACH * STAGES * STAGE
@@ -64,17 +64,16 @@ class Converged(TwoLayers):
 
     layers = None
 
-    def _iterated(self, plan, steps, aim, *, anew=False):
+    def _improved(self, plan, aim, *, anew):
         self.layers = self.layers or (self._path_layer(), self._follow_layer())
-        high, low = self.layers
+        (high, low), speed = self.layers, self._speed(aim)
         first = self.generator.first(aim.state, aim.s)
-        k = curvature.weights_of(self.reference.curvatures(aim.s + LENGTH * aim.speed
-                                                           * curvature.GRID))
+        k = curvature.weights_of(self.reference.curvatures(aim.s + LENGTH * speed * curvature.GRID))
         states, turns = high.solve(first, plan.way.states, plan.way.turns[None],
-                                   np.append(aim.speed, k))
+                                   np.append(speed, k))
         way = Way(states, turns[0])
         motion = low.solve(aim.state, plan.states, plan.inputs[:2],
-                           np.append(aim.speed, way.states[1:].ravel()))
+                           np.append(speed, way.states[1:].ravel()))
         return replace(_plan(aim, way, Motion(*motion, plan.slopes), Outcome.SOLVED))
 
     def _path_layer(self):

@@ -7,8 +7,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dart_hal.control.mpc.iteration import Mpcc, Outcome, Plan
+from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.control.mpc.model import STAGE, STATES, make_stage
+from dart_hal.control.mpc.planner import Aim, Outcome, Plan
 
 KNOTS = 0.1
 """m between the knots of the path's splines."""
@@ -24,7 +25,8 @@ class Converged(Mpcc):
     def plan(self, t, state, s, before):
         if self.solver is None:
             self._build()
-        n, guess = self.problem.n, self._shifted(t) or self._guess(t, state, s)
+        aim = Aim(t, state, s, before, lambda: False)
+        n, guess = self.problem.n, self._shifted(aim) or self._guess(aim)
         v = float(self.speed_of(np.array([s]))[0])
         x0 = np.concatenate([guess.states[1:].ravel(), guess.inputs.T.ravel()])
         found = self.solver(x0=x0, p=np.concatenate([state, [s, *before, v]]), lbx=self._low,

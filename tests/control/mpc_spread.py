@@ -15,8 +15,8 @@ from math import cos, sin
 import numpy as np
 from tests.control.mpc_loop import LATE, Loop, P, around, controller
 
-from dart_hal.control.mpc.iteration import Plan
 from dart_hal.control.mpc.model import STAGE
+from dart_hal.control.mpc.planner import Plan
 from dart_hal.control.mpc.spread import across
 from dart_hal.control.tracks import track_named
 

@@ -24,15 +24,14 @@ from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_
 from dart_hal.control.curvature_aware.generator import TUNED, Generator, PathWeights
 from dart_hal.control.curvature_aware.programme import slopes
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage, softmin
-from dart_hal.control.curvature_aware.tracker import TwoLayerTracker
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
-from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc.iteration import Outcome
+from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.obstacles import Obstacle
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
-from dart_hal.control.trackers import Lqr
+from dart_hal.control.trackers import curvature_aware
 from dart_hal.errors import UsageError
 
 PLAIN, LAGS = CASES["kinematic car, its model"], CASES["later set with lags, kinematic model"]
@@ -216,16 +215,12 @@ def test_a_lane_without_a_way_is_blocked():
     assert loop.step().outcome is Outcome.SOLVED
 
 
-def make(path, plant, **options):
-    return TwoLayerTracker(path, plant, Lqr(path, plant), **options)
-
-
 @pytest.mark.more
 @BOTH
 def test_a_lap_through_the_speed_loop(law):
     """1.7 / 4.5 cm when written."""
     rows = light_drive(Follower(TRACK, plant_by(LATER), 2.0,
-                                partial(make, law=law, path_weights=TUNED)))
+                                partial(curvature_aware, law=law)))
     rms, most = figures(rows)
     assert rms < 0.025
     assert most < 0.08
@@ -236,16 +231,16 @@ def test_a_lap_through_the_speed_loop(law):
     ("blocked", "obstacles leave no way within the lane")])
 def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
-    follower, spoilt = Follower(straight, plant_by(LATER), 1.0, make, Rules()), []
+    follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc"), []
     ticks = iter(np.arange(1e6))
 
     def each(t, follower, motion):
         if t > 1.2 and not spoilt:
             spoilt.append(follower.tracker.s)
             if spoil == "late":
-                follower.tracker.layers.clock = lambda: next(ticks)
+                follower.tracker.mpcc.clock = lambda: next(ticks)
             else:
-                follower.tracker.layers.obstacles = (Obstacle(spoilt[0] + 2.5, 0.0, 0.25),)
+                follower.tracker.mpcc.obstacles = (Obstacle(spoilt[0] + 2.5, 0.0, 0.25),)
         return motion
 
     rows = light_drive(follower, each=each)

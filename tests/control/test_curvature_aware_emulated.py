@@ -10,7 +10,7 @@ from tests.control.curvature_aware_emulated import drive
 
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.mpc.iteration import Outcome
+from dart_hal.control.mpc.planner import Outcome
 
 FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
 
@@ -23,7 +23,7 @@ def test_a_lap_by_the_lidar():
     assert found.rms < 0.03
     assert found.left == 0
     assert found.plan_end < 0.02
-    assert set(follower.tracker.layers.outcomes.elements()) == {Outcome.SOLVED}
+    assert set(follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
 
 
 @pytest.mark.slow

@@ -8,13 +8,23 @@ from math import inf
 import numpy as np
 import pytest
 from tests.control.light_follow import LATER, light_drive, plant_by
-from tests.control.mpc_loop import NO_LAGS, Loop, P, around, controller, figures, lap, margin
+from tests.control.mpc_loop import (
+    NO_LAGS,
+    Loop,
+    P,
+    around,
+    by_profile,
+    controller,
+    figures,
+    lap,
+    margin,
+)
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Rows, solve
-from dart_hal.control.mpc.iteration import Outcome
 from dart_hal.control.mpc.model import STAGE, linearised, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
@@ -27,7 +37,7 @@ CORNERING = (0.3, -0.2, 0.4, 1.6, 0.05, 1.2, 0.28, 0.35)
 
 def test_a_lap_at_two_metres_a_second():
     """Half of what is wanted is left for noise; 0.54 / 1.3 cm when written."""
-    rms, most = lap(2.0)
+    rms, most, _ = lap(2.0)
     assert rms < 0.008
     assert most < 0.02
 
@@ -49,6 +59,14 @@ def test_a_model_that_is_5_percent_off_and_noise(seed):
     bends to the left at 2 m/s. What is learnt is worth a factor of two, and half is left."""
     assert lap(2.0, true=around(seed), seed=seed)[0] < 0.018
     assert lap(2.0, true=around(seed), seed=seed, learns=False)[0] > 0.035
+
+
+@pytest.mark.more
+def test_a_profile_up_to_two_and_a_half():
+    """1.5 / 4.2 cm and 10.6 s when written."""
+    rms, _, time = lap(2.5, true=around(1), seed=1, make=by_profile)
+    assert rms < 0.04
+    assert time < 10.7
 
 
 @pytest.mark.more
@@ -194,9 +212,20 @@ def test_a_corridor_beside_an_obstacle():
     corridor = Corridor(0.3)
     corridor.obstacles = (Obstacle(2.0, -0.15, 0.15), Obstacle(9.0, 0.15, 0.15))
     low, high = corridor.bounds(np.array([0.0, 2.0, 2.3, 6.0]), np.zeros(4))
-    assert low[1] == pytest.approx(0.2)
+    assert low[1] == pytest.approx(0.22)
     assert low[0] == low[3] == -0.3
     assert (high == 0.3).all()
+
+
+def test_a_side_is_kept_for_an_encounter_and_forgotten_with_its_obstacle():
+    corridor, o = Corridor(0.3), Obstacle(2.0, -0.15, 0.15)
+    corridor.obstacles = (o,)
+    corridor.bounds(np.array([0.0]), np.zeros(1))
+    assert corridor._sides == {o: 1.0}
+    corridor.obstacles = (o, replace(o, s=4.0))
+    assert corridor._sides == {o: 1.0}
+    corridor.obstacles = ()
+    assert not corridor._sides
 
 
 def test_what_it_expects_and_how_sure_it_is():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -14,7 +14,8 @@ from typing import Any
 import click
 import numpy as np
 
-from dart_hal.car import Car
+from dart_hal.car import Car, join
+from dart_hal.car.others import Others
 from dart_hal.cli.follow_picture import draw
 from dart_hal.cli.options import (
     DiscType,
@@ -30,6 +31,7 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
+from dart_hal.control.curvature_aware.generator import WEIGHTS
 from dart_hal.control.ending import Phase
 from dart_hal.control.follow import LANE, Follower, Rules
 from dart_hal.control.keyboard import Terminal
@@ -39,7 +41,7 @@ from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, Make, contouring
+from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import path_of
 from dart_hal.errors import UsageError
 from dart_hal.report.figures import FORMATS
@@ -57,10 +59,16 @@ SOURCE = "follow"
               help="m/s; slower where tyres, steering or path ask for it; keys + and - change it")
 @click.option("--profile", is_flag=True, help="as fast as the car's model holds everywhere")
 @click.option("--tracker", type=click.Choice(list(TRACKERS)), default="lqr", show_default=True,
-              help="linear-quadratic with preview, pure pursuit, or contouring control")
+              help="linear-quadratic with preview, pure pursuit, contouring control, or two "
+                   "layers of it that know the bend ahead")
+@click.option("--weights", type=click.Choice(list(WEIGHTS)), default=None,
+              help="of the planned path (ca-mpcc): tuned, the default, or as published")
 @click.option("--obstacle", "discs", type=DiscType(), multiple=True, metavar="X,Y,R[,SPEED]",
-              help="a disc to be passed (mpcc): middle in the frame of the poses and radius, m; "
-                   "m/s along the path; may be given again")
+              help="a disc to be passed (mpcc, ca-mpcc): middle in the frame of the poses and "
+                   "radius, m; m/s along the path; may be given again")
+@click.option("--room", default=None, metavar="URL",
+              help="enter this room of cars (udp://.., zenoh://.., local://..): others on the path "
+                   "are passed (mpcc, ca-mpcc) or waited for")
 @click.option("--compiled", is_flag=True,
               help="plan by generated C (mpcc): the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
@@ -81,11 +89,11 @@ SOURCE = "follow"
 @lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
-            profile: bool, tracker: str, discs: tuple[Disc, ...], compiled: bool,
-            laps: int, half_width: float | None, reverse: bool, here: bool, odometry: bool,
-            lane: float, duration: float | None, record: Path | None,
-            plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
-            as_json: bool) -> int:
+            profile: bool, tracker: str, weights: str | None, discs: tuple[Disc, ...],
+            room: str | None, compiled: bool, laps: int, half_width: float | None,
+            reverse: bool, here: bool, odometry: bool, lane: float, duration: float | None,
+            record: Path | None, plot: Path | None, waive: tuple[str, ...], poses: str | None,
+            lidar: str | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     The path lies in the frame of the poses (motion capture); the car starts within 1 m of it,
@@ -95,18 +103,20 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("say how fast", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
-    make = tracker_of(tracker, discs, compiled, lane)
+    make = tracker_of(tracker, discs, compiled, lane, weights)
     track = path_of(path).reversed() if reverse else path_of(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, make, rules, half_width)
         summary = Summary(car)
-        follow(car, follower, waive)
-        car.stop()
+        with (nullcontext() if room is None else join(car, room)) as member:
+            cars_about = Others(member, follower) if member else None
+            follow(car, follower, waive, cars_about)
+            car.stop()
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw(follower, path, plot)
-    told = figures(follower)
+    told = figures(follower) | (cars_about.told if cars_about else {})
     if as_json:
         print_json({**found, "summary": {**found["summary"], "path": path, **told}})
     else:
@@ -114,14 +124,21 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     return 0 if follower.good else 1
 
 
-def tracker_of(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float) -> Make:
+def tracker_of(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float,
+               weights: str | None) -> Make:
     """What makes the tracker. Raises UsageError for options of another one."""
+    for option, given, whose in (("--obstacle", discs, ("mpcc", "ca-mpcc")),
+                                 ("--compiled", compiled, ("mpcc",)),
+                                 ("--weights", weights, ("ca-mpcc",))):
+        if given and name not in whose:
+            raise UsageError(f"{name} has no {option}", found=f"--tracker {name}",
+                             expected=" or ".join(f"--tracker {other}" for other in whose),
+                             remedy=f"add --tracker {whose[0]} to {option}")
     if name == "mpcc":
         return partial(contouring, discs=discs, compiled=compiled, lane=lane)
-    if discs or compiled:
-        what = "--obstacle" if discs else "--compiled"
-        raise UsageError(f"{name} has no {what}", found=f"--tracker {name}",
-                         expected="--tracker mpcc", remedy=f"add --tracker mpcc to {what}")
+    if name == "ca-mpcc":
+        return partial(curvature_aware, path_weights=WEIGHTS[weights or "tuned"], discs=discs,
+                       lane=lane)
     return TRACKERS[name]
 
 
@@ -149,13 +166,17 @@ def follower_of(car: Car, track: Track, speed: float, tracker: Make, rules: Rule
     return follower
 
 
-def follow(car: Car, follower: Follower, waive: tuple[str, ...]) -> None:
+def follow(car: Car, follower: Follower, waive: tuple[str, ...],
+           others: Others | None = None) -> None:
     """Drive until it has ended."""
     armed = False
     with typed() as keys, progress_bar() as bar:
         task = bar.add_task("following", total=follower.path.length * follower.rules.laps)
         for state in car.states():
-            steering, speed = follower.answer(motion_of(car, state, follower.rules))
+            motion = motion_of(car, state, follower.rules)
+            if others:
+                others.look(motion)
+            steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 return
             if follower.phase is Phase.WAITING:
@@ -170,6 +191,8 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...]) -> None:
                                "speed": speed})
             if follower.tracker.told:
                 car.log("plan", follower.tracker.told)
+            if others:
+                car.log("traffic", others.tell())
             listen(keys, follower)
             bar.update(task, completed=follower.tracker.s - follower.begun_at)
 
@@ -225,7 +248,7 @@ def figures(follower: Follower) -> dict[str, Any]:
         **(passed(tracker) if isinstance(tracker, Contouring) else {})}
 
 
-def passed(tracker: Contouring) -> dict[str, Any]:
+def passed(tracker: Contouring[Any]) -> dict[str, Any]:
     """Plans by how they came about, and the least air beside the body at each obstacle."""
     return {"plans": {str(how): n for how, n in tracker.mpcc.outcomes.items() if n},
             "obstacles": [{"x": disc.x, "y": disc.y, "radius_m": disc.radius,

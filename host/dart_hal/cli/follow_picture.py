@@ -61,7 +61,7 @@ def _draw_floor(axes: Any, follower: Follower, name: str) -> None:
     finish(axes, "x [m]", "y [m]", f"{Path(name).name}: {follower.why}", loc="center")
 
 
-def _draw_plans(axes: Any, tracker: Contouring) -> None:
+def _draw_plans(axes: Any, tracker: Contouring[Any]) -> None:
     """Each tenth plan within two standard deviations, and what was to be passed; hollow, where what
     moves began."""
     for k, (x, y, std) in enumerate(tracker.shown):

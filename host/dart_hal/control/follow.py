@@ -77,7 +77,8 @@ class Follower(Ending):
     """One drive. ``answer`` once per State, until ``phase`` is ENDED; ``why`` then tells the end,
     ``good`` whether it was the one that was asked for.
 
-    ``cap`` [m/s] may be set at any time; 0: it stands where it is until that changes.
+    ``cap`` [m/s] may be set at any time, and ``free``, what others leave of it; 0: it stands where
+    it is until that changes.
     ``begun_at`` [m]: where on the path the car was.
     """
 
@@ -93,7 +94,7 @@ class Follower(Ending):
                              found=f"its ends are {_gap(path):.2f} m apart", expected="--laps 1",
                              remedy="repeat the first row of the file as its last")
         self.plant, self._make = plant, TRACKERS[tracker] if isinstance(tracker, str) else tracker
-        self.cap = cap
+        self.cap, self.free = cap, inf
         self.clock: Callable[[], float] = lambda: 0.0
         """s that go on while the tracker thinks, as ``car.now``; may be set before the start."""
         self.silent: Callable[[], bool] = lambda: False
@@ -189,7 +190,7 @@ class Follower(Ending):
             self._end(f"the car did not come into the lane within {JOIN:g} m")
         elif self.tracker.why:
             self._end(self.tracker.why)
-        elif self._standing.stuck(t, motion.speed if self.cap > 0.0 else inf):
+        elif self._standing.stuck(t, motion.speed if min(self.cap, self.free) > 0.0 else inf):
             self._end(f"the car does not move, though asked to for {STUCK:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
@@ -210,14 +211,14 @@ class Follower(Ending):
         """Speed [m/s] that is wanted at an arc length [m]."""
         if self.phase is Phase.STOPPING:
             return self._speed
-        return max(min(self.profile.at(s), self.cap), CRAWL)
+        return max(min(self.profile.at(s), self.cap, self.free), CRAWL)
 
     def _wanted(self, motion: MotionEstimate) -> float:
         """Speed to ask for [m/s]."""
         if self.phase is Phase.STOPPING:
             return self._stops(motion)
         self._speed = min(self._pace(self.tracker.s), max(self.tracker.speed, CRAWL))
-        if self.cap <= 0.0:
+        if min(self.cap, self.free) <= 0.0:
             self._speed = 0.0
         if not self.path.closed:
             left = max(self.remaining, 0.0)

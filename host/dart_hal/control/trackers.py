@@ -7,23 +7,30 @@ for there:
     pose now --(transport [+ lag])--> pose then --> angle = bend of the path ahead + correction
 
 ``Pursuit`` corrects along the arc that meets the path a look-ahead away; ``Lqr`` (``lqr``) by a
-gain that weighs the offset against the speed of the wheels. ``contouring`` plans (``mpc``).
+gain that weighs the offset against the speed of the wheels. ``contouring`` plans (``mpc``), and
+``curvature_aware`` in two layers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import pi, remainder
 from typing import Any
 
 import numpy as np
 
+from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
+from dart_hal.control.curvature_aware.progress import Law
+from dart_hal.control.curvature_aware.two_layers import TwoLayers
+from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.on_path import OnPath, Tracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
+from dart_hal.errors import UsageError
 from dart_hal.types import MotionEstimate
 
 NEAR, PER_SPEED = 0.20, 0.15
@@ -82,16 +89,33 @@ class Lqr(OnPath):
         return self._command(motion, bend.angle - float(gain @ state))
 
 
-def contouring(path: Path, plant: Plant, **options: Any) -> Contouring:
+def contouring(path: Path, plant: Plant, *, compiled: bool = False,
+               **options: Any) -> Contouring[Mpcc]:
     """Contouring control, which brakes by the linear-quadratic tracker where it cannot go on;
-    options of ``Contouring``."""
-    return Contouring(path, plant, Lqr(path, plant), **options)
+    compiled: by generated C, where that can be had; options of ``Contouring``."""
+    safe = Lqr(path, plant)
+    if not compiled:
+        return Contouring(path, plant, safe, Mpcc, **options)
+    try:
+        return Contouring(path, plant, safe, partial(Mpcc, compiled=True), **options)
+    except UsageError as why:
+        tracker = Contouring(path, plant, safe, Mpcc, **options)
+        tracker.in_numpy = str(why)
+        return tracker
+
+
+def curvature_aware(path: Path, plant: Plant, *, law: Law = Law.CA,
+                    path_weights: PathWeights = TUNED, **options: Any) -> Contouring[TwoLayers]:
+    """The same by the two layers; path_weights of the path generator: TUNED, or ``PathWeights()``
+    as published."""
+    make = partial(TwoLayers, law=law, path_weights=path_weights)
+    return Contouring(path, plant, Lqr(path, plant), make, **options)
 
 
 Make = Callable[[Path, Plant], Tracker]
 """How a tracker is made."""
 TRACKERS: dict[str, Make] = {
-    "lqr": Lqr, "pursuit": Pursuit, "mpcc": contouring}
+    "lqr": Lqr, "pursuit": Pursuit, "mpcc": contouring, "ca-mpcc": curvature_aware}
 
 
 def uncompensated(plant: Plant) -> Plant:

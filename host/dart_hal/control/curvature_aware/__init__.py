@@ -5,8 +5,7 @@
     programme    least squares and rows through the stages: the quadratic programme of a step
     generator    high level: the path of the next 1.5 s within the lane
     follower     low level: throttle and steering that keep the car on it
-    two_layers   both for one sample, within its time
-    tracker      the plan as a tracker of ``control.follow``
+    two_layers   both for one sample, within its time: a planner as ``control.mpc`` has them
 
 L. Lyons, L. Ferranti, "Curvature-aware model predictive contouring control" (2023); problem and
 weights as they published them, the solver is that of ``control.mpc``.

@@ -66,6 +66,10 @@ class PathFollower:
         self._place[-1], self._turn[-1] = w.end_position, w.end_turn
         self._low, self._high = (np.repeat((limits.tau[i], limits.st[i]), STAGES) for i in (0, 1))
 
+    def turn_within(self, low: float, high: float) -> None:
+        """Ends of the steering from now on."""
+        self._low[STAGES:], self._high[STAGES:] = low, high
+
     def guess(self, way: Way, state: FloatArray, speed: float) -> Motion:
         """On the path, without slip, at a speed that comes to the wanted one."""
         p, v = self._vehicle, float(state[V_X])

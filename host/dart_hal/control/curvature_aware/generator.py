@@ -46,6 +46,7 @@ class PathWeights:
 
 TUNED = PathWeights(contour=10.0, lag=10.0)
 """With which the car does not cut the bends."""
+WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
 
 
 class Way(NamedTuple):

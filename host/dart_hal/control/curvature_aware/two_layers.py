@@ -8,11 +8,8 @@ layer, several for a first plan, ``budget`` s by ``clock``; the same outcomes, n
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,20 +17,18 @@ from dart_hal.control.curvature_aware.follower import FollowWeights, Motion, Pat
 from dart_hal.control.curvature_aware.generator import STAGES, Generator, PathWeights, S, Way
 from dart_hal.control.curvature_aware.lane import Bounds
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.mpc.iteration import FAR, ITERATIONS, Outcome, Plan
+from dart_hal.control.mpc.iteration import BEGINNING, ITERATIONS
 from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.obstacles import Corridor, Obstacle
+from dart_hal.control.mpc.planner import FAR, Aim, Outcome, Plan, Planner
 from dart_hal.control.mpc.problem import Limits
-from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
 from dart_hal.errors import UsageError
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-BEGINNING, STEPS = 8, 2
-"""Iterations of a first plan and of one that goes on."""
+STEPS = 2
+"""Iterations of a plan that goes on."""
 SLOWEST = 0.1
 """m/s; the way ahead must have a length."""
 
@@ -45,18 +40,10 @@ class TwoLayerPlan(Plan):
     way: Way
 
 
-class _Aim(NamedTuple):
-    t: float
-    state: FloatArray
-    s: float
-    speed: float
-    late: Callable[[], bool]
+class TwoLayers(Planner[TwoLayerPlan]):
+    """MPCC or CA-MPCC of one car on one path.
 
-
-class TwoLayers:
-    """MPCC or CA-MPCC of one car on one path; see ``Mpcc`` for what both have.
-
-    ``speed_of(s)``: set speed [m/s], asked where the car is; law, path_weights, follow_weights: as
+    The wanted speed is asked where the car is; law, path_weights, follow_weights: as
     published unless given. Raises UsageError for a path that the car does not turn, and for a lane
     wider than a bend's radius, beside which progress has no meaning.
     """
@@ -66,69 +53,28 @@ class TwoLayers:
                  path_weights: PathWeights | None = None,
                  follow_weights: FollowWeights | None = None, steps: int = STEPS,
                  iterations: int = ITERATIONS) -> None:
-        self.vehicle, self.speed_of = settled(vehicle), speed_of
-        self.limits = limits or Limits(tau=(-vehicle.motor.g, 1.0))
+        super().__init__(vehicle, path, speed_of, limits)
         _check(path, self.vehicle, self.limits)
-        self.reference = Reference(path)
         self.generator = Generator(law, path_weights or PathWeights(), self.reference,
                                    self.limits.lane)
         self.follower = PathFollower(self.vehicle, follow_weights or FollowWeights(), self.limits)
-        self.corridor = Corridor(self.limits.lane, path.length if path.closed else inf)
         self.steps, self.iterations = steps, iterations
-        self.budget = inf
-        self.clock: Callable[[], float] = lambda: 0.0
-        self.outcomes: Counter[Outcome] = Counter()
-        self.last: TwoLayerPlan | None = None
 
-    @property
-    def obstacles(self) -> tuple[Obstacle, ...]:
-        """What is to be passed; may be set at any time."""
-        return self.corridor.obstacles
+    def turn_within(self, low: float, high: float) -> None:
+        """See ``Planner``."""
+        self.follower.turn_within(low, high)
 
-    @obstacles.setter
-    def obstacles(self, obstacles: tuple[Obstacle, ...]) -> None:
-        self.corridor.obstacles = tuple(obstacles)
-
-    def reset(self) -> None:
-        """Forget the last plan."""
-        self.last = None
-
-    def plan(self, t: float, state: FloatArray, s: float,
-             before: tuple[float, float]) -> TwoLayerPlan:
-        """From the state (8,) at t [s], when the answer acts, at progress s [m]; before: the inputs
-        until then, which the published cost does not know."""
-        end = self.clock() + self.budget if self.budget < inf else inf
-        finite = bool(np.isfinite(state).all())
-        state = state if finite else np.zeros(8)
-        speed = max(float(self.speed_of(np.array([s]))[0]), SLOWEST)
-        aim = _Aim(t, state, s, speed, lambda: end < inf and self.clock() > end)
-        guess = self._shifted(aim)
-        if not finite:
-            return self._kept(replace(guess or self._guess(aim), outcome=Outcome.DIVERGED))
-        plan = self._iterated(guess, self.steps, aim) if guess else None
-        if guess is None or (plan is not None and plan.outcome is Outcome.DIVERGED):
-            self.outcomes[Outcome.DIVERGED] += plan is not None
-            guess = self._guess(aim)
-            plan = self._iterated(guess, BEGINNING, aim, anew=True)
-        return self._kept(plan or replace(guess, outcome=Outcome.LATE))
-
-    def _kept(self, plan: TwoLayerPlan) -> TwoLayerPlan:
-        self.outcomes[plan.outcome] += 1
-        self.last = None if plan.outcome is Outcome.DIVERGED else plan
-        return plan
-
-    def _iterated(self, plan: TwoLayerPlan, steps: int, aim: _Aim, *, anew: bool = False
-                  ) -> TwoLayerPlan | None:
-        """The path by so many steps, then the inputs by as many, anew from that path or from the
-        last ones; None where late."""
-        bounds = self._bounds(aim.t)
+    def _improved(self, plan: TwoLayerPlan, aim: Aim, *, anew: bool) -> TwoLayerPlan | None:
+        """The path by some steps, then the inputs by as many, anew from that path or from the last
+        ones; None where late."""
+        bounds, steps = self._bounds(aim.t), BEGINNING if anew else self.steps
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # it is looked at
                 way = self._generated(plan.way, steps, aim, bounds)
                 if way is None:
                     return None
                 within = bounds(aim.s + way.states[1:, S])
-                motion = (self.follower.guess(way, aim.state, aim.speed) if anew
+                motion = (self.follower.guess(way, aim.state, self._speed(aim)) if anew
                           else Motion(plan.states, plan.inputs[:2], plan.slopes))
                 moved = self._followed(motion, steps, aim, way, within)
         except np.linalg.LinAlgError:
@@ -138,22 +84,22 @@ class TwoLayers:
         blocked = within is not None and self.corridor.blocked
         return _plan(aim, way, moved, Outcome.BLOCKED if blocked else Outcome.SOLVED)
 
-    def _generated(self, way: Way, steps: int, aim: _Aim,
+    def _generated(self, way: Way, steps: int, aim: Aim,
                    bounds: Callable[[FloatArray], Bounds | None]) -> Way | None:
         first = self.generator.first(aim.state, aim.s)
         for _ in range(steps):
-            better = self.generator.step(way, first, aim.s, aim.speed, bounds, self.iterations,
-                                         aim.late)
+            better = self.generator.step(way, first, aim.s, self._speed(aim), bounds,
+                                         self.iterations, aim.late)
             if better is None:
                 return None
             way = better
             _near(way.states)
         return way
 
-    def _followed(self, motion: Motion, steps: int, aim: _Aim, way: Way,
+    def _followed(self, motion: Motion, steps: int, aim: Aim, way: Way,
                   within: Bounds | None) -> Motion | None:
         for _ in range(steps):
-            better = self.follower.step(motion, aim.state, way, aim.speed, within,
+            better = self.follower.step(motion, aim.state, way, self._speed(aim), within,
                                         self.iterations, aim.late)
             if better is None:
                 return None
@@ -161,27 +107,31 @@ class TwoLayers:
             _near(motion.states)
         return motion
 
+    def _speed(self, aim: Aim) -> float:
+        """The set speed [m/s] where the car is."""
+        return max(float(self.speed_of(np.array([aim.s]))[0]), SLOWEST)
+
     def _bounds(self, t: float) -> Callable[[FloatArray], Bounds | None]:
         times = t + STAGE * np.arange(1.0, STAGES + 1.0)
         if not self.obstacles:
             return lambda s: None
         return lambda s: self.corridor.bounds(s + self.vehicle.body.l_r, times)
 
-    def _shifted(self, aim: _Aim) -> TwoLayerPlan | None:
-        last = self.last
-        by = round((aim.t - last.t) / STAGE) if last else -1
+    def _shifted(self, aim: Aim) -> TwoLayerPlan | None:
+        last, by = self.last, self._stages_since(aim)
         if last is None or not 0 <= by < STAGES:
             return None
         motion = self.follower.shifted(Motion(last.states, last.inputs[:2], last.slopes), by)
-        way = self.generator.shifted(last.way, aim.s, aim.speed, by)
+        way = self.generator.shifted(last.way, aim.s, self._speed(aim), by)
         return _plan(aim, way, motion, last.outcome)
 
-    def _guess(self, aim: _Aim) -> TwoLayerPlan:
-        way = self.generator.guess(self.generator.first(aim.state, aim.s), aim.s, aim.speed)
-        return _plan(aim, way, self.follower.guess(way, aim.state, aim.speed), Outcome.SOLVED)
+    def _guess(self, aim: Aim) -> TwoLayerPlan:
+        speed = self._speed(aim)
+        way = self.generator.guess(self.generator.first(aim.state, aim.s), aim.s, speed)
+        return _plan(aim, way, self.follower.guess(way, aim.state, speed), Outcome.SOLVED)
 
 
-def _plan(aim: _Aim, way: Way, motion: Motion, outcome: Outcome) -> TwoLayerPlan:
+def _plan(aim: Aim, way: Way, motion: Motion, outcome: Outcome) -> TwoLayerPlan:
     s = way.states[:, S]
     inputs = np.vstack([motion.inputs, np.diff(s) / STAGE])
     return TwoLayerPlan(aim.t, motion.states, aim.s + s, inputs, outcome, motion.slopes, way)
@@ -208,4 +158,4 @@ def _check(path: Path, p: Vehicle, limits: Limits) -> None:
         raise UsageError("the lane is wider than a bend's radius, so that it has no inside",
                          found=f"{limits.lane:g} m to either side, a radius of {radius:.3f} m",
                          expected="a lane narrower than the tightest bend",
-                         remedy=f"Limits(lane={0.5 * radius:.2f}), or a wider bend")
+                         remedy=f"a lane of {0.5 * radius:.2f} m, or a wider bend")

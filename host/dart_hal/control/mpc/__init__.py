@@ -6,9 +6,10 @@
     problem      weights and limits: the quadratic programme of one iteration
     admm         its solution
     generated    stages and solution in C, where the extra ``mpc`` and a compiler are there
-    iteration    shift, linearise, solve, step: the plan of one sample, within its time
+    planner      a plan for each sample, within its time: what every planner is
+    iteration    shift, linearise, solve, step: contouring control
     disturbance  what the steering does beside the model, learnt: offset-free control
-    tracker      the plan as a tracker of ``dart-hal follow``
+    tracker      a planner as a tracker of ``dart-hal follow``
 
 A. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",
 Optimal Control Applications and Methods 36 (2015), for the contouring errors; M. Diehl et al.,

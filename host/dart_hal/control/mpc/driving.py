@@ -7,7 +7,7 @@ from math import tan
 
 import numpy as np
 
-from dart_hal.control.mpc.iteration import Outcome
+from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.plant import Plant, Where
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled

@@ -18,9 +18,10 @@ from dart_hal.types import FloatArray
 
 RAMP = 0.4
 """m across for 1 m along: at 2 m/s within the curvature that the car turns."""
-HALF_LENGTH, HALF_WIDTH, MARGIN = 0.15, 0.10, 0.10
-"""m of the body, and beyond: the corners of a body that is turned by 0.2 rad reach
-3 cm further, a controller errs by 2."""
+HALF_LENGTH, HALF_WIDTH, MARGIN = 0.15, 0.10, 0.12
+"""m of the body, and beyond: 5 cm of air; 2.5 for the corners of a body that is turned by 0.17 rad;
+1.5 by which a bend of 0.75 m leaves its straight side (0.15^2 / 1.5 m); three of the 1.0 cm by
+which a car with 1 cm of pose noise errs there, as two of them are passed once in fifty."""
 BESIDE = 0.05
 """m of way more than R for which the whole distance is kept."""
 SEEN = 3.0
@@ -80,9 +81,19 @@ class Corridor:
     def __init__(self, lane: float, length: float = inf) -> None:
         """length [m]: of a closed path, on which an obstacle is met once a lap."""
         self.lane, self._length = lane, length
-        self.obstacles: tuple[Obstacle, ...] = ()
+        self._obstacles: tuple[Obstacle, ...] = ()
         self.blocked = False
         self._sides: dict[Obstacle, float] = {}
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What takes of it; may be set at any time."""
+        return self._obstacles
+
+    @obstacles.setter
+    def obstacles(self, obstacles: tuple[Obstacle, ...]) -> None:
+        self._obstacles = obstacles
+        self._sides = {o: side for o, side in self._sides.items() if o in obstacles}
 
     def bounds(self, s: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(low, high) [m] of the error across for the car's middle at progresses s [m], times t.

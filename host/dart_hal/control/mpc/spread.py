@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.control.mpc.iteration import Plan
+from dart_hal.control.mpc.planner import Plan
 from dart_hal.types import FloatArray
 
 KNOWN = (0, 1, 2, 3, 5)

@@ -1,4 +1,4 @@
-"""Contouring control as a tracker: a plan each 0.1 s, whose first steering is held until the next.
+"""A planner as a tracker: a plan each 0.1 s, whose first steering is held until the next.
 
 The plan begins at the pose that is predicted for the time at which its answer acts, with the
 model's slip there. The car's speed loop drives: it is given the speed that the plan has a little
@@ -11,9 +11,10 @@ What the car passes is given as discs; how near it came to each, by its own esti
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import cos, inf, sin
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,9 +27,9 @@ from dart_hal.control.mpc.driving import (
     vehicle_of,
     why_of,
 )
-from dart_hal.control.mpc.iteration import Mpcc, Outcome, Plan
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
+from dart_hal.control.mpc.planner import Outcome, Plan, Planner
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.mpc.spread import across
 from dart_hal.control.on_path import OnPath
@@ -45,8 +46,13 @@ EDGE = 0.04
 car errs by 2 to 3 cm beside one."""
 SHOWN = 10
 """Plans from one that is kept to be drawn to the next: 1 s."""
+OUTCOMES = tuple(Outcome)
+"""How a plan came about, by its place, as it is recorded."""
 GRIP = 0.8
 """Of the most that the tyres hold across, by the model."""
+
+
+PlannerT = TypeVar("PlannerT", bound=Planner[Any])
 
 
 class Shown(NamedTuple):
@@ -57,19 +63,22 @@ class Shown(NamedTuple):
     std: FloatArray
 
 
-class Contouring(OnPath):
-    """See ``Tracker``. ``mpcc``: the controller, its obstacles may be set; ``plan``: the last;
+class Contouring(OnPath, Generic[PlannerT]):
+    """See ``Tracker``. ``mpcc``: the planner, its obstacles may be set; ``plan``: the last;
     ``shown``: one of ten; ``air`` [m]: the least beside each disc; ``in_numpy``: why there is no C.
     """
 
-    def __init__(self, path: Path, plant: Plant, safe: OnPath, discs: tuple[Disc, ...] = (),
-                 compiled: bool = False, lane: float = LANE) -> None:
-        """discs: what is to be passed, from the first answer on; compiled: by generated C, where
-        that can be had; lane [m] to either side."""
+    def __init__(self, path: Path, plant: Plant, safe: OnPath, make: Callable[..., PlannerT],
+                 discs: tuple[Disc, ...] = (), lane: float = LANE) -> None:
+        """make: the planner of a vehicle, a path, the speed that is wanted there, and limits;
+        discs: what is to be passed, from the first answer on; lane [m] to either side. Raises
+        UsageError as the planner."""
         super().__init__(path, plant)
         self._vehicle = vehicle_of(plant)
-        self.mpcc, self.in_numpy = self._controller(compiled, lane)
+        self.mpcc = make(self._vehicle, path, self._paces, replace(_limits(plant), lane=lane))
+        self.in_numpy = ""
         self.discs, self.air = discs, [inf] * len(discs)
+        self._still: tuple[Obstacle, ...] = ()
         self.shown: list[Shown] = []
         self.mpcc.budget = BUDGET
         self.plan: Plan | None = None
@@ -101,13 +110,14 @@ class Contouring(OnPath):
         if motion.t > self._due - 1e-6:
             self._due = motion.t + STAGE
             self.plan = self._planned(motion)
+            self.told = {"outcome": np.array([float(OUTCOMES.index(self.plan.outcome))])}
             if self.why:
                 return self._safe.steer(motion)
             self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             std = across(self.plan, motion.cov)
-            self.told = {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
-                         "steering": self.plan.inputs[1], "std": std}
+            self.told |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
+                          "steering": self.plan.inputs[1], "std": std}
             if self._count % SHOWN == 0:
                 self.shown.append(Shown(x, y, std))
             self._count += 1
@@ -115,21 +125,18 @@ class Contouring(OnPath):
             self.speed = float(self.plan.at(motion.t + REACH)[3])
         return self._turned(motion)
 
-    def _controller(self, compiled: bool, lane: float) -> tuple[Mpcc, str]:
-        """It, and why it is on numpy though C was asked for."""
-        limits, said = replace(_limits(self.plant), lane=lane), ""
-        try:
-            return Mpcc(self._vehicle, self.path, self._paces, limits, compiled=compiled), said
-        except UsageError as why:
-            return Mpcc(self._vehicle, self.path, self._paces, limits), str(why)
+    def pass_by(self, others: tuple[Obstacle, ...]) -> None:
+        """What is to be passed from now on, beside the discs."""
+        self.mpcc.obstacles = (*self._still, *others)
 
     def _watch(self, motion: MotionEstimate) -> None:
         """The discs begin to move with the first answer; how near the body is to each."""
-        if self.discs and not self.mpcc.obstacles:
-            self.mpcc.obstacles = tuple(d.beside(self.path, motion.t) for d in self.discs)
+        if self.discs and not self._still:
+            self._still = tuple(d.beside(self.path, motion.t) for d in self.discs)
+            self.pass_by(())
         pose, ahead = motion.pose, self._vehicle.body.l_r
         x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
-        for k, o in enumerate(self.mpcc.obstacles[:len(self.air)]):
+        for k, o in enumerate(self._still):
             self.air[k] = min(self.air[k], air(x, y, pose.yaw, o, self.path, motion.t))
 
     def _turned(self, motion: MotionEstimate) -> float:
@@ -148,8 +155,8 @@ class Contouring(OnPath):
         state = first_state(self.plant, where, self._vehicle.body.l_r, tau, acts(where.servo))
         sent = float(plan.inputs[0, 0]) if plan else tau
         low, high = self.mpcc.limits.st
-        self.mpcc.problem.turn_within(acts(low), acts(high))
-        found = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
+        self.mpcc.turn_within(acts(low), acts(high))
+        found: Plan = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
         self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
         self.why = why_of(found.outcome, self._missed)
         return found

@@ -1,0 +1,146 @@
+"""The ESC's pin of an emulated car whose plans fail while it drives."""
+
+from __future__ import annotations
+
+from itertools import count
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.mpc import driving, tracker
+from dart_hal.control.mpc.obstacles import Obstacle
+from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.paths import Path
+from dart_hal.control.plant import plant_of
+from dart_hal.errors import UsageError
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+
+NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040
+SPOILT, AFTER = 1.5, 2.0  # s from the first motion on, s that are looked at
+GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it asks for half the speed
+LATE = "no plan within 0.05 s, 4 times in a row"
+
+
+def late(mpcc):
+    """Each look at the clock takes a second."""
+    ticks = count()
+    mpcc.clock = lambda: float(next(ticks))
+
+
+def blocked(mpcc):
+    """A disc in the middle, 2.5 m ahead."""
+    mpcc.obstacles = (Obstacle(mpcc.last.s[0] + 2.5, 0.0, 0.25),)
+
+
+def diverged(mpcc):
+    """States that are no numbers."""
+    plan = mpcc.plan
+    mpcc.plan = lambda t, state, *rest: plan(t, nan * state, *rest)
+
+
+def driven(name, spoil):
+    """(follower, [(t after the plans ceased [s], pulse [us], true speed [m/s])], ranks that were
+    told of plans)."""
+    backend = open_backend("sim://?nano=mock&mocap=1")
+    world, seen, ceased, told = world_of(backend), [], None, []
+    world.watchers.append(lambda channel, pulse: seen.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]), world.truth().v_x)) if channel == 1 else None)
+    with Car.over(backend) as car:
+        follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, name,
+                            Rules(here=True))
+        car.arm()
+        moved = None
+        for state in car.states(duration=15.0):
+            steering, speed = follower.answer(state.estimate.at(car.now))
+            told.extend(follower.tracker.told.get("outcome", ()))
+            moved = state.t if moved is None and state.speed > 0.1 else moved
+            if ceased is None and moved is not None and state.t > moved + SPOILT:
+                ceased = world.t
+                spoil(follower.tracker.mpcc)
+            if follower.phase is Phase.ENDED or (ceased and world.t > ceased + AFTER):
+                break
+            car.drive_speed(steering=steering, speed=speed)
+        car.stop()
+        for _ in car.states(duration=0.3):
+            pass
+    return follower, np.array([(t - ceased, width, v) for t, width, v in seen if t > ceased]), told
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
+    ("mpcc", late, LATE, Outcome.LATE), ("ca-mpcc", late, LATE, Outcome.LATE),
+    ("mpcc", blocked, "obstacles leave no way within the lane", Outcome.BLOCKED),
+    ("mpcc", diverged, "the plan diverged", Outcome.DIVERGED)])
+def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
+    """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before. What
+    it was is counted, and told for the recording."""
+    follower, rows, told = driven(name, spoil)
+    assert follower.why == why
+    assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is Outcome.LATE else 1)
+    assert told[-1] == tracker.OUTCOMES.index(outcome)
+    assert told[0] == tracker.OUTCOMES.index(Outcome.SOLVED)
+    t, width, speed = rows.T
+    driving = width[t < 0.1].max()
+    assert driving > NEUTRAL_US + 50.0
+    assert (width[t > GONE] < driving - 20.0).all()
+    assert speed[-1] < 0.5
+    assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("name", ["mpcc", "ca-mpcc"])
+def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch):
+    """The control."""
+    monkeypatch.setattr(driving, "LATEST", inf)
+    follower, rows, _ = driven(name, late)
+    assert follower.why == ""
+    t, width, _ = rows.T
+    assert width[(t > GONE) & (t < AFTER)].max() > NEUTRAL_US + 50.0
+
+
+def started(beside):
+    """(follower or the refusal, [(t, us)]) of a car that stands so many m beside the path."""
+    backend, seen = open_backend("sim://?nano=mock"), []
+    world_of(backend).watchers.append(lambda channel, pulse: seen.append(
+        (pulse[1], 1e6 * (pulse[1] - pulse[0]))) if channel == 1 else None)
+    with Car.over(backend) as car:
+        path = Path([(6.0, 0.0)], closed=False, start=(0.0, beside, 0.0))
+        follower, armed = Follower(path, plant_of(car.files), 1.0, "mpcc",
+                                   Rules(odometry=True)), False
+        try:
+            for state in car.states(duration=15.0):
+                steering, speed = follower.answer(state.estimate.at(car.now))
+                if follower.phase is Phase.ENDED:
+                    break
+                if not armed:
+                    armed = True
+                    car.arm()
+                car.drive_speed(steering=steering, speed=speed)
+        except UsageError as why:
+            follower = why
+        car.stop()
+        for _ in car.states(duration=0.3):
+            pass
+    return follower, np.array(seen)
+
+
+@pytest.mark.more
+def test_a_start_outside_the_lane_comes_into_it_and_ends_at_neutral():
+    follower, pulses = started(0.5)
+    assert follower.why == "the path is driven"
+    offset = follower.driven.table[:, 3]
+    assert abs(offset[0]) > 0.45
+    assert abs(offset[-1]) < 0.03
+    t, width = pulses.T
+    assert width.max() > NEUTRAL_US + 50.0
+    assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
+
+
+def test_one_that_is_further_away_never_drives():
+    refused, pulses = started(1.2)
+    assert "1.20 m away from the path" in str(refused)
+    assert (np.abs(pulses[:, 1] - NEUTRAL_US) <= NEAR_US).all()

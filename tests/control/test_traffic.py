@@ -1,0 +1,236 @@
+"""Other cars on a path: passed, waited for, or none of its business."""
+
+from __future__ import annotations
+
+from math import cos, inf, pi, sin
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tests.control.follow_figures import write_files
+from tests.control.light_follow import LATER, light_drive, plant_by
+from tests.control.test_mpc import TRACK
+
+from dart_hal.car import Car, Fleet, join
+from dart_hal.car.others import Others
+from dart_hal.control import traffic as law
+from dart_hal.control.follow import Follower, Phase, Rules
+from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.paths import Path
+from dart_hal.control.plant import plant_of
+from dart_hal.control.traffic import Neighbour, Traffic, Wait
+from dart_hal.links.base import open_backend
+from dart_hal.sim.truth import world_of
+from dart_hal.types import Pose, pose_cov
+
+REAR = 0.09
+STRAIGHT = Path([(9.0, 0.0)], closed=False)
+
+
+def at(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
+    """A car whose middle is there."""
+    spot = path.at(s)
+    yaw = spot.heading + turn
+    x, y = spot.x - offset * sin(spot.heading), spot.y + offset * cos(spot.heading)
+    return Neighbour("red", Pose(x - REAR * cos(yaw), y - REAR * sin(yaw), yaw,
+                                 pose_cov(std, std)), **{"speed": 0.0, "age": 0.0, "lost": False,
+                                                         **of})
+
+
+def judged(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
+    found = Traffic(path, 0.3, REAR, passes)
+    found.judge(0.0, s, speed, others)
+    return found
+
+
+@pytest.mark.parametrize("turn", [0.0, pi / 2, pi])
+def test_one_in_the_middle_is_waited_for(turn):
+    """Its disc, the own front, and the air between."""
+    found = judged(at(3.0, 0.02, turn))
+    assert (found.wait, found.who, found.obstacles) == (Wait.BEHIND, "red", ())
+    assert found.room == pytest.approx(2.0 - REAR - law.RADIUS - 0.15 - law.GAP, abs=0.01)
+    assert 0.5 < found.speed < 1.5
+
+
+@pytest.mark.parametrize(("offset", "passed"), [(0.2, True), (-0.3, True), (0.45, False)])
+def test_one_beside_the_middle_is_passed_or_nothing(offset, passed):
+    found = judged(at(3.0, offset, speed=0.5))
+    assert (found.wait, found.speed) == (Wait.FREE, inf)
+    assert [o.offset for o in found.obstacles] == pytest.approx([offset] * passed, abs=0.01)
+    assert [o.speed for o in found.obstacles] == [0.5] * passed
+
+
+def test_a_tracker_that_passes_nobody_waits():
+    assert judged(at(3.0, 0.2), passes=False).wait is Wait.BEHIND
+
+
+def test_one_that_was_not_heard_stands_where_it_was_and_is_not_passed():
+    found = judged(at(3.0, 0.2, speed=2.0, age=60.0, lost=True))
+    assert (found.wait, found.obstacles) == (Wait.LOST, ())
+    assert found.room < 2.0
+
+
+def test_one_that_is_heard_is_where_it_has_driven_since():
+    still, on = judged(at(2.5, 0.0)), judged(at(2.5, 0.0, speed=1.0, age=0.3))
+    assert on.room == pytest.approx(still.room + 0.3, abs=0.01)
+
+
+def test_doubt_of_its_place_takes_room():
+    assert judged(at(3.0, 0.0, std=0.1)).room == pytest.approx(judged(at(3.0, 0.0)).room - 0.2,
+                                                               abs=0.01)
+
+
+def test_behind_the_car_in_the_next_lane_and_beyond_the_end_is_nobody():
+    """x = 3 and x = 4.5 are lanes of the track 1.5 m apart."""
+    assert judged(at(0.6, 0.0)).wait is Wait.FREE
+    assert judged(at(3.0, 1.5)).wait is Wait.FREE
+    past = Neighbour("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
+    assert judged(past, s=8.5, path=STRAIGHT).wait is Wait.FREE
+
+
+def test_over_the_start_of_a_lap_it_is_seen():
+    assert judged(at(TRACK.length + 0.5, 0.0), s=TRACK.length - 1.0).wait is Wait.BEHIND
+
+
+def test_it_stands_before_the_room_ends_and_starts_for_more_than_that():
+    found = judged(at(1.6, 0.0))
+    assert found.speed == 0.0
+    found.judge(1.0, 1.0, 0.0, [at(1.75, 0.0)])
+    assert found.speed == 0.0
+    found.judge(2.0, 1.0, 0.0, [at(3.0, 0.0)])
+    assert found.speed > 0.5
+    assert found.seconds[Wait.BEHIND] == pytest.approx(2.0)
+
+
+class Drive:
+    """Two emulated cars of one world on a straight. ``lead(t)``: speed [m/s] of the one ahead,
+    None: its program has ended. ``rows``: t, true x of both, at each State; ``pulses``: t, us at
+    the ESC of the own car; times from when the cars are armed. cars: a folder for their
+    calibrations."""
+
+    def __init__(self, lead, *, beside=0.0, room="", tracker="mpcc", seconds=9.0, blind=False,
+                 cars=None):
+        self.pulses, rows, backends = [], [], []
+        for seed, x, y in ((1, 0.0, 0.0), (2, 2.5, beside)):
+            backends.append(open_backend(f"sim://?seed={seed}&nano=mock&mocap=1&world=traffic&"
+                                         f"at={x},{y},0"))
+        worlds = [world_of(backend) for backend in backends]
+        worlds[0].watchers.append(lambda channel, pulse: self.pulses.append(
+            (pulse[1], 1e6 * (pulse[1] - pulse[0]))) if channel == 1 else None)
+        for seed in (1, 2) if cars else ():
+            write_files(f"sim://?seed={seed}&nano=mock&mocap=1", seed, cars)
+        with Fleet([Car.over(backend, cars=cars) for backend in backends]) as fleet:
+            own, other = fleet.cars
+            fleet.members = tuple(join(car, f"local://traffic{room}", name=name)
+                                  for car, name in zip(fleet.cars, ("own", "red"), strict=True))
+            self.follower = Follower(STRAIGHT, plant_of(own.files), 1.0, tracker, Rules(here=True))
+            self.others = Others(fleet.members[0], self.follower)
+            fleet.arm()
+            begun = own.now
+            for states in fleet.states(duration=seconds):
+                motion = states[0].estimate.at(own.now)
+                if not blind:
+                    self.others.look(motion)
+                steering, speed = self.follower.answer(motion)
+                if self.follower.phase is Phase.ENDED:
+                    break
+                own.drive_speed(steering=steering, speed=speed)
+                ahead = lead(own.now - begun)
+                if ahead is None:
+                    fleet.members[1].close()
+                else:
+                    other.drive_speed(steering=0.0, speed=ahead)
+                rows.append((own.now - begun, worlds[0].truth().x, 2.5 + worlds[1].truth().x))
+            self.contacts = fleet.contacts
+        self.rows, self.pulses = np.array(rows), np.array(self.pulses) - (begun, 0.0)
+
+    def pulled(self, since, until):
+        """Most us above neutral at the ESC between two times [s]."""
+        t, width = self.pulses.T
+        return float((width[(t > since) & (t < until)] - 1500.0).max())
+
+
+def stands(t):
+    return 0.0
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("tracker", ["mpcc", "lqr"])
+def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
+    """At rest at neutral, with air; the follower is not stuck, and named is whom it waits for."""
+    drive = Drive(stands, tracker=tracker)
+    assert not drive.contacts
+    assert drive.follower.why == ""
+    assert (drive.others.traffic.wait, drive.others.traffic.who) == (Wait.BEHIND, "red")
+    t, own, red = drive.rows.T
+    assert 0.40 < red[-1] - own[-1] < 0.85
+    assert drive.pulled(t[-1] - 3.0, t[-1]) < 5.0
+    assert drive.pulled(0.0, 3.0) > 50.0
+
+
+@pytest.mark.more
+def test_who_is_not_told_of_it_drives_into_it():
+    """The control."""
+    assert Drive(stands, blind=True, seconds=5.0).contacts
+
+
+@pytest.mark.more
+def test_it_starts_again_behind_one_that_goes_on():
+    drive = Drive(lambda t: 0.0 if t < 5.0 else 0.6)
+    t, own, red = drive.rows.T
+    assert not drive.contacts
+    assert own[-1] - own[t < 5.0][-1] > 0.8
+    assert (red - own).min() > 0.40
+    assert drive.pulled(4.5, 5.0) < 5.0
+
+
+@pytest.mark.more
+def test_one_beside_the_middle_is_passed(tmp_path):
+    drive = Drive(stands, beside=0.25, cars=tmp_path)
+    assert not drive.contacts
+    assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
+    assert drive.rows[-1, 1] > 4.5
+    assert drive.others.traffic.seconds[Wait.BEHIND] == 0.0
+
+
+@pytest.mark.more
+def test_but_not_where_nobody_knows_where_its_marker_sits():
+    """15 cm, twice, are no way."""
+    drive = Drive(stands, beside=0.25, seconds=5.0)
+    assert not drive.contacts
+    assert drive.others.traffic.wait is Wait.BEHIND
+
+
+@pytest.mark.more
+def test_one_that_falls_silent_is_waited_for_where_it_was():
+    """It drives on, unheard: nobody knows, so the own car stands behind its last place."""
+    drive = Drive(lambda t: 0.6 if t < 2.0 else None)
+    assert drive.others.traffic.wait is Wait.LOST
+    t, own, red = drive.rows.T
+    assert own[-1] < red[t < 2.0][-1] - 0.3
+    assert drive.pulled(t[-1] - 2.0, t[-1]) < 5.0
+    assert drive.others.traffic.seconds[Wait.LOST] > 3.0
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("room", ["?loss=0.5&seed=1", "?delay=0.05&jitter=0.1&twice=0.2&seed=1"])
+def test_through_loss_and_disorder_nobody_is_touched(room):
+    """Frames that are lost, late, overtaken or come twice."""
+    drive = Drive(lambda t: 0.6 if t < 4.0 else 0.0, room=room)
+    assert not drive.contacts
+    assert (drive.rows[:, 2] - drive.rows[:, 1]).min() > 0.40
+    assert drive.rows[-1, 1] > 1.0
+
+
+def test_another_frame_ends_the_drive():
+    told = {"red": SimpleNamespace(frame="start")}
+    follower = Follower(STRAIGHT, plant_by(LATER), 1.0)
+    others = Others(SimpleNamespace(other_poses=lambda: told), follower)
+
+    def each(t, follower, motion):
+        others.look(motion)
+        return motion
+
+    light_drive(follower, each=each, seconds=5.0)
+    assert follower.why == "red tells its place in the frame 'start', this car in 'room'"
+    assert not follower.good
