@@ -25,7 +25,7 @@ FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-
          "--disable-background-networking", "--disable-component-update", "--disable-sync",
          "--hide-scrollbars")
 SIZES = {"view_desk": (1280, 800), "view_phone": (390, 844)}
-URL = "sim://?nano=mock&pace=1&lidar=1&map=track"
+URL = "sim://?nano=mock&pace=1&lidar=1&map=track&camera=top"
 
 
 def browser() -> webdriver.Chrome:

@@ -10,6 +10,7 @@ import click
 from dart_hal.car import Car
 from dart_hal.cli.options import (
     Number,
+    camera_option,
     car_options,
     json_option,
     lidar_option,
@@ -35,12 +36,13 @@ from dart_hal.localisation.grid import lines_of_grid, read_grid
               help="write the run to this MCAP file")
 @poses_option
 @lidar_option
+@camera_option
 @map_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
             port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
-            record: Path | None, poses: str | None, lidar: str | None, chart: Path | None,
-            as_json: bool) -> None:
+            record: Path | None, poses: str | None, lidar: str | None, camera: str | None,
+            chart: Path | None, as_json: bool) -> None:
     """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
 
     Everybody who opens it may stop the car; who has the token may drive it, one at a time.
@@ -49,7 +51,7 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
         play(run, port, lan, duration or inf, as_json)
         return
     lines = None if chart is None else lines_of_grid(read_grid(chart))
-    with opened(paced(url), car_name, cars, record, poses, lidar) as car:
+    with opened(paced(url), car_name, cars, record, poses, lidar, camera) as car:
         car.raise_on_trip = False  # the page says what tripped it
         with car.view(port=port, lan=lan, drives=car.drives, lines=lines, waive=waive,
                       max_throttle=max_throttle) as page:

@@ -199,6 +199,12 @@ class Desk:
         while self._said:
             yield self.refusal(self._said.popleft())
 
+    def picture(self) -> bytes | None:
+        """The camera's newest image, JPEG."""
+        with self._lock:
+            image = None if self._state is None else self._state.image
+        return None if image is None else image.jpeg
+
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""
         return _json({"type": "said", "text": why}).decode()

@@ -21,7 +21,8 @@ def begin(car: Car, lines: FloatArray | None, drives: bool) -> dict[str, Any]:
     """Once for each page: who the car is, and the map (m, 4) [m] it drives in."""
     limits = car.files.config.limits
     told = {"type": "begin", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
-            "drives": drives, "lock": limits.max_steering, "notices": list(car.notices)}
+            "drives": drives, "camera": car.has_camera, "lock": limits.max_steering,
+            "notices": list(car.notices)}
     if lines is not None:
         told["map"] = lines[:MOST_LINES].round(2).tolist()
     return told
@@ -39,9 +40,18 @@ def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
             "link": {"lost": timing.lost, "damaged": timing.damaged,
                      "age_ms": round(1e3 * timing.link_age, 1)},
             "loop": {"p99_ms": _ms(timing.p99), "late": timing.late, "skipped": timing.skipped},
+            "camera": camera(car, state) if car.has_camera else None,
             "pose_age": None if external is None or external.age > 1e6 else round(external.age, 3),
             "refusals": [refusal(name) for name in car.refusals()] if car.mode in IDLE else [],
             "trips": trips(car), "cautions": [str(c) for c in car.cautions], **extra}
+
+
+def camera(car: Car, state: State) -> dict[str, Any]:
+    """How its images come: when the newest was taken [s], pace [1/s], what to look at."""
+    health, trouble = car.camera_health, car.camera_trouble
+    told = trouble.what if trouble else "; ".join(health.sentences() if health else ())
+    return {"t": state.image and round(state.image.t, 3),
+            "rate": health and round(health.rate, 1), "told": told}
 
 
 def refusal(name: str) -> dict[str, str]:

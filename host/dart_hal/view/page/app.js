@@ -30,6 +30,7 @@
       $("wheel").hidden = !message.drives;
       $("wheel").style.display = message.drives ? "" : "none";
       if (message.map) Floor.map(message.map);
+      Camera.begin(message.camera);
       message.notices.forEach(say);
     },
     rows(message) {
@@ -91,6 +92,7 @@
     $("unlock").hidden = !mine || mode !== "LOCKED";
     $("link").textContent = `${s.link.age_ms} ms, ${s.pages} page${s.pages === 1 ? "" : "s"}`;
     numbers(s);
+    Camera.status(s.camera, s.t);
     trouble([...(s.trouble ? [{ name: "link lost", text: s.trouble, remedy: "" }] : []), ...(s.trips ? [s.trips] : []), ...s.refusals]);
     $("record").hidden = !("recording" in s) || !mine;
     if (!$("record").hidden) { $("record").classList.toggle("on", Boolean(s.recording)); $("record").textContent = s.recording ? `Stop recording ${s.recording}` : "Record"; }
