@@ -25,6 +25,8 @@ FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-
          "--disable-background-networking", "--disable-component-update", "--disable-sync",
          "--hide-scrollbars")
 SIZES = {"view_desk": (1280, 800), "view_phone": (390, 844)}
+TRIES = 5
+"""Presses of Arm: on a busy computer frames come late, and arming is refused."""
 URL = "sim://?nano=mock&pace=1&lidar=1&map=track&camera=top"
 
 
@@ -43,13 +45,13 @@ def shoot(url: str, folder: Path) -> None:
     try:
         resize(window, SIZES["view_desk"])
         window.get(url)
-        for name, says in (("take", "DISARMED"), ("arm", "DISARMED")):
-            while window.find_element("id", "mode").text != says:
-                time.sleep(0.1)
-            time.sleep(1.0)
-            window.find_element("id", name).click()
-        while window.find_element("id", "mode").text != "ARMED":
-            time.sleep(0.1)
+        reaches(window, "DISARMED", 30.0)
+        window.find_element("id", "take").click()
+        for _ in range(TRIES):
+            reaches(window, "DISARMED", 30.0)
+            window.find_element("id", "arm").click()
+            if reaches(window, "ARMED", 8.0):
+                break
         hand = webdriver.ActionChains(window)
         hand.move_to_element(window.find_element("id", "stick")).click_and_hold()
         hand.move_by_offset(-30, -50).perform()
@@ -60,6 +62,16 @@ def shoot(url: str, folder: Path) -> None:
             window.save_screenshot(str(folder / f"{name}.png"))
     finally:
         window.quit()
+
+
+def reaches(window: webdriver.Chrome, mode: str, within: float) -> bool:
+    """Whether the page shows that mode within so many s."""
+    until = time.monotonic() + within
+    while time.monotonic() < until:
+        if window.find_element("id", "mode").text == mode:
+            return True
+        time.sleep(0.1)
+    return False
 
 
 def shoot_fleet(folder: Path) -> None:
