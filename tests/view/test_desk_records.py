@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+import resource
+from contextlib import contextmanager
+
 from at_the_desk import AtTheDesk
 
 from dart_hal.car import Car
+from dart_hal.recording.run import RunReader
 from dart_hal.view import messages as m
+
+
+@contextmanager
+def room_for(size):
+    """No file of this process grows beyond ``size`` bytes: the kernel refuses the rest."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
@@ -32,6 +47,25 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
         at.drive(0.5, lambda t: at.hold())
         assert any("no recording" in text for text in at.said())
         assert at.driving(at.now() - 0.1), "it drives on"
+
+
+def test_a_disk_that_fills_up_is_said_and_the_car_drives_on(tmp_path):
+    with AtTheDesk(folder=tmp_path) as at:
+        at.take_and_arm()
+        at.say("one", m.Record(True))
+        at.drive(0.2, lambda t: at.hold())
+        with room_for(60_000):
+            at.drive(1.5, lambda t: at.hold())
+            status = [one for one in at.told if one["type"] == "status"][-1]
+        assert "large" in status["trouble"]  # "File too large": what the kernel said
+        assert at.car.mode == "ARMED"
+        assert at.driving(at.now() - 0.1), "it drives on"
+        at.say("one", m.Record(False))
+        at.drive(0.3, lambda t: at.hold())
+        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""
+        (path,) = tmp_path.glob("run_*.mcap")
+    assert path.stat().st_size <= 60_000
+    assert not RunReader(path).damaged, "what fitted can be read"
 
 
 def test_numbers_that_the_program_logs_are_told_when_they_change():
