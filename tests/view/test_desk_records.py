@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import resource
 from contextlib import contextmanager
 
@@ -76,3 +77,16 @@ def test_numbers_that_the_program_logs_are_told_when_they_change():
         at.drive(0.2)
         logs = [one["values"] for one in at.told if one["type"] == "log"]
         assert logs == [{"mpc/cost": 3.5}]
+
+
+def test_a_viewer_on_a_dead_link_is_told_and_hears_when_it_is_back():
+    with AtTheDesk(url="sim://?nano=mock&seed=1&fail=line:off@6s+2s") as at:
+        at.take_and_arm()
+        at.drive(6.5 - at.now(), lambda t: at.hold())
+        told = list(at.desk.batch())
+        assert at.now() > 6.4
+        status = [one for one in map(json.loads, told) if one["type"] == "status"][-1]
+        assert "no frame" in status["trouble"]
+        assert status["mode"] != "ARMED"
+        at.drive(3.0)
+        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""
