@@ -3,12 +3,18 @@
 const Camera = (() => {
   const AGAIN = 60, FAILED = 1000;  // ms
   const $ = (id) => document.getElementById(id);
-  const picture = $("picture");
-  let live = false, asked = 0;
+  let live = false, asked = 0, begun = 0;
 
-  function ask() { if (!live) return; if (document.hidden) setTimeout(ask, FAILED); else picture.src = `camera.jpg?${asked++}`; }
-  picture.onload = () => setTimeout(ask, AGAIN);
-  picture.onerror = () => setTimeout(ask, FAILED);
+  // The last image stays until the next is whole: one that is loading has no size.
+  function load(src, then) {
+    const next = new Image(), mine = ++begun;
+    next.alt = $("picture").alt;
+    next.onload = () => { if (mine === begun) { $("picture").replaceWith(next); next.id = "picture"; } then(AGAIN); };
+    next.onerror = () => then(FAILED);
+    next.src = src;
+  }
+  const again = (ms) => setTimeout(ask, ms);
+  function ask() { if (!live) return; if (document.hidden) again(FAILED); else load(`camera.jpg?${asked++}`, again); }
   $("eye").onclick = () => $("eye").classList.toggle("large");
 
   return {
@@ -18,6 +24,6 @@ const Camera = (() => {
       $("eye").classList.toggle("bad", Boolean(told.told));
       $("taken").textContent = told.told || (told.t === null ? "no image yet" : `${told.rate ?? "-"} a second, ${Math.round(1000 * (t - told.t))} ms old`);
     },
-    put(jpeg, text) { $("eye").hidden = false; picture.src = `data:image/jpeg;base64,${jpeg}`; $("taken").textContent = text; },
+    put(jpeg, text) { $("eye").hidden = false; load(`data:image/jpeg;base64,${jpeg}`, () => {}); $("taken").textContent = text; },
   };
 })();
