@@ -94,6 +94,14 @@ class NoScan(DartHalError, TimeoutError):
     remedy_default = "dart-hal find ; serial:///dev/dart-lidar, with ?baud=N for another model"
 
 
+class NoImage(DartHalError, TimeoutError):
+    """A camera that was open gives no images."""
+
+    code = "D-CAM-01"
+    likely_default = ("it was unplugged, its USB hub is without power, or it hangs")
+    remedy_default = "plug it in again; v4l2-ctl --list-devices ; dart-hal doctor --camera usb:0"
+
+
 class PortDenied(DartHalError, PermissionError):
     """The user may not open the port."""
 

@@ -18,7 +18,7 @@ from dart_hal.errors import RecordingError, UsageError
 from dart_hal.recording.run import RunReader
 
 OLD = Path(__file__).parents[1] / "recording" / "fixtures"
-URL = "sim://?seed=3&nano=mock&lidar=1"
+URL = "sim://?seed=3&nano=mock&lidar=1&camera=top"
 
 
 @pytest.fixture(scope="module")

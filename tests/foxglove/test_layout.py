@@ -12,6 +12,8 @@ from dart_hal.foxglove import LAYOUT
 from dart_hal.foxglove.operate import TWIST, VALID_FOR
 from dart_hal.recording.run import RunReader, RunWriter
 
+IMAGES = "/camera/image/compressed"
+"""Which ``tests/car/test_images.py`` reads with other tools."""
 CONTENT = json.loads(LAYOUT.read_text())
 
 
@@ -51,6 +53,7 @@ def test_every_topic_is_one_of_a_run_or_one_that_drives(run):
     shown = {config["topicPath"] for config in configs if "topicPath" in config}
     shown |= {topic for config in configs for topic in config.get("topics", {})}
     assert shown - {"/external_pose"} <= set(run._mcap.types)
+    assert CONTENT["configById"]["Image!camera"]["imageMode"]["imageTopic"] == IMAGES
     (teleop,) = [config for config in configs if "publishRate" in config]
     assert teleop["topic"] == TWIST
     assert teleop["publishRate"] >= 2 / VALID_FOR, "else the car stutters"

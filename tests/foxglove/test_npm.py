@@ -42,7 +42,7 @@ def node(tmp_path_factory):
 
 def test_they_decode_every_message_of_a_recording(node, tmp_path):
     path = tmp_path / "run.mcap"
-    with Car.open("sim://?seed=1&nano=mock&lidar=1", record=path) as car:
+    with Car.open("sim://?seed=1&nano=mock&lidar=1&camera=top", record=path) as car:
         for n, _ in enumerate(car.states(duration=1.0)):
             car.drive(steering=0.1)
             car.log("cost", n)

@@ -13,10 +13,10 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
-from dart_hal.types import ExternalPose, Scan
+from dart_hal.types import ExternalPose, Image, Scan
 
 TOPICS = {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom", "/imu", "/drive", "/scan",
-          "/external_pose", "/log/mpc/cost", "/log/mpc/plan"}
+          "/external_pose", "/camera/image/compressed", "/log/mpc/cost", "/log/mpc/plan"}
 PLAN = np.arange(6.0).reshape(2, 3)
 
 
@@ -31,6 +31,7 @@ def full_run(tmp_path, writing):
         writer.pose(ExternalPose(1.7e9 + t, t, 1.0, -2.0, 0.5))
         writer.scan(Scan(t, t - 0.1, 4000.0, np.linspace(0, 0.1, 7), np.linspace(0, 6, 7),
                          np.full(7, 1.5), 0.01))
+        writer.image(Image(t, t - 0.04, bytes((k, 1, 2, 3))))
     writer.close()
     return path
 
@@ -49,6 +50,10 @@ def test_rosbags_decodes_every_message(full_run, state):
             if connection.topic == "/odom":
                 assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp
                 odom.append(message)
+            elif connection.topic == "/camera/image/compressed":
+                taken = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                assert stamp - taken == pytest.approx(0.04e9, abs=2.0)
+                assert (message.format, bytes(message.data)[1:]) == ("jpeg", b"\1\2\3")
             elif connection.topic == "/log/mpc/plan":
                 assert message.data.tolist() == PLAN.ravel().tolist()
                 assert [d.size for d in message.layout.dim] == [2, 3]

@@ -26,8 +26,8 @@ def driving(pulses, since):
 class AtTheDesk:
     """``drive(seconds, each)``: the desk's loop, with ``each(t)`` at every State."""
 
-    def __init__(self, seed=1, drives=True, **options):
-        backend = open_backend(f"sim://?nano=mock&seed={seed}")
+    def __init__(self, seed=1, drives=True, url=None, **options):
+        backend = open_backend(url or f"sim://?nano=mock&seed={seed}")
         self.world = world_of(backend)
         self.pulses, self.modes, self.told = [], [], []
         self.world.watchers.append(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
 from at_the_desk import AtTheDesk
+from junk import Junk
 
 from dart_hal.view import desk, operator
 from dart_hal.view import messages as m
+from dart_hal.view.messages import Malformed, read
 from dart_hal.view.operator import Operator, Refused
 
 NEUTRAL = 0.250
@@ -154,6 +158,26 @@ def test_who_drives_leaves_while_it_arms():
         begun = at.now()
         at.drive(4.0, lambda t: at.desk.left("one") if 1.0 < t - begun < 1.015 else None)
         assert "ARMED" not in [mode for _, mode in at.modes]
+
+
+def test_whatever_another_page_sends_who_drives_drives_on():
+    junk, understood = Junk(3), []
+
+    def each(at):
+        at.hold()
+        for page in ("two", "three"):
+            with suppress(Malformed, Refused):
+                understood.append(at.say(page, read(junk.draw())))
+
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        at.drive(2.0, lambda t: each(at))
+        assert len(understood) > 10, "among them are messages that are none of a driver's"
+        assert at.car.mode == "ARMED"
+        assert at.car.recording is None
+        pulses = at.driving(at.now() - 1.5)
+        assert len(pulses) > 70, "no pulse was left out"
+        assert len({round((fall - rise) * 1e6, -1) for rise, fall in pulses}) <= 2, "or changed"
 
 
 def test_one_drives_and_the_others_are_refused():

@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import resource
+from contextlib import contextmanager
+
 from at_the_desk import AtTheDesk
 
 from dart_hal.car import Car
+from dart_hal.recording.run import RunReader
 from dart_hal.view import messages as m
+
+
+@contextmanager
+def room_for(size):
+    """No file of this process grows beyond ``size`` bytes: the kernel refuses the rest."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
@@ -34,6 +50,25 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
         assert at.driving(at.now() - 0.1), "it drives on"
 
 
+def test_a_disk_that_fills_up_is_said_and_the_car_drives_on(tmp_path):
+    with AtTheDesk(folder=tmp_path) as at:
+        at.take_and_arm()
+        at.say("one", m.Record(True))
+        at.drive(0.2, lambda t: at.hold())
+        with room_for(60_000):
+            at.drive(1.5, lambda t: at.hold())
+            status = [one for one in at.told if one["type"] == "status"][-1]
+        assert "large" in status["trouble"]  # "File too large": what the kernel said
+        assert at.car.mode == "ARMED"
+        assert at.driving(at.now() - 0.1), "it drives on"
+        at.say("one", m.Record(False))
+        at.drive(0.3, lambda t: at.hold())
+        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""
+        (path,) = tmp_path.glob("run_*.mcap")
+    assert path.stat().st_size <= 60_000
+    assert not RunReader(path).damaged, "what fitted can be read"
+
+
 def test_numbers_that_the_program_logs_are_told_when_they_change():
     with AtTheDesk(drives=False) as at:
         at.car.log("mpc/cost", 3.5)
@@ -42,3 +77,16 @@ def test_numbers_that_the_program_logs_are_told_when_they_change():
         at.drive(0.2)
         logs = [one["values"] for one in at.told if one["type"] == "log"]
         assert logs == [{"mpc/cost": 3.5}]
+
+
+def test_a_viewer_on_a_dead_link_is_told_and_hears_when_it_is_back():
+    with AtTheDesk(url="sim://?nano=mock&seed=1&fail=line:off@6s+2s") as at:
+        at.take_and_arm()
+        at.drive(6.5 - at.now(), lambda t: at.hold())
+        told = list(at.desk.batch())
+        assert at.now() > 6.4
+        status = [one for one in map(json.loads, told) if one["type"] == "status"][-1]
+        assert "no frame" in status["trouble"]
+        assert status["mode"] != "ARMED"
+        at.drive(3.0)
+        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""

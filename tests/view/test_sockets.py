@@ -8,12 +8,13 @@ import re
 import time
 import urllib.error
 import urllib.request
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
 from socket import SO_RCVBUF, SOL_SOCKET
 
 import pytest
+from junk import Junk
 from sockets import join, live_page, say, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -138,6 +139,30 @@ def test_a_page_that_is_too_loud_or_only_guesses_is_closed():
                 read_on(guesser)
         with join(page) as good:
             until(good, "rows")
+
+
+@pytest.mark.more
+def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
+    """Random, huge, malformed and nearly right messages over real sockets, opened again where they
+    were closed."""
+    junk = Junk(7)
+    with live_page() as (car, page), join(page) as good, ExitStack() as opened:
+        other, sent, closed = opened.enter_context(join(page)), 0, 0
+        ends = time.monotonic() + 30.0
+        while (sent < 200 or closed < 3) and time.monotonic() < ends:
+            sent += 1
+            try:
+                other.send(junk.draw())
+                with suppress(TimeoutError):
+                    while True:  # a client that reads nothing sees no end either
+                        other.recv(timeout=0)
+            except ConnectionClosed:
+                other, closed = opened.enter_context(join(page)), closed + 1
+        assert closed >= 3, "who is too loud is sent away"
+        until(good, "rows", where=lambda m: m["rows"])
+        assert until(good, "status")["driven"] is False
+        assert car.mode == "DISARMED"
+        assert car.recording is None
 
 
 def test_a_port_in_use_is_said():

@@ -22,22 +22,23 @@ from dart_hal.car.files import files_of
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
+from dart_hal.car.images import give_camera
 from dart_hal.car.misuse import check_record, check_times, check_url, shut
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import Record, keep_old, start_recording
 from dart_hal.car.scans import give_lidar
+from dart_hal.car.sensed import Sensed
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.config import CarFiles
 from dart_hal.control.loop import SpeedLoop
-from dart_hal.errors import DartHalError, EndOfRecording, NoHello
-from dart_hal.lidar.health import LidarHealth
+from dart_hal.errors import EndOfRecording, NoHello
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import PoseSource, ScanSource
+from dart_hal.ports import ImageSource, PoseSource, ScanSource
 from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import SAMPLE, Applied, Scan, State
+from dart_hal.types import SAMPLE, Applied, State
 from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
@@ -49,7 +50,7 @@ def backend_of(url: str | None) -> Backend:
     return open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
 
 
-class Car(Arming, Shown):
+class Car(Arming, Sensed, Shown):
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
@@ -78,7 +79,7 @@ class Car(Arming, Shown):
     def open(cls, url: str | None = None, *, car: str | None = None,
              cars: str | Path | None = None, record: Record | None = None,
              poses: str | PoseSource | None = None, lidar: str | ScanSource | None = None,
-             raise_on_trip: bool = True) -> Car:
+             camera: str | ImageSource | None = None, raise_on_trip: bool = True) -> Car:
         """Open a car and leave it at neutral and disarmed.
 
         url None: $DART_HAL_URL, then sim://. ``car`` names the files of a real
@@ -86,18 +87,20 @@ class Car(Arming, Shown):
         brings its own. ``cars``: folder of the cars' files. ``record``: MCAP
         file for everything that passes. ``poses``: who sees the car from
         outside, a source or its URL (None: $DART_HAL_POSES). ``lidar``: a source
-        of scans or its URL (None: $DART_HAL_LIDAR). ``raise_on_trip``: a command
+        of scans or its URL (None: $DART_HAL_LIDAR); ``camera``: of images, such as usb:0, csi:0,
+        of sim:// top (None: $DART_HAL_CAMERA). ``raise_on_trip``: a command
         to a car that a trip has disarmed raises Disarmed; False: only
         ``Applied.limited`` says so. Raises the errors of the catalogue:
         UnknownScheme, NoHello, ...
         """
         return cls.over(backend_of(url), car=car, cars=cars, record=record, poses=poses,
-                        lidar=lidar, raise_on_trip=raise_on_trip)
+                        lidar=lidar, camera=camera, raise_on_trip=raise_on_trip)
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
              record: Record | None = None, poses: str | PoseSource | None = None,
-             lidar: str | ScanSource | None = None, raise_on_trip: bool = True) -> Car:
+             lidar: str | ScanSource | None = None, camera: str | ImageSource | None = None,
+             raise_on_trip: bool = True) -> Car:
         """As ``open``, over a backend that is open already; closes it on failure."""
         try:
             if record:
@@ -105,6 +108,7 @@ class Car(Arming, Shown):
             files = files_of(backend, car, cars)
             give_poses(backend, poses)
             give_lidar(backend, lidar)
+            give_camera(backend, camera)
             own_actuator(backend, files)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)
@@ -206,37 +210,6 @@ class Car(Arming, Shown):
         self._state = state
         self._timer.give()
         return state
-
-    def scans(self) -> tuple[Scan, ...]:
-        """Revolutions of the lidar that are whole since the last call, at most the newest 64.
-
-        ``State.scan`` is the newest alone. Empty without a lidar: ``lidar_trouble`` says why.
-        """
-        with self._engine.lock:
-            return self._engine.scans.taken() if self._engine.scans else ()
-
-    @property
-    def has_lidar(self) -> bool:
-        """Whether one was named, or comes with the URL."""
-        return self._engine.scans is not None
-
-    @property
-    def lidar_trouble(self) -> DartHalError | None:
-        """Why no scans come from a lidar that was named; None while they do, or none was."""
-        return self._engine.scans.source.trouble if self._engine.scans else None
-
-    @property
-    def lidar_health(self) -> LidarHealth | None:
-        """What the last 2 s of scans say about the lidar; None before the first."""
-        with self._engine.lock:
-            return self._engine.scans.watch.health() if self._engine.scans else None
-
-    @property
-    def lidar_silent(self) -> bool:
-        """Whether the newest scan told where the car is: a pose that is missing since then is so
-        because no scan came. Never without ``poses="lidar:map.yaml"``."""
-        source = self._engine.localiser
-        return source is not None and source.newest is not None and source.newest.pose is not None
 
     # -- commands ------------------------------------------------------------------
 

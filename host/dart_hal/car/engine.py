@@ -23,6 +23,7 @@ from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
+from dart_hal.car.images import ImageFeed
 from dart_hal.car.poses import PoseFeed, localiser_of, room_of
 from dart_hal.car.receive import Receiver
 from dart_hal.car.scans import ScanFeed, mount_of
@@ -75,6 +76,7 @@ class Engine:
             self.poses = PoseFeed(backend.poses, room)
         self.scans = (None if backend.lidar is None
                       else ScanFeed(backend.lidar, mount_of(files)))
+        self.images = None if backend.camera is None else ImageFeed(backend.camera)
         self.localiser = localiser_of(backend, self.scans)
         self.listeners: list[Callable[[State], None]] = []
 
@@ -139,6 +141,8 @@ class Engine:
                 self.localiser.moved(states)
             if self.scans is not None:
                 states = self.scans.take(states, t, self.now)
+            if self.images is not None:
+                states = self.images.take(states, t, self.now)
             if self.poses is not None:
                 states = self.poses.take(states, t, self.now)
             if self.driver.overdue:

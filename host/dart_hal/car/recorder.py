@@ -134,6 +134,8 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
         engine.poses.record = writer.pose
     if engine.scans is not None:
         engine.scans.record = writer.scan
+    if engine.images is not None:
+        engine.images.record = writer.image
     if isinstance(backend.bus, RecordedBus):
         backend.bus.recorder = writer
     return writer
@@ -147,5 +149,7 @@ def leave_recording(engine: Engine, writer: RunWriter) -> None:
         engine.poses.record = lambda pose: None
     if engine.scans is not None:
         engine.scans.record = lambda scan: None
+    if engine.images is not None:
+        engine.images.record = lambda image: None
     if isinstance(engine.backend.bus, RecordedBus):
         engine.backend.bus.recorder = None

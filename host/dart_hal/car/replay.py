@@ -17,7 +17,7 @@ from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.source import FRAME
 from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
-from dart_hal.types import NEUTRAL, Applied, ExternalPose, Scan
+from dart_hal.types import NEUTRAL, Applied, ExternalPose, Image, Scan
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
@@ -125,6 +125,27 @@ class ReplayPoses:
         self._poses.clear()
 
 
+class ReplayImages:
+    """The recorded images, each at its arrival; read from the file as they are due."""
+
+    trouble: DartHalError | None = None
+
+    def __init__(self, recording: RunReader, first: Image, rest: Iterator[Image]) -> None:
+        self.name = f"the images in {recording.path}"
+        self._next: Image | None = first
+        self._rest = rest
+
+    def poll(self, now: float) -> list[Image]:
+        due = []
+        while self._next is not None and self._next.arrival <= now:
+            due.append(self._next)
+            self._next = next(self._rest, None)
+        return due
+
+    def close(self) -> None:
+        self._next = None
+
+
 class ReplayScans:
     """The recorded scans, each at its arrival; read from the file as they are due."""
 
@@ -192,11 +213,13 @@ def open_replay(url: Url) -> Backend:
         raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,
                              likely="the run was cut off before its first frame")
     poses, scans = list(recording.poses()), recording.scans()
-    scan = next(scans, None)
+    scan, images = next(scans, None), recording.images()
+    image = next(images, None)
     clock = ReplayClock(min(recording.start, first.t) if recording.meta else first.t)
     return Backend(
         url=url, link=ReplayLink(recording, clock), clock=clock, bus=None, virtual=True,
         car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
         measured={n: t for n, t in recording.files.items() if n != "car.toml"},
         notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None,
-        lidar=ReplayScans(recording, scan, scans) if scan else None)
+        lidar=ReplayScans(recording, scan, scans) if scan else None,
+        camera=ReplayImages(recording, image, images) if image else None)

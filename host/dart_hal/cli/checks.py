@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
+from dart_hal.car.images import camera_of
 from dart_hal.errors import (
     BusError,
     ConfigError,
@@ -16,11 +19,12 @@ from dart_hal.errors import (
     UsageError,
 )
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import PoseSource
+from dart_hal.ports import ImageSource, PoseSource
 from dart_hal.poses import open_poses
 from dart_hal.types import State, Tracking
 from dart_hal.wire.messages import SCHEMA
 
+T = TypeVar("T")
 RATE = 100.0
 """STATE frames per second."""
 MOUNTED_STILL = 0.35
@@ -50,7 +54,7 @@ TITLES = {
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
     "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "to be known",
 }
-_TITLES = {**TITLES, "poses": "poses from outside", "lidar": "lidar"}
+_TITLES = {**TITLES, "poses": "poses from outside", "lidar": "lidar", "camera": "camera"}
 """With the checks of what most cars do not have."""
 
 
@@ -65,7 +69,7 @@ def _failed(name: str, error: DartHalError) -> Check:
 
 
 def examine(url: str, car_name: str, cars: Path | None, seconds: float,
-            poses: str | None = None) -> list[Check]:
+            poses: str | None = None, camera: str | None = None) -> list[Check]:
     """Open what can be opened and look at it; what depends on a fault is skipped."""
     checks: list[Check] = []
     try:
@@ -76,18 +80,14 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float,
         checks.append(_failed("bus" if isinstance(error, BusError) else "port", error))
         return checks + _skipped(checks)
     checks.append(_check("port", True, f"{url} is open"))
-    try:
-        source = open_poses(poses) if poses else None
-    except UsageError:
-        backend.close()
-        raise
-    except DartHalError as error:
-        checks.append(_failed("poses", error))
-        source = None
-    car = _open(backend, url, car_name, cars, checks, source)
+    source = _source("poses", lambda: open_poses(poses or ""), backend, checks) if poses else None
+    eye = _source("camera", lambda: camera_of(backend, camera or ""), backend, checks
+                  ) if camera else None
+    car = _open(backend, url, car_name, cars, checks, source, eye)
     if car is None:
-        if source is not None:
-            source.close()
+        for one in (source, eye):
+            if one is not None:
+                one.close()
         return checks + _skipped(checks)
     try:
         states = list(car.states(duration=seconds, timeout=1.0))
@@ -97,6 +97,8 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float,
             checks.append(_poses(backend.poses, states))
         if backend.lidar is not None:
             checks.append(_lidar(car))
+        if backend.camera is not None:
+            checks.append(_camera(car))
         checks += [_arming(car), _cautions(car)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
@@ -105,13 +107,25 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float,
     return _ordered(checks + _skipped(checks))
 
 
-def _open(backend: Backend, url: str, car_name: str, cars: Path | None,
-          checks: list[Check], poses: PoseSource | None) -> Car | None:
+def _source(name: str, opener: Callable[[], T], backend: Backend, checks: list[Check]) -> T | None:
+    """What is opened beside the car; None and a check where it is not there."""
+    try:
+        return opener()
+    except UsageError:
+        backend.close()
+        raise
+    except DartHalError as error:
+        checks.append(_failed(name, error))
+        return None
+
+
+def _open(backend: Backend, url: str, car_name: str, cars: Path | None, checks: list[Check],
+          poses: PoseSource | None, camera: ImageSource | None) -> Car | None:
     """The car; without its I2C bus if that is the fault."""
     try:
         if backend.bus is None:
             checks.append(no_bus(url))
-        car = Car.over(backend, car=car_name, cars=cars, poses=poses)
+        car = Car.over(backend, car=car_name, cars=cars, poses=poses, camera=camera)
     except BusError as error:
         checks.append(_failed("bus", error))
         backend = open_backend(url)
@@ -241,6 +255,22 @@ def _lidar(car: Car) -> Check:
         f"{count} revolutions, {health.rate:.2f} a second of {health.beams:.0f} beams, "
         f"{100.0 * health.returned:.0f} % come back", *told)), bad="warn",
         expected="nothing to say of it", remedy="docs/how_to/lidar.md, section Whether it is well")
+
+
+def _camera(car: Car) -> Check:
+    """Whether images come, and what they say of the camera."""
+    trouble, health, image = car.camera_trouble, car.camera_health, (car.images() or (None,))[-1]
+    if trouble is not None:
+        return replace(_failed("camera", trouble), verdict="warn")
+    if health is None or image is None:
+        return _check("camera", False, "not two images yet", bad="warn",
+                      expected="10 a second and more", cause="it has just been opened",
+                      remedy="again with --seconds 6")
+    told, (width, height) = list(health.sentences()), image.size
+    return _check("camera", not told, "; ".join((
+        f"{width} x {height}, {health.rate:.1f} a second of {1e-3 * health.size:.0f} kB, "
+        f"{1e3 * health.age:.0f} ms old", *told)), bad="warn",
+        expected="nothing to say of it", remedy="docs/how_to/camera.md, section Whether it is well")
 
 
 def _car(car: Car) -> list[Check]:

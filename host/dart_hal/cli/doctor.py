@@ -8,7 +8,7 @@ import click
 from rich.markup import escape
 
 from dart_hal.cli.checks import Check, examine
-from dart_hal.cli.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.options import Number, camera_option, car_options, json_option, poses_option
 from dart_hal.cli.output import print_json, results
 
 COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
@@ -19,15 +19,16 @@ COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
 @click.option("--seconds", type=Number(min=1.0), default=3.0, show_default=True,
               help="how long to listen to the stream")
 @poses_option
+@camera_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
-            poses: str | None, as_json: bool) -> int:
+            poses: str | None, camera: str | None, as_json: bool) -> int:
     """Check port, firmware, stream, I2C, PCA9685, IMU and encoder; exit 1 if it would not drive.
 
     The wheels are not driven; the pins go to neutral.
     """
     text = url or "sim://"
-    checks = examine(text, car_name, cars, seconds, poses)
+    checks = examine(text, car_name, cars, seconds, poses, camera)
     verdicts = {c.verdict for c in checks}
     verdict = "fail" if "fail" in verdicts else "warn" if "warn" in verdicts else "ok"
     if as_json:

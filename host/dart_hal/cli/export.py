@@ -77,11 +77,20 @@ def _check(kind: str, runs: Sequence[Path], out: Path) -> None:
 
 def _table(write: Callable[..., None], run: Path, out: Path) -> tuple[Facts, str]:
     table = read_table(run)
-    notices(table.run.notices)
+    notices((*table.run.notices, *_left_out(table.run)))
     with whole(out) as part:
         write(table, part)
     return ({"recording": run, "table": out, "rows": len(table), "columns": table.units},
             f"{len(table)} rows, {len(table.columns)} columns")
+
+
+def _left_out(run: RunReader) -> tuple[str, ...]:
+    """What is no number of a State."""
+    there = [name for name, messages in (("images of the camera", run.images()),
+                                         ("scans of the lidar", run.scans()))
+             if next(messages, None) is not None]
+    return (f"{run.path}: the {' and '.join(there)} are left out; export ros2 and ros1 keep them",
+            ) if there else ()
 
 
 def _bag(write: Callable[[RunReader, Path], int], run: Path, out: Path) -> tuple[Facts, str]:
@@ -95,7 +104,7 @@ def _bag(write: Callable[[RunReader, Path], int], run: Path, out: Path) -> tuple
 def _data_set(runs: Sequence[Path], out: Path, fps: int, task: str) -> tuple[Facts, str]:
     tables = [read_table(run) for run in runs]
     for table in tables:
-        notices(table.run.notices)
+        notices((*table.run.notices, *_left_out(table.run)))
     with whole(out) as part:
         made = write_lerobot(tables, part, fps=fps, task=task)
     if made.held:

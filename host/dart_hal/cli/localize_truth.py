@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.links.base import Backend
+from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.field import Map, map_of_lines
-from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.types import FloatArray
+from dart_hal.localisation.source import FRAME
+from dart_hal.sim.truth import room_of_car, room_of_url, world_of
+from dart_hal.types import START, FloatArray
 
 
 def map_of_room(backend: Backend) -> Map:
     """Of the room in which a simulated lidar is. Raises UsageError where there is none."""
     return map_of_lines(room_of_car(backend).lines)
+
+
+def lines_by_frame(text: str) -> dict[str, FloatArray]:
+    """Lines (m, 4) [m] of the room of a simulated car's URL, in each frame in which it may be told
+    where it is: that of its start, and that of the room. Empty for a car without a room."""
+    url = Url.parse(text)
+    room = room_of_url(url) if url.scheme == "sim" else None
+    if room is None:
+        return {}
+    x, y, yaw = room.start
+    c, s = np.cos(yaw), np.sin(yaw)
+    ends = (room.lines.reshape(-1, 2) - (x, y)) @ np.array(((c, -s), (s, c)))
+    return {START: ends.reshape(-1, 4), FRAME: room.lines}
 
 
 def true_path(backend: Backend, t: FloatArray) -> FloatArray:

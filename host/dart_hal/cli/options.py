@@ -59,6 +59,13 @@ def lidar_option(command: F) -> F:
                         )(command)
 
 
+def camera_option(command: F) -> F:
+    """``--camera``: which camera sees the car, or sits on it; a recording keeps its images."""
+    return click.option("--camera", default=None, metavar="URL",
+                        help="usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, of sim:// "
+                        "top (default: $DART_HAL_CAMERA; recordings bring their own)")(command)
+
+
 def map_option(command: F) -> F:
     """``--map``: of the room in which the lidar looks around."""
     return click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False),

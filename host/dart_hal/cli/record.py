@@ -8,6 +8,7 @@ import click
 
 from dart_hal.cli.options import (
     Number,
+    camera_option,
     car_options,
     foxglove_options,
     json_option,
@@ -27,13 +28,15 @@ from dart_hal.cli.summary import Summary
               default=Path("runs/run.mcap"), show_default=True, help="file to write")
 @poses_option
 @lidar_option
+@camera_option
 @foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float, out: Path,
-            poses: str | None, lidar: str | None, foxglove: bool, port: int,
-            as_json: bool) -> None:
+            poses: str | None, lidar: str | None, camera: str | None, foxglove: bool,
+            port: int, as_json: bool) -> None:
     """Record the car's sensors without driving it (to drive: `dart-hal drive --record`)."""
-    with (opened(url, car_name, cars, record=out, poses=poses, lidar=lidar) as car,
+    with (opened(url, car_name, cars, record=out, poses=poses, lidar=lidar,
+                 camera=camera) as car,
           shown_live(car, foxglove, port)):
         summary, states = Summary(car), car.states(duration=duration)
         for _ in with_progress(in_real_time(states) if foxglove else states, duration,

@@ -22,15 +22,16 @@ from dart_hal.types import State
 
 @contextmanager
 def opened(url: str | None, car_name: str, cars: Path | None,
-           record: Path | None = None, poses: str | None = None, lidar: str | None = None
-           ) -> Iterator[Car]:
+           record: Path | None = None, poses: str | None = None, lidar: str | None = None,
+           camera: str | None = None) -> Iterator[Car]:
     """An open car whose notices have been shown; closed at neutral afterwards.
 
     poses "lidar", "lidar?start=X,Y,YAW": of a simulated car, by its lidar in the map of its room.
     """
-    with (_by_lidar(url, car_name, cars, record, poses, lidar)
+    with (_by_lidar(url, car_name, cars, record, poses, lidar, camera)
           if poses is not None and poses.partition("?")[0] == "lidar" else
-          Car.open(url, car=car_name, cars=cars, record=record, poses=poses, lidar=lidar)) as car:
+          Car.open(url, car=car_name, cars=cars, record=record, poses=poses, lidar=lidar,
+                   camera=camera)) as car:
         notices(car.notices)
         yield car
         say_trouble(car)
@@ -61,20 +62,20 @@ def check_drives_by_lidar(car: Car, room: str) -> None:
 
 
 def say_trouble(car: Car) -> None:
-    """Why no scans came of a lidar that was named."""
-    if car.lidar_trouble is not None:
-        notices((str(car.lidar_trouble),))
+    """Why no scans came of a lidar that was named, or no images of a camera."""
+    notices(tuple(str(why) for why in (car.lidar_trouble, car.camera_trouble) if why is not None))
 
 
 def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
-              poses: str, lidar: str | None) -> Car:
+              poses: str, lidar: str | None, camera: str | None) -> Car:
     backend = backend_of(url)
     try:
         source = open_source(poses, map_of(backend))
     except DartHalError:
         backend.close()
         raise
-    return Car.over(backend, car=car_name, cars=cars, record=record, poses=source, lidar=lidar)
+    return Car.over(backend, car=car_name, cars=cars, record=record, poses=source, lidar=lidar,
+                    camera=camera)
 
 
 def map_of(backend: Backend, chart: Path | None = None) -> Map:

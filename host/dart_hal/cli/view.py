@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from math import inf
 from pathlib import Path
 
 import click
 
 from dart_hal.car import Car
+from dart_hal.car.member import join
 from dart_hal.cli.options import (
     Number,
+    camera_option,
     car_options,
     json_option,
     lidar_option,
@@ -21,6 +24,7 @@ from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.cli.session import opened, paced
 from dart_hal.errors import UsageError
 from dart_hal.localisation.grid import lines_of_grid, read_grid
+from dart_hal.types import FloatArray
 
 
 @click.command("view")
@@ -35,12 +39,15 @@ from dart_hal.localisation.grid import lines_of_grid, read_grid
               help="write the run to this MCAP file")
 @poses_option
 @lidar_option
+@camera_option
 @map_option
+@click.option("--room", default=None, metavar="URL",
+              help="of cars that tell each other where they are: the others are drawn, too")
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
             port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
-            record: Path | None, poses: str | None, lidar: str | None, chart: Path | None,
-            as_json: bool) -> None:
+            record: Path | None, poses: str | None, lidar: str | None, camera: str | None,
+            chart: Path | None, room: str | None, as_json: bool) -> None:
     """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
 
     Everybody who opens it may stop the car; who has the token may drive it, one at a time.
@@ -48,14 +55,24 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
     if run is not None:
         play(run, port, lan, duration or inf, as_json)
         return
-    lines = None if chart is None else lines_of_grid(read_grid(chart))
-    with opened(paced(url), car_name, cars, record, poses, lidar) as car:
+    with opened(paced(url), car_name, cars, record, poses, lidar, camera) as car, \
+            ExitStack() as beside:
         car.raise_on_trip = False  # the page says what tripped it
-        with car.view(port=port, lan=lan, drives=car.drives, lines=lines, waive=waive,
-                      max_throttle=max_throttle) as page:
+        others = beside.enter_context(join(car, room)).other_poses if room else None
+        with car.view(port=port, lan=lan, drives=car.drives, lines=map_lines(car.url, chart),
+                      others=others, waive=waive, max_throttle=max_throttle) as page:
             tell(page.urls, lan, as_json)
             page.run(duration or inf)
         car.stop()
+
+
+def map_lines(url: str, chart: Path | None) -> FloatArray | dict[str, FloatArray]:
+    """Of a map's file; without one those of a simulated car's room, by frame."""
+    if chart is not None:
+        return lines_of_grid(read_grid(chart))
+    from dart_hal.cli.localize_truth import lines_by_frame
+
+    return lines_by_frame(url)
 
 
 def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> None:

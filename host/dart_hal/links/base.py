@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import UnknownScheme, UsageError
-from dart_hal.ports import Bus, Clock, Link, PoseSource, ScanSource, Workshop
+from dart_hal.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
 from dart_hal.types import Contact
 
 URLS = "what each option means: docs/reference/urls.md"
@@ -72,7 +72,8 @@ class Backend:
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
     ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
-    ``poses``: external poses that come with the backend; ``lidar``: scans that do.
+    ``poses``: external poses that come with the backend; ``lidar``: scans that do;
+    ``camera``: images that do; ``cameras``: those that it has by name, opened by ``camera=NAME``.
     ``contacts``: those that a world of several cars has seen.
     """
 
@@ -92,6 +93,8 @@ class Backend:
     workshop: Workshop | None = None
     poses: PoseSource | None = None
     lidar: ScanSource | None = None
+    camera: ImageSource | None = None
+    cameras: Mapping[str, Callable[[], ImageSource]] = field(default_factory=dict)
     contacts: Callable[[], tuple[Contact, ...]] = tuple
 
     def close(self) -> None:

@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 
 from dart_hal.errors import DartHalError
 from dart_hal.links.busio import TransferBus
-from dart_hal.ports import Chunk, Link, PoseSource, ScanSource
-from dart_hal.types import ExternalPose, Scan
+from dart_hal.ports import Chunk, ImageSource, Link, PoseSource, ScanSource
+from dart_hal.types import ExternalPose, Image, Scan
 
 LOOK = 0.001
 """s between two looks at a line on which nothing came: one tick of the world."""
@@ -106,6 +106,24 @@ class PacedPoses:
         self.on_board = source.on_board
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
+        with self._link.lock:
+            return self._source.poll(now)
+
+    def close(self) -> None:
+        self._source.close()
+
+
+class PacedImages:
+    """A camera in a paced world."""
+
+    def __init__(self, source: ImageSource, link: PacedLink) -> None:
+        self.name, self._source, self._link = source.name, source, link
+
+    @property
+    def trouble(self) -> DartHalError | None:
+        return self._source.trouble
+
+    def poll(self, now: float) -> Sequence[Image]:
         with self._link.lock:
             return self._source.poll(now)
 

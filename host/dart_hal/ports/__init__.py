@@ -1,13 +1,14 @@
-"""Shapes of what lies outside: I2C bus, link to a Nano, clock, poses, lidar, the workshop.
+"""Shapes of what lies outside: I2C bus, link to a Nano, clock, poses, lidar, camera, the workshop.
 
 Protocols that whoever drives, records or simulates a car may know; what
 implements them stands above.
 """
 
 from dart_hal.ports.bus import Bus
+from dart_hal.ports.images import ImageSource
 from dart_hal.ports.link import Chunk, Clock, Link
 from dart_hal.ports.poses import PoseSource
 from dart_hal.ports.scans import ScanSource
 from dart_hal.ports.workshop import Workshop
 
-__all__ = ["Bus", "Chunk", "Clock", "Link", "PoseSource", "ScanSource", "Workshop"]
+__all__ = ["Bus", "Chunk", "Clock", "ImageSource", "Link", "PoseSource", "ScanSource", "Workshop"]

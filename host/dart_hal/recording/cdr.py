@@ -13,7 +13,7 @@ from struct import Struct
 import numpy as np
 
 from dart_hal.recording import stamp
-from dart_hal.types import Applied, ExternalPose, FloatArray, Scan, State, nanoseconds
+from dart_hal.types import Applied, ExternalPose, FloatArray, Image, Scan, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
@@ -50,6 +50,9 @@ _DIMENSION = Struct("<I4sII")  # an empty label with its padding, size, stride
 _TIME = Struct("<iI")
 _POSE = Struct("<43d")
 _SCAN = Struct("<4s3d")
+_TIMED = Struct("<4siI")
+_IMAGE_IDS = _text("camera", 8, 4)
+_IMAGE_IDS += _text("jpeg", 8 + len(_IMAGE_IDS), 4)
 
 
 def byte_array(data: bytes) -> bytes:
@@ -216,6 +219,22 @@ def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
     cov.setflags(write=False)
     return ExternalPose((seconds * 10**9 + rest) / 10**9, arrival, x, y, 2.0 * atan2(z, w), cov,
                         frame)
+
+
+def image(value: Image, zero_ns: int = 0) -> bytes:
+    """sensor_msgs/CompressedImage: stamped when it was taken."""
+    taken = divmod(round(value.t * 1e9) + zero_ns, 10**9)
+    return (_TIMED.pack(HEADER, *taken) + _IMAGE_IDS + _U32.pack(len(value.jpeg)) + value.jpeg)
+
+
+def image_of(payload: bytes, arrival: float, zero_ns: int = 0) -> Image:
+    """Inverse of ``image``. Raises ValueError or struct.error for other bytes."""
+    _, seconds, rest = _TIMED.unpack_from(payload)
+    at = _TIMED.size + len(_IMAGE_IDS)
+    (length,) = _U32.unpack_from(payload, at)
+    if payload[_TIMED.size:at] != _IMAGE_IDS or at + _U32.size + length != len(payload):
+        raise ValueError(f"{len(payload)} bytes that are no image of a car")
+    return Image(arrival, (seconds * 10**9 + rest - zero_ns) / 1e9, payload[at + _U32.size:])
 
 
 def scan(value: Scan) -> bytes:

@@ -2,12 +2,12 @@
 
 Raw channels ``/rx``, ``/tx`` and ``/i2c`` hold the bytes with their stamps,
 ``/command`` what was asked for, ``/applied`` what the pins carried, ``/log/...``
-what the program logged, ``/external_pose`` the poses that came from outside and
-``/scan`` the lidar's revolutions, if any; attachments hold who the car was
-(HELLO), its files, the URL and the versions. Messages are in chunks, and chunks
-and attachments have checksums. All times are host times of the backend's clock
-in s, >= 0. Stamps in the file count from 1970; of virtual time, which has no
-calendar, from 0, and no random number enters: the same run gives the same bytes.
+what the program logged, ``/external_pose`` the poses that came from outside,
+``/scan`` the lidar's revolutions and ``/camera/image/compressed`` the camera's images,
+if any; attachments hold who the car was (HELLO), its files, the URL and the versions.
+Messages are in chunks, and chunks and attachments have checksums. All times are host
+times of the backend's clock in s, >= 0. Stamps in the file count from 1970; of virtual
+time from 0, and no random number enters: the same run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
-from dart_hal.types import Applied, ExternalPose, Scan, State
+from dart_hal.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
@@ -46,6 +46,7 @@ _CHANNELS = (
 _NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 _POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _SCANS = ("/scan", "dart_msgs/msg/LidarScan")
+_IMAGES = ("/camera/image/compressed", "sensor_msgs/msg/CompressedImage")
 _I2C = Struct("<BHH")
 
 
@@ -144,6 +145,12 @@ class RunWriter:
         with self._lock:
             if not self._closed:
                 self._add_to(*_SCANS, cdr.scan(scan), scan.arrival)
+
+    def image(self, image: Image) -> None:
+        """A picture of the camera, at its arrival; a run without a camera has no channel."""
+        with self._lock:
+            if not self._closed:
+                self._add_to(*_IMAGES, cdr.image(image, self._zero), image.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
@@ -317,6 +324,10 @@ class RunReader:
     def scans(self) -> Iterator[Scan]:
         """Revolutions of the lidar as the unit told them, in order of arrival."""
         return self._decoded({_SCANS[0]: lambda t, data: cdr.scan_of(data, t)})
+
+    def images(self) -> Iterator[Image]:
+        """Pictures of the camera, in order of arrival."""
+        return self._decoded({_IMAGES[0]: lambda t, data: cdr.image_of(data, t, self.zero_ns)})
 
     def messages(self) -> list[Recorded]:
         """Every message of a known definition, in the order of time."""

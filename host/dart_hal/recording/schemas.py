@@ -51,6 +51,8 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "float64[9] angular_velocity_covariance\ngeometry_msgs/Vector3 linear_acceleration\n"
         "float64[9] linear_acceleration_covariance\n",
         (_HEADER, _TIME, _QUATERNION, _VECTOR)),
+    "sensor_msgs/msg/CompressedImage": (
+        "std_msgs/Header header\nstring format\nuint8[] data\n", (_HEADER, _TIME)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (
         "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
         (_HEADER, _TIME, *_POSE)),

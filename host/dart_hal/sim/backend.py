@@ -13,7 +13,8 @@ shipped set that the car really is, ``effect`` what it has beyond it, such as
 ``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md), ``mocap``
 1 or, for example, ``rate=50,lock=2``: a motion capture sees the car
 (``dart_hal.sim.mocap``), ``lidar`` 1 or, for example, ``rate=8,noise=0.01``: a lidar on the car
-(``dart_hal.sim.lidar``), in the room ``map``, ``pace`` 1: real time, the world does not wait
+(``dart_hal.sim.lidar``), in the room ``map``, ``camera`` top: a camera below the ceiling sees
+the car (``dart_hal.sim.camera``), ``pace`` 1: real time, the world does not wait
 for its program, ``world`` a name: cars of this process that name the same one see each other's
 bodies (``dart_hal.sim.arena``), ``at`` X,Y,YAW: where in the room the car begins.
 """
@@ -21,14 +22,16 @@ bodies (``dart_hal.sim.arena``), ``at`` X,Y,YAW: where in the room the car begin
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from dart_hal.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
-from dart_hal.links.paced import PacedBus, PacedLink, PacedPoses, PacedScans
+from dart_hal.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans
 from dart_hal.sim.arena import contacts_of, enter, room_seed, start_of
+from dart_hal.sim.camera import TopView
 from dart_hal.sim.car_file import car_toml
 from dart_hal.sim.cutoff import CUTOFFS, FLAWED
 from dart_hal.sim.drawn import car_of, choice
@@ -47,7 +50,7 @@ from dart_hal.sim.workshop import SimWorkshop
 from dart_hal.sim.world import World
 
 OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot", "fail",
-           "tick", "vehicle", "effect", "mocap", "lidar", "map", "pace", "world", "at")
+           "tick", "vehicle", "effect", "mocap", "lidar", "camera", "map", "pace", "world", "at")
 
 
 def open_sim(url: Url) -> Backend:
@@ -90,7 +93,14 @@ def open_sim(url: Url) -> Backend:
         backend.contacts, backend.closers = contacts_of(place), (place.leave,)
         if isinstance(backend.lidar, SimLidar):
             backend.lidar.unit.others.append(place.others)
-    return _in_real_time(backend, link, world) if pace else backend
+    def top() -> TopView:
+        return TopView(world.poses, room_in_view(url, car.seed), _begins(url, car.seed),
+                       place.others if place else None)
+
+    backend.cameras = {"top": top}
+    if choice(url, "camera", "0", "top") == "top":
+        backend.camera = top()
+    return _in_real_time(backend, link, world, top) if pace else backend
 
 
 def mocap_in_room(url: Url, seed: int) -> MocapParams | None:
@@ -108,10 +118,10 @@ def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
     """The lidar of a URL and the room that it is in, None without one. Raises UsageError."""
     params, name = lidar_of(url.options.get("lidar", "0"), seed), url.options.get("map")
     if params is None:
-        if name is not None:
+        if name is not None and not _filmed(url):
             raise UsageError("a map without a lidar that sees it", found=url.text,
                              expected=f"lidar=1&map={name}")
-        if start_of(url) is not None and "world" not in url.options:
+        if start_of(url) is not None and "world" not in url.options and not _filmed(url):
             raise UsageError("a place in a room that nobody sees", found=url.text,
                              expected="at=X,Y,YAW with lidar=1, or with world=NAME")
         return None
@@ -119,11 +129,36 @@ def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
     return params, room if start is None else replace(room, start=start)
 
 
-def _in_real_time(backend: Backend, link: SimLink, world: World) -> Backend:
+def _filmed(url: Url) -> bool:
+    return url.options.get("camera") == "top"
+
+
+def room_in_view(url: Url, seed: int) -> Room | None:
+    """The room of a car that has a lidar, or names a map; None without. Raises UsageError."""
+    seen = lidar_in_room(url, seed)
+    if seen is not None:
+        return seen[1]
+    name, start = url.options.get("map"), start_of(url)
+    if name is None:
+        return None
+    room = room_of(name, room_seed(url, seed))
+    return room if start is None else replace(room, start=start)
+
+
+def _begins(url: Url, seed: int) -> tuple[float, float, float]:
+    """Where in its room a car begins."""
+    room = room_in_view(url, seed)
+    return room.start if room is not None else start_of(url) or (0.0, 0.0, 0.0)
+
+
+def _in_real_time(backend: Backend, link: SimLink, world: World,
+                  top: Callable[[], TopView]) -> Backend:
     paced = PacedLink(link, lambda: link.now, link.sleep)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
                    virtual=False, poses=backend.poses and PacedPoses(backend.poses, paced),
                    lidar=backend.lidar and PacedScans(backend.lidar, paced),
+                   camera=backend.camera and PacedImages(backend.camera, paced),
+                   cameras={"top": lambda: PacedImages(top(), paced)},
                    workshop=SimWorkshop(world, paced.lock))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.paced import PacedLink
-from dart_hal.sim.backend import OPTIONS, lidar_in_room, mocap_in_room
+from dart_hal.sim.backend import OPTIONS, lidar_in_room, mocap_in_room, room_in_view
 from dart_hal.sim.drawn import car_of
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.imu import ImuParams, rotation
@@ -82,6 +82,11 @@ def room_of_car(backend: Backend) -> Room:
     if found is None:
         raise UsageError(f"{backend.url.text} has no lidar", expected="sim://?lidar=1")
     return found[1]
+
+
+def room_of_url(url: Url) -> Room | None:
+    """The room that lidar and camera of a ``sim://`` URL see, None without. Raises UsageError."""
+    return room_in_view(url, car_of(url).base.seed)
 
 
 def _room(room: Room) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.notebook import card
+from dart_hal.types.image import Image as Image
 from dart_hal.types.scan import Mount as Mount
 from dart_hal.types.scan import Scan as Scan
 
@@ -308,7 +309,7 @@ class State:
     accel_x, accel_y [m/s2] in body axes (None while the IMU is not valid);
     ticks encoder edges since boot, unwrapped; external: what a source of
     external poses knows (None: there is no such source); scan: the lidar's newest
-    whole revolution (None: there was none yet).
+    whole revolution, image: the camera's newest picture (None: there was none yet).
     """
 
     t: float
@@ -324,6 +325,7 @@ class State:
     health: Health
     external: External | None = None
     scan: Scan | None = None
+    image: Image | None = None
 
     @property
     def estimate(self) -> MotionEstimate:

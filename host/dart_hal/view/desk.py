@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,13 @@ import msgspec
 
 from dart_hal.car import Car
 from dart_hal.errors import DartHalError, LinkLost, NotArmed
-from dart_hal.types import FloatArray, Scan, State
+from dart_hal.fleet.peers import OtherPose
+from dart_hal.types import Scan, State
 from dart_hal.view import messages as m
 from dart_hal.view.access import Access
 from dart_hal.view.operator import Operator, Refused
 from dart_hal.view.rows import Row, points, row
-from dart_hal.view.told import begin, status
+from dart_hal.view.told import Lines, begin, others_in, status
 
 STATUS_EVERY = 0.2
 """s between two messages about mode and health."""
@@ -36,6 +37,7 @@ AGAIN = 0.2
 """s until a lost link is looked at again."""
 
 _json = msgspec.json.encode
+Others = Callable[[], Mapping[str, OtherPose]]
 TAKEN = '{"type":"yours"}'
 
 
@@ -43,16 +45,18 @@ class Desk:
     """One car's page, without its sockets.
 
     access: who may drive; drives: whether a page may, in ``run``; lines (m, 4) [m]: the map that
-    is drawn; max_throttle: of a stick that is pushed to its end; folder:
-    where the recordings go that a page begins; clock [s]: by which commands age.
+    is drawn, or one for each frame of poses; others: tells where the other cars of a room are;
+    max_throttle: of a stick that is pushed to its end; folder: where the recordings go that a page
+    begins; clock [s]: by which commands age.
     """
 
     def __init__(self, car: Car, access: Access, *, drives: bool = False,
-                 lines: FloatArray | None = None, waive: Sequence[str] = (),
+                 lines: Lines = None, others: Others | None = None, waive: Sequence[str] = (),
                  max_throttle: float = 0.35, folder: Path = Path("runs"),
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.car, self.drives, self.operator = car, drives, Operator(access)
-        self._lines, self._waive, self._max_throttle = lines, tuple(waive), max_throttle
+        self._others, self._lines = others, lines
+        self._waive, self._max_throttle = tuple(waive), max_throttle
         self._clock, self._folder = clock, folder
         self._lock = threading.Lock()
         self._rows: deque[Row] = deque(maxlen=KEPT)
@@ -193,11 +197,19 @@ class Desk:
         if state is not None and now - self._told_at >= STATUS_EVERY:
             self._told_at = now
             yield _json(status(self.car, state, self._extra())).decode()
+            if self._others is not None:
+                yield _json(others_in(state.estimate.frame, self._others())).decode()
             if state.scan is not None and state.scan is not self._scan:
                 self._scan = state.scan
                 yield _json({"type": "scan", "points": points(state.scan, state)}).decode()
         while self._said:
             yield self.refusal(self._said.popleft())
+
+    def picture(self) -> bytes | None:
+        """The camera's newest image, JPEG."""
+        with self._lock:
+            image = None if self._state is None else self._state.image
+        return None if image is None else image.jpeg
 
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""

@@ -91,6 +91,10 @@ class FleetDesk:
         while self._said:
             yield self.refusal(self._said.pop(0))
 
+    def picture(self) -> bytes | None:
+        """A fleet's page shows none."""
+        return None
+
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""
         return _json({"type": "said", "text": why}).decode()

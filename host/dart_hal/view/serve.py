@@ -8,26 +8,27 @@ from math import inf
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.types import FloatArray
 from dart_hal.view.access import PORT, Access
-from dart_hal.view.desk import Desk
+from dart_hal.view.desk import Desk, Others
 from dart_hal.view.server import Server, bound
+from dart_hal.view.told import Lines
 
 
 def serve(car: Car, *, port: int = PORT, lan: bool = False, drives: bool = False,
-          lines: FloatArray | None = None, waive: Sequence[str] = (),
+          lines: Lines = None, others: Others | None = None, waive: Sequence[str] = (),
           max_throttle: float = 0.35, folder: Path = Path("runs")) -> LivePage:
     """Serve a live page of an open car, until ``close``.
 
     port: 0 takes any that is free. lan: other computers and phones may open it. drives: a page may
     drive, in ``LivePage.run``; else it watches, and stops what the program does. lines (m, 4) [m]:
-    the map that is drawn. max_throttle: of a stick that is pushed to its end. folder: where
-    recordings go that a page begins. Raises UsageError for a port that is in use.
+    the map that is drawn, or one for each frame of poses. others: tells where other cars are, such
+    as ``join(car, room).other_poses``. max_throttle: of a stick that is pushed to its end. folder:
+    where recordings go that a page begins. Raises UsageError for a port that is in use.
     """
     place = bound(port, lan)
     access = Access.at(place.getsockname()[1], lan)
-    desk = Desk(car, access, drives=drives, lines=lines, waive=waive, max_throttle=max_throttle,
-                folder=folder)
+    desk = Desk(car, access, drives=drives, lines=lines, others=others, waive=waive,
+                max_throttle=max_throttle, folder=folder)
     return LivePage(desk, place, access)
 
 

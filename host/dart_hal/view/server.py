@@ -34,17 +34,22 @@ SEND_BUFFER = 16384
 MOST_PAGES = 50
 MOST_MALFORMED = 20
 """Messages that are none, until their page is sent away."""
+PICTURE = "/camera.jpg"
+"""Each page asks for the newest image once it has drawn the last, on a connection of its own: a
+slow one sees fewer of them, and its samples and STOP do not stand behind pictures."""
 SILENT = 4.0
 """s without an answer to a ping until a socket counts as gone."""
 
 TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf-8",
          "css": "text/css; charset=utf-8"}
 VENDOR = ("uPlot.iife.min.js", "uPlot.min.css")
-CAR = ("index.html", "style.css", "app.js", "floor.js", "plots.js", "player.js", "stick.js")
+CAR = ("index.html", "style.css", "app.js", "camera.js", "floor.js", "plots.js", "player.js",
+       "stick.js")
 FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js")
 """Files of the two pages; the first is the page itself."""
 SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
                                    "img-src 'self' data:; frame-ancestors 'none'",
+        "Cross-Origin-Resource-Policy": "same-origin",
         "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
         "Cache-Control": "no-store"}
 
@@ -68,6 +73,9 @@ class Listener(Protocol):
 
     def refusal(self, why: str) -> str:
         """The message that tells one page why not."""
+
+    def picture(self) -> bytes | None:
+        """The camera's newest image, JPEG; None without one."""
 
 
 def assets(page: Sequence[str]) -> dict[str, tuple[str, bytes]]:
@@ -177,6 +185,10 @@ class Server:
             full = len(page.server.connections) >= MOST_PAGES
             return _answer(HTTPStatus.SERVICE_UNAVAILABLE, TYPES["html"],
                            b"too many pages are open") if full else None
+        if path == PICTURE:
+            image = self._listener.picture()
+            return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no image yet"
+                           ) if image is None else _answer(HTTPStatus.OK, "image/jpeg", image)
         kind, body = self._assets.get(path, ("", b""))
         if not kind:
             return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no such page")

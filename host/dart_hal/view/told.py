@@ -8,6 +8,7 @@ from typing import Any
 from dart_hal.actuation.arming import BY_NAME
 from dart_hal.actuation.trips import disarmed
 from dart_hal.car import Car
+from dart_hal.fleet.peers import OtherPose
 from dart_hal.types import FloatArray, State
 from dart_hal.view.rows import FIELDS
 
@@ -17,14 +18,28 @@ MOST_LINES = 4000
 """Lines of a map that are drawn; a room of boards has 30, a grid of 10 m some thousand."""
 
 
-def begin(car: Car, lines: FloatArray | None, drives: bool) -> dict[str, Any]:
-    """Once for each page: who the car is, and the map (m, 4) [m] it drives in."""
+Lines = FloatArray | Mapping[str, FloatArray] | None
+"""Lines (m, 4) [m] of a map: in whatever frame the poses are, or by frame."""
+
+
+def begin(car: Car, lines: Lines, drives: bool) -> dict[str, Any]:
+    """Once for each page: who the car is, and the map by frame ("": any) in which it drives."""
     limits = car.files.config.limits
     told = {"type": "begin", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
-            "drives": drives, "lock": limits.max_steering, "notices": list(car.notices)}
-    if lines is not None:
-        told["map"] = lines[:MOST_LINES].round(2).tolist()
+            "drives": drives, "camera": car.has_camera, "lock": limits.max_steering,
+            "notices": list(car.notices)}
+    maps = lines if isinstance(lines, Mapping) else {} if lines is None else {"": lines}
+    told["maps"] = {frame: each[:MOST_LINES].round(2).tolist() for frame, each in maps.items()}
     return told
+
+
+def others_in(frame: str, poses: Mapping[str, OtherPose]) -> dict[str, Any]:
+    """The other cars whose poses are in the frame of this one; elsewhere they would be drawn at
+    places where they are not."""
+    return {"type": "others", "poses": [
+        {"name": f"{one.name} (lost)" if one.lost else one.name, "x": round(one.pose.x, 3),
+         "y": round(one.pose.y, 3), "yaw": round(one.pose.yaw, 3)}
+        for one in poses.values() if one.frame == frame]}
 
 
 def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
@@ -39,9 +54,18 @@ def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
             "link": {"lost": timing.lost, "damaged": timing.damaged,
                      "age_ms": round(1e3 * timing.link_age, 1)},
             "loop": {"p99_ms": _ms(timing.p99), "late": timing.late, "skipped": timing.skipped},
+            "camera": camera(car, state) if car.has_camera else None,
             "pose_age": None if external is None or external.age > 1e6 else round(external.age, 3),
             "refusals": [refusal(name) for name in car.refusals()] if car.mode in IDLE else [],
             "trips": trips(car), "cautions": [str(c) for c in car.cautions], **extra}
+
+
+def camera(car: Car, state: State) -> dict[str, Any]:
+    """How its images come: when the newest was taken [s], pace [1/s], what to look at."""
+    health, trouble = car.camera_health, car.camera_trouble
+    told = trouble.what if trouble else "; ".join(health.sentences() if health else ())
+    return {"t": state.image and round(state.image.t, 3),
+            "rate": health and round(health.rate, 1), "told": told}
 
 
 def refusal(name: str) -> dict[str, str]:

@@ -4,7 +4,7 @@
   const $ = (id) => document.getElementById(id);
   const token = decodeURIComponent(location.hash.slice(1));
   const SEND_EVERY = 33, SILENT = 1500;  // ms
-  let socket = null, fields = [], mine = false, heard = null, heardAt = 0, holding = false, mode = "", first = true;
+  let socket = null, fields = [], mine = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
 
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
   function say(text) {
@@ -29,7 +29,8 @@
       document.title = $("car").textContent = message.car;
       $("wheel").hidden = !message.drives;
       $("wheel").style.display = message.drives ? "" : "none";
-      if (message.map) Floor.map(message.map);
+      maps = message.maps; frame = null;
+      Camera.begin(message.camera);
       message.notices.forEach(say);
     },
     rows(message) {
@@ -90,7 +91,9 @@
     $("arm").disabled = !mine || mode !== "DISARMED";
     $("unlock").hidden = !mine || mode !== "LOCKED";
     $("link").textContent = `${s.link.age_ms} ms, ${s.pages} page${s.pages === 1 ? "" : "s"}`;
+    if (s.frame !== frame) { frame = s.frame; Floor.map(maps[frame] || maps[""] || []); }
     numbers(s);
+    Camera.status(s.camera, s.t);
     trouble([...(s.trouble ? [{ name: "link lost", text: s.trouble, remedy: "" }] : []), ...(s.trips ? [s.trips] : []), ...s.refusals]);
     $("record").hidden = !("recording" in s) || !mine;
     if (!$("record").hidden) { $("record").classList.toggle("on", Boolean(s.recording)); $("record").textContent = s.recording ? `Stop recording ${s.recording}` : "Record"; }

@@ -3,7 +3,7 @@
 const Player = (() => {
   const BEFORE = 2000;  // rows, 20 s
   const $ = (id) => document.getElementById(id);
-  let run = null, at = 0, playing = true, began = 0, shown = -1;
+  let run = null, at = 0, playing = true, began = 0, shown = -1, seen = null;
   const named = (values) => Object.fromEntries(run.fields.map((name, n) => [name, values[n]]));
 
   function put(n) {
@@ -15,6 +15,8 @@ const Player = (() => {
     shown = n;
     const scan = run.scans.filter(([k]) => k <= n).pop();
     if (scan) Floor.scan(scan[1]);
+    const image = (run.images || []).findLast(([k]) => k <= n);
+    if (image && image !== seen) { seen = image; Camera.put(image[1], `at ${(run.rows[image[0]][0] - run.rows[0][0]).toFixed(1)} s`); }
     const t = run.rows[n][0] - run.rows[0][0];
     $("time").value = n / Math.max(1, run.rows.length - 1);
     $("at").textContent = `${t.toFixed(1)} s of ${(run.rows[run.rows.length - 1][0] - run.rows[0][0]).toFixed(1)} s`;

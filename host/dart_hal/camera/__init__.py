@@ -1,0 +1,13 @@
+"""Cameras of this computer: a thread of OpenCV's, JPEG images with the car's time."""
+
+from __future__ import annotations
+
+from dart_hal.camera.capture import CvCamera
+from dart_hal.camera.device import device_of
+from dart_hal.ports import ImageSource
+
+
+def open_camera(text: str) -> ImageSource:
+    """Open the camera of a URL: ``usb:0``, ``usb:/dev/video0?width=640&height=480&fps=15``,
+    ``csi:0``. Raises UsageError, PortMissing, PortDenied, PortBusy."""
+    return CvCamera(device_of(text))

@@ -1,0 +1,156 @@
+"""The emulated camera: images with the States, in the recording, and the same in a replay."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from PIL import Image as PILImage
+
+from dart_hal.car import Car
+from dart_hal.errors import UsageError
+from dart_hal.recording.run import RunReader
+from dart_hal.sim.camera import EVERY, LATENCY, SIZE
+
+URL = "sim://?seed=3&nano=mock&physics=kinematic"
+TOPIC = "/camera/image/compressed"
+
+
+def drive(url, seconds=3.0, **options):
+    """(States, images) of a circle to the left."""
+    states, images = [], []
+    with Car.open(url, **options) as car:
+        car.arm()
+        car.images()
+        for state in car.states(duration=seconds):
+            states.append(state)
+            images += car.images()
+            car.drive(steering=0.35, throttle=0.25)
+        assert car.camera_trouble is None
+    return states, images
+
+
+def pixels(image):
+    return np.asarray(PILImage.open(io.BytesIO(image.jpeg)).convert("RGB")).astype(int)
+
+
+def red(image):
+    """Where the car's body is: middle (x, y) [px]."""
+    r, g, b = np.moveaxis(pixels(image), 2, 0)
+    rows, columns = np.nonzero((r > 150) & (g < 80) & (b < 100))
+    assert len(rows) > 20, "the car is in the image"
+    return np.array((columns.mean(), rows.mean()))
+
+
+@pytest.mark.cpu(4)
+def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
+    path = tmp_path / "run.mcap"
+    states, images = drive(f"{URL}&camera=top&map=hall", record=path)
+    assert len(images) == pytest.approx(3.0 / EVERY, abs=1)
+    for a, b in pairwise(images):
+        assert b.t - a.t == pytest.approx(EVERY)
+    for image in images:
+        assert image.arrival - image.t == pytest.approx(LATENCY)
+        assert image.size == SIZE
+    walls = pixels(images[0])[:, :, 2] < 90
+    assert walls.sum() > 500, "and its room"
+    way = red(images[-1]) - red(images[0])
+    told = [next(s for s in states if s.t >= image.t).pose for image in (images[0], images[-1])]
+    moved = np.hypot(told[1].x - told[0].x, told[1].y - told[0].y)
+    scale = min(np.array(SIZE) / (6.5 + 0.6))  # the hall is 6.5 m square
+    assert np.hypot(*way) / scale == pytest.approx(moved, abs=0.08)
+    live = {state.seq: state.image for state in states if state.image}
+    with Car.open(f"replay://{path}") as car:
+        again = {state.seq: state.image for state in car.states() if state.image}
+        assert car.camera_health.rate == pytest.approx(1.0 / EVERY)
+    assert all(again[seq] == image for seq, image in live.items())
+
+
+def test_the_same_run_has_the_same_images_and_another_car_others():
+    first, again = (drive(URL, 0.4, camera="top")[1] for _ in range(2))
+    assert first == again
+    other = drive(URL.replace("seed=3", "seed=4"), 0.4, camera="top")[1]
+    assert other[-1].jpeg != first[-1].jpeg
+
+
+def test_other_tools_read_them(tmp_path):
+    path = tmp_path / "run.mcap"
+    _, images = drive(URL, 0.4, camera="top", record=path)
+    with path.open("rb") as file:
+        told = {bytes(d.data): d for s, c, m, d in make_reader(
+            file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[TOPIC])
+            if s.name == "sensor_msgs/msg/CompressedImage"}
+    assert len(told) >= len(images)
+    for image in images:
+        message = told[image.jpeg]
+        assert message.format == "jpeg"
+        assert message.header.frame_id == "camera"
+        assert message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec == pytest.approx(
+            image.t)
+
+
+def test_other_cars_of_its_world_are_seen():
+    places = "&camera=top&world=filmed&at="
+    with Car.open(f"{URL}{places}0,0,0") as car, Car.open(f"{URL}{places}0.8,0.5,1"):
+        for state in car.states(duration=0.5):
+            pass
+        r, g, b = np.moveaxis(pixels(state.image), 2, 0)
+        brown = (abs(r - 0x8A) < 30) & (abs(g - 0x6D) < 30) & (abs(b - 0x3B) < 30)
+        assert brown.sum() > 20
+    _, images = drive(f"{URL}&camera=top", 0.5)
+    r, g, b = np.moveaxis(pixels(images[-1]), 2, 0)
+    assert ((abs(r - 0x8A) < 30) & (abs(g - 0x6D) < 30) & (abs(b - 0x3B) < 30)).sum() == 0
+
+
+def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_channel(tmp_path):
+    path = tmp_path / "run.mcap"
+    with Car.open(URL, camera="top") as car:
+        for _ in car.states(duration=0.3):
+            pass
+        car.start_recording(path)
+        for _ in car.states(duration=0.5):
+            pass
+        car.end_recording()
+        for _ in car.states(duration=0.3):
+            pass
+    assert len(list(RunReader(path).images())) == pytest.approx(0.5 / EVERY, abs=1)
+    states, images = drive(URL, 0.3, record=tmp_path / "without.mcap")
+    assert (states[-1].image, images) == (None, [])
+    with (tmp_path / "without.mcap").open("rb") as file:
+        assert TOPIC not in {c.topic for c in make_reader(file).get_summary().channels.values()}
+
+
+def test_a_program_that_never_asks_keeps_the_newest():
+    with Car.open(URL, camera="top") as car:
+        for state in car.states(duration=2.5):
+            pass
+        came = car.images()
+        assert len(came) == 16
+        assert came[-1] is state.image
+        assert car.images() == ()
+
+
+def test_a_real_camera_does_not_wait_for_a_program_in_virtual_time(monkeypatch):
+    with pytest.raises(UsageError, match="stands still") as refused:
+        Car.open(URL, camera="usb:0")
+    assert "pace=1" in refused.value.remedy
+    monkeypatch.setenv("DART_HAL_CAMERA", "colour://red")
+    with pytest.raises(UsageError):
+        Car.open(URL)
+    with pytest.raises(UsageError, match="is no camera"):
+        Car.open(f"{URL}&pace=1")
+    with Car.open(f"{URL}&camera=top") as car:  # which has one of its own
+        assert car.has_camera
+
+
+def test_without_pillow_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "PIL", None)
+    with pytest.raises(UsageError, match="needs Pillow") as no:
+        Car.open(URL, camera="top")
+    assert "dart-hal[camera]" in no.value.remedy
+    with pytest.raises(UsageError, match="camera='side'"):
+        Car.open(f"{URL}&camera=side")

@@ -1,0 +1,48 @@
+"""What ``doctor`` says of a camera, verbs of one that --camera names, exports that leave it out."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+
+import pytest
+
+URL = "sim://?nano=mock&physics=kinematic&seed=1"
+
+
+def checked(ran):
+    return next((c for c in ran.json["checks"] if c["id"] == "camera"), None)
+
+
+def test_the_doctor_looks_at_it(verb):
+    good = checked(verb("doctor", "--url", URL, "--camera", "top", "--seconds", 1, "--json"))
+    assert good["verdict"] == "ok"
+    assert good["found"].startswith("320 x 240, 12.5 a second")
+    assert checked(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
+
+
+def test_one_that_is_not_there_is_named_and_the_rest_is_looked_at(verb, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", ModuleType("cv2"))
+    told = verb("doctor", "--url", f"{URL}&pace=1", "--camera", "usb:/dev/no-camera",
+                "--seconds", 1, "--json")
+    assert checked(told)["verdict"] == "fail"
+    assert "/dev/no-camera" in checked(told)["found"]
+    assert {c["id"]: c["verdict"] for c in told.json["checks"]}["hello"] != "fail"
+
+
+@pytest.mark.parametrize(("camera", "words"), [("side", "is no camera"), ("usb:0?fps=x", "fps=x")])
+def test_a_camera_that_cannot_be_is_named(verb, camera, words):
+    told = verb("record", "--url", f"{URL}&pace=1", "--camera", camera, "--json").error
+    assert words in told["what"]
+
+
+def test_exports_say_what_they_leave_out_and_a_bag_has_it(verb, tmp_path):
+    run = tmp_path / "run.mcap"
+    verb("record", "--url", URL, "--camera", "top", "--duration", 0.3, "--out", run)
+    left = verb("export", "csv", run, "--out", tmp_path / "run.csv")
+    assert "images of the camera are left out" in left.err
+    kept = verb("export", "ros2", run, "--out", tmp_path / "bag")
+    assert "left out" not in kept.err
+    verb("record", "--url", URL, "--duration", 0.3, "--out", tmp_path / "none.mcap")
+    none = verb("export", "csv", tmp_path / "none.mcap", "--out", tmp_path / "none.csv")
+    assert "left out" not in none.err

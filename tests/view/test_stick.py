@@ -1,0 +1,51 @@
+"""Keys and gamepad at the page: what they ask for, and that they let go."""
+
+from __future__ import annotations
+
+import pytest
+from sockets import live_page
+
+pytestmark = [pytest.mark.realtime, pytest.mark.more]
+KEY = "dispatchEvent(new KeyboardEvent('{}', {{code: '{}', bubbles: true}}))"
+PAD = """
+const pad = {{buttons: Array.from({{length: 9}}, (_, n) => ({{pressed: n === {} }})), axes: [-0.5, 0, 0, {}]}};
+Object.defineProperty(navigator, 'getGamepads', {{value: () => [null, pad], configurable: true}});
+"""  # noqa: E501 - one line of the page
+READ = "return Stick.read()"
+
+
+@pytest.fixture
+def page(browsers):
+    with live_page() as (_, page):
+        one = browsers()
+        one.open(page.urls[0])
+        one.until("DISARMED", "mode")
+        yield one
+
+
+def press(page, *codes, what="keydown"):
+    for code in codes:
+        page.run(f"document.body.{KEY.format(what, code)}")
+
+
+def test_keys_drive_while_they_are_down(page):
+    assert page.run(READ) is None
+    press(page, "KeyW")
+    assert page.run(READ) == [0, 1]
+    press(page, "ArrowLeft")
+    assert page.run(READ) == [1, 1]
+    press(page, "KeyW", "ArrowLeft", what="keyup")
+    assert page.run(READ) is None
+    press(page, "KeyS", "KeyD")
+    assert page.run(READ) == [-1, -1]
+    page.run("dispatchEvent(new Event('blur'))")
+    assert page.run(READ) is None, "a page that is not looked at holds nothing"
+
+
+def test_a_gamepad_drives_while_its_bumper_is_held(page):
+    page.run(PAD.format(5, -0.8))
+    assert page.run(READ) == pytest.approx([0.5, 0.8])
+    page.run(PAD.format(5, -0.04))
+    assert page.run(READ) == pytest.approx([0.5, 0.0]), "a worn stick rests beside its middle"
+    page.run(PAD.format(4, -0.8))
+    assert page.run(READ) is None, "control: another button"
