@@ -21,7 +21,7 @@ OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{
 def filmed(tmp_path_factory):
     """A few seconds of driving that a motion capture sees as well."""
     path = tmp_path_factory.mktemp("filmed") / "run.mcap"
-    any_car.drive("sim://?nano=mock&mocap=1", path, 6.0, np.random.default_rng(5))
+    any_car.drive("sim://?nano=mock&mocap=1", path, 3.0, np.random.default_rng(5))
     return path
 
 
