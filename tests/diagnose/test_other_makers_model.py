@@ -11,6 +11,7 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import AxleTyres
@@ -22,17 +23,22 @@ THEIRS = replace(
                   throttle_lag_s=0.0))
 
 
-def drive(path, seed, seconds):
-    return read(hidden_drive.write(path, PAPER, seed, hidden_drive.Plan(seconds=seconds)))
+def drive(path, seed, seconds, car):
+    return read(hidden_drive.write(path, car, seed, hidden_drive.Plan(seconds=seconds)))
+
+
+def diagnosed(folder, car):
+    """Of drives of ``car``, by the other maker's model."""
+    sides = checked([drive(folder / "car_1_a.csv", 5, 60.0, car)],
+                    [drive(folder / "car_1_b.csv", 6, 40.0, car)], THEIRS)
+    assert sides.notes == ()
+    return diagnose(model_of(THEIRS, find_model("paper")[0]), THEIRS, sides.train, sides.test)
 
 
 @pytest.mark.more
 @pytest.mark.cpu(40)
 def test_its_numbers_are_wrong_and_nothing_else_is_named(tmp_path):
-    sides = checked([drive(tmp_path / "car_1_a.csv", 5, 60.0)],
-                    [drive(tmp_path / "car_1_b.csv", 6, 40.0)], THEIRS)
-    assert sides.notes == ()
-    found = diagnose(model_of(THEIRS, find_model("paper")[0]), THEIRS, sides.train, sides.test)
+    found = diagnosed(tmp_path, PAPER)
     assert found.verdict == "parameters_only"
     assert {"front tyre", "rear tyre", "steering timing"} <= {c.group for c in found.claims}
     late = next(c for c in found.claims if c.group == "steering timing")
@@ -40,3 +46,13 @@ def test_its_numbers_are_wrong_and_nothing_else_is_named(tmp_path):
     d = PAPER.delay
     assert told.after == pytest.approx(1000.0 * (d.steering_s + d.steering_lag_s), abs=25.0)
     assert found.gain["position"].low > 0.8
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+def test_what_it_lacks_besides_is_named(tmp_path):
+    """Control: so many wrong numbers do not take a missing effect along."""
+    found = diagnosed(tmp_path, apply(PAPER, "steering_backlash", k=0.1))
+    assert [c.effect for c in found.causes] == ["steering_backlash"]
+    assert found.causes[0].parameters["k"].value == pytest.approx(0.1, rel=0.3)
+    assert {"front tyre", "rear tyre"} <= {c.group for c in found.claims}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from onboard_files import recorded
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.cautions import EDGE, cautions
@@ -99,6 +100,18 @@ def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     assert "floor" in said(same[:3], same[3:], policy=blind)
 
 
+@pytest.mark.more
+def test_by_its_own_sensors_a_car_is_told_from_another(tmp_path):
+    """No floor then: how much a tyre holds hides in what no sensor sees. Control: one car."""
+    ours, theirs = ([recorded(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
+        (PAPER, (1, 2, 3)), (WEAK, (4, 5))))
+    told = said([*ours[:2], theirs[0]], [theirs[1]])
+    assert "two floors or cars" in told
+    assert "drive force" in told
+    assert f"--train {names(theirs[:1])}" in told
+    assert said(ours[:2], ours[2:]) == ""
+
+
 @given(st.integers(0, 2**32), st.integers(2, 12))
 @settings(max_examples=50, deadline=None)
 def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
@@ -122,6 +135,10 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     assert len(edges) == 2
     assert edges[0].startswith("tyres.front_B ended")
     assert "100 ms before its commands" in edges[1]
+    x[1] *= 0.9  # control: where there is still room, nothing is said
+    free = {name: replace(m, doubt="") for name, m in moved.items()}
+    assert not any(EDGE in n for n in cautions(at(seen, noise, space, x), sides, free, {}, (),
+                                               USUAL))
 
 
 @pytest.mark.more

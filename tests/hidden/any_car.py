@@ -1,20 +1,23 @@
 """Unmodified emulated cars, each with its own identified model: is anything called wrong?
 
     python tests/hidden/any_car.py --cars 30 --first-seed 100 --jobs 2 [--calibrate] [--poses]
+    python tests/hidden/any_car.py --calibrate --keep DRIVES --out FILE     resumed where it was
 
 With ``--calibrate`` the car is measured as ``dart-hal calibrate all`` does. A first drive gives
 each car its model, as ``dart-hal diagnose --out`` does; two more, by other draws, are diagnosed
 with it. ``--poses``: motion capture sees the drives. Right is silence, or parameters alone. One
-line a car.
+line a car. ``--keep``: drives are filmed and stay below that folder; asked again, with or without
+``--poses``, they are not driven again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -65,23 +68,39 @@ class Answer:
                 "seconds": round(self.seconds, 1)}
 
 
-def asked(seed: int, options: str = "", calibrate: bool = False, poses: bool = False) -> Answer:
-    """Drive a car of a seed, identify it, drive on and diagnose; options: more of its URL."""
-    seen = "&mocap=1" if poses else ""
+def asked(seed: int, options: str = "", calibrate: bool = False, poses: bool = False,
+          keep: Path | None = None) -> Answer:
+    """Drive a car of a seed, identify it, drive on and diagnose; options: more of its URL.
+
+    keep: folder of drives that were filmed, of this car or to be.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
-        runs = {name: home / f"{name}.mcap" for name in DRIVES}
-        if calibrate:
-            calibrated(f"sim://?seed={seed}&nano=mock", home)
-        for draw, (name, seconds) in enumerate(DRIVES.items()):
-            drive(f"sim://?seed={seed}{options if name != 'first' else ''}{seen}", runs[name],
-                  seconds, np.random.default_rng([draw, 7]), cars=home)
-        model = own_model(runs["first"], home / "own.toml")
+        home = (keep or Path(folder)) / f"{seed}{'_calibrated' * calibrate}{options}"
+        runs = driven(home, seed, options, calibrate, poses or keep is not None)
+        model = own_model(runs["first"], Path(folder) / "own.toml", poses)
         began = time.process_time()
         file, p = find_model(model)
-        sides = checked([read_run(runs["train"])], [read_run(runs["test"])], p)
+        sides = checked([read_run(runs["train"], poses=poses)],
+                        [read_run(runs["test"], poses=poses)], p)
         return Answer(seed, diagnose(file, p, sides.train, sides.test),
                       time.process_time() - began)
+
+
+def driven(home: Path, seed: int, options: str, calibrate: bool, filmed: bool) -> dict[str, Path]:
+    """The three runs of a car, in its folder ``home``; driven, where they are not there yet."""
+    runs = {name: home / f"{name}.mcap" for name in DRIVES}
+    done = home / "driven"
+    if done.exists():
+        return runs
+    shutil.rmtree(home, ignore_errors=True)
+    home.mkdir(parents=True)
+    if calibrate:
+        calibrated(f"sim://?seed={seed}&nano=mock", home)
+    for draw, (name, seconds) in enumerate(DRIVES.items()):
+        url = f"sim://?seed={seed}{options if name != 'first' else ''}{'&mocap=1' * filmed}"
+        drive(url, runs[name], seconds, np.random.default_rng([draw, 7]), cars=home)
+    done.touch()
+    return runs
 
 
 def calibrated(url: str, cars: Path) -> None:
@@ -112,13 +131,13 @@ def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: f
             car.drive(steering=steering, throttle=throttle)
 
 
-def own_model(run: Path, target: Path) -> Path:
+def own_model(run: Path, target: Path, poses: bool = True) -> Path:
     """The paper's model with what data sheets say, extended by a diagnosis of one drive."""
     file, p = find_model("paper")
     p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)),
               "steering_rate_limit", k=SERVO_S)
     sheet = model_of(p, file)
-    sides = checked([read_run(run)], [], p)
+    sides = checked([read_run(run, poses=poses)], [], p)
     found = diagnose(sheet, p, sides.train, sides.test)
     save_model(msgspec.structs.replace(extended_model(found, sheet, sides.train, "any car"),
                                        name="own"), target)
@@ -133,21 +152,26 @@ def main() -> int:
     parser.add_argument("--calibrate", action="store_true", help="measure the car first")
     parser.add_argument("--poses", action="store_true", help="motion capture sees the drives")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="folder of the drives, not driven again")
+    parser.add_argument("--out", type=Path, help="lines of JSON, resumed")
     given = parser.parse_args()
     seeds = range(given.first_seed, given.first_seed + given.cars)
-    right = sum(_shown(a) for a in answers(seeds, given.jobs, options=given.options,
-                                            calibrate=given.calibrate, poses=given.poses))
-    print(f"{right} of {given.cars} silent or parameters only")
+    before = given.out.read_text().splitlines() if given.out and given.out.exists() else []
+    lines = [line for line in map(json.loads, before) if line["seed"] in seeds]
+    left = sorted({*seeds} - {line["seed"] for line in lines})
+    for answer in answers(left, given.jobs, options=given.options, calibrate=given.calibrate,
+                          poses=given.poses, keep=given.keep):
+        lines.append(answer.line())
+        print(json.dumps(lines[-1]), flush=True)
+        if given.out:
+            with given.out.open("a") as out:
+                out.write(json.dumps(lines[-1]) + "\n")
+    print(f"{sum(line['right'] for line in lines)} of {given.cars} silent or parameters only")
     return 0
 
 
-def answers(seeds: range, jobs: int, **given: Any) -> Iterator[Answer]:
+def answers(seeds: Sequence[int], jobs: int, **given: Any) -> Iterator[Answer]:
     return each(partial(asked, **given), seeds, jobs, parts=len(seeds))
-
-
-def _shown(answer: Answer) -> bool:
-    print(json.dumps(answer.line()), flush=True)
-    return answer.right
 
 
 if __name__ == "__main__":

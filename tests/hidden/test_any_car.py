@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
+import any_car
 import pytest
 from any_car import asked
 
@@ -21,3 +25,20 @@ def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
         named = {c.effect for c in answer.found.causes} | {c.group for c in answer.found.claims}
         assert named & {"motor_gain", "motor", "drive force"}
         assert gained > 0.5
+
+
+def test_a_count_is_resumed_with_the_cars_that_are_left(tmp_path, monkeypatch, capsys):
+    driven = []
+
+    def ask(seed, **_):
+        driven.append(seed)
+        line = {"seed": seed, "right": seed != 2}
+        return SimpleNamespace(line=lambda: line)
+
+    monkeypatch.setattr(any_car, "asked", ask)
+    for cars in (2, 3):
+        monkeypatch.setattr(sys, "argv", ["any_car.py", "--cars", str(cars), "--first-seed", "1",
+                                          "--out", str(tmp_path / "r.jsonl")])
+        assert any_car.main() == 0
+    assert driven == [1, 2, 3]
+    assert capsys.readouterr().out.endswith("2 of 3 silent or parameters only\n")

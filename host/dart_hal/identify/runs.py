@@ -115,7 +115,9 @@ def _states(path: Path) -> tuple[list[State], CarFiles]:
 def finer(recording: Recording) -> Recording:
     """A run read anew at 50 Hz, for timing; any other recording as it is."""
     coarse = recording.span > 1.5 * FINE * SAMPLE
-    return read_run(recording.path, FINE) if coarse else recording
+    if not coarse:
+        return recording
+    return read_run(recording.path, FINE, poses=recording.mocap is not None)
 
 
 def _weighed(path: Path) -> tuple[float, float] | None:

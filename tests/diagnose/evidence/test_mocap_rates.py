@@ -8,12 +8,16 @@ import hidden_drive
 import numpy as np
 import pytest
 
+from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Timing
+from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.recording.dart import Reference, grid, read
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.load import find_model
 
 RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
 YAW = 13  # column
@@ -57,6 +61,28 @@ def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
     assert other[0] > 0.9 * windows
     assert other[1] > 0.9 * messages
     assert np.linalg.norm(other[2]) < 1.5 * np.linalg.norm(size)
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+@pytest.mark.parametrize("hz", [20, 200])
+def test_at_either_end_of_the_rates_what_is_hidden_is_named_and_nothing_else(tmp_path, hz):
+    """With its control: the same drives of a car in which nothing is hidden.
+
+    At 20 Hz a command stands in the rows 25 ms late in the mean, and who predicts by them gains
+    nothing from a lag of 0.06 s: that stays among the possible.
+    """
+    only = ("steering_lag", "steering_delay", "yaw_inertia", "mocap_latency", "grip", "gyro_scale")
+    file, base = find_model("paper")
+    for k in (0.0, 0.12):
+        train, test = (at_rate(read(hidden_drive.write(
+            tmp_path / "made.csv", apply(PAPER, "steering_lag", k=k), seed,
+            hidden_drive.Plan(seconds=seconds))), hz, tmp_path / f"car_1_{seed}_{k}.csv")
+            for seed, seconds in ((3, 60.0), (4, 40.0)))
+        sides = checked([train], [test], base)
+        found = diagnose(file, base, sides.train, sides.test, refit=False, only=only)
+        assert [c.effect for c in found.causes] == ["steering_lag"] * (k > 0.0)
+        assert all(c.parameters["k"].value == pytest.approx(k, rel=0.2) for c in found.causes)
 
 
 def test_a_gap_of_several_poses_is_still_a_gap(drive, tmp_path):

@@ -10,7 +10,7 @@ by as much. Within what nuisances may do nothing is named.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -35,6 +35,7 @@ TIMING_STEP, READING_STEP = 4e-3, 5e-4
 """s, both sides: what is held has no slope below its grid; a reading bends within milliseconds, and
 a slope over more of it leads a fit beside the best."""
 TIMES = 4  # numbers of a Timing
+EDGE = 1e-6  # of a prior standard deviation; a fit that is nearer to a bound is on it
 NONE: Mapping[str, float] = MappingProxyType({})
 
 
@@ -67,12 +68,13 @@ class Space:
 
     def __init__(self, p: Vehicle, free: Sequence[str],
                  known: Mapping[str, float] = NONE, late: float = LATE,
-                 policy: PriorPolicy = USUAL.prior) -> None:
+                 policy: PriorPolicy = USUAL.prior, loose: Collection[str] = ()) -> None:
         """free: names of base parameters; those of the effects of p are free as well.
 
-        late: what the age of the messages is expected to be [s].
+        late: what the age of the messages is expected to be [s]. loose: known ones that may go
+        further than is believed; the prior pulls at them as at all others.
         """
-        self._late = late
+        self._late, self.loose = late, tuple(loose)
         effects = {f"{a.name}.{q.name}": q for a in p.effects for q in a.effect.parameters}
         self.names = (*free, *effects)
         amounts = {n: policy.effect_width * q.sizes[1] for n, q in effects.items()}
@@ -83,12 +85,18 @@ class Space:
         ends = (np.array([-1.0, 0.0, 0.0, -1.0]), np.array(
             [1.0, MAX_COMMAND_AGE / LATE_REACH, 1.0, 1.0]))
         # beyond what is believed, something else must be the cause
-        reach = np.array([policy.believed if n in known else np.inf for n in self.names])
+        reach = np.array([policy.believed if n in known and n not in loose else np.inf
+                          for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), ends[0]])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), ends[1]])
 
     def __len__(self) -> int:
         return len(self.low)
+
+    def strained(self, x: FloatArray, believed: float) -> tuple[str, ...]:
+        """Names of what goes as far at x as is believed of it, and would go further."""
+        return tuple(n for n, at, low, high in zip(self.names, x, self.low, self.high, strict=False)
+                     if believed in (-low, high) and believed - abs(at) < EDGE)
 
     @property
     def pull(self) -> FloatArray:

@@ -70,7 +70,8 @@ class Sets:
             names = tuple(n for n in self.free
                           if any(n in self.names(g) for g in free) or not _grouped(n))
             vehicle = with_nulls(self.base, p.effects)
-            space = Space(vehicle, names, self.known, self.evidence.late, self.policy.prior)
+            space = Space(vehicle, names, self.known, self.evidence.late, self.policy.prior,
+                          self.full.space.loose)
             x = space.carried(space.start(p, self.full.timing), self.full.space, self._held(free))
             self._fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
         return self._fits[free]

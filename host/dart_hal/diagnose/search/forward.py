@@ -82,9 +82,25 @@ class Search:
         self._base = base
         self._done, self._dropped = 0.0, False
         self._before: Before = None
+        self._loose: tuple[str, ...] = ()
 
     def run(self) -> SearchResult:
-        """Search until nothing passes."""
+        """Search until nothing passes; in a run of our own again, where the answer is strained.
+
+        A name is for what parameters within their stated errors cannot explain. If beside it one
+        still stands on the bound of them, those errors were too small, and the name may be what
+        the bound has left over: such parameters are let go, and all is asked anew.
+        """
+        found = self._searched()
+        if found.named and self._evidence.commands_stamped:
+            point = found.point
+            self._loose = point.space.strained(point.x, self._settings.policy.prior.believed)
+            if self._loose:
+                self._before, self._dropped = None, False
+                return self._searched()
+        return found
+
+    def _searched(self) -> SearchResult:
         s = self._settings
         space = self._space(self._base)
         point, noise = self._settle(space, Timing(self._evidence.late))
@@ -252,7 +268,7 @@ class Search:
         """Around the base, with the effects of a vehicle at their null."""
         s = self._settings
         return Space(with_nulls(self._base, vehicle.effects), s.free, s.known, self._evidence.late,
-                     s.policy.prior)
+                     s.policy.prior, self._loose)
 
     def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
                  ) -> tuple[Point, Noise, list[Named]]:
