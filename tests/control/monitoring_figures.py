@@ -23,6 +23,7 @@ from math import cos, sin
 from pathlib import Path
 
 import numpy as np
+from tests.control.monitoring_targets import parts_of, seen_at
 
 from dart_hal.config import save_model
 from dart_hal.control.monitoring.detection import cleared, coverage
@@ -72,6 +73,22 @@ class Drive:
     def settled(self) -> float:
         """Largest error of a phase between neighbours at the end [rad], of the nearest spread."""
         return min(disagreement(self.X[-1], p) for p in TEAM.windings)
+
+    def targets(self, radius: float, n: int = 100) -> np.ndarray:
+        """s (m,) after which moving targets are seen by the cars where they truly are, in the last
+        ``bound`` s; inf: not by then. n random ones, of which those that are seen at once are 0."""
+        rows = self.true[-round(20.0 * TEAM.bound(OMEGA)) - 1:]
+        parts, rng = parts_of(TEAM.curve, rows, radius, 41), np.random.default_rng(7)
+        return np.array([seen_at(parts, int(at), rng)
+                         for at in rng.integers(len(parts[0]), size=n)]) / 20.0
+
+    def needed(self, most: float) -> float:
+        """Radius [m], a twentieth of ``most`` exact, from which on no target is unseen for as long
+        as the bound."""
+        rows = self.true[-round(20.0 * TEAM.bound(OMEGA)) - 1:]
+        t = 0.05 * np.arange(len(rows))
+        return next(r for r in np.linspace(0.0, most, 21)[1:]
+                    if np.isfinite(cleared(TEAM.curve, t, rows, r, 41)))
 
     @property
     def least(self) -> float:
@@ -169,12 +186,15 @@ def main() -> None:
                 t = 0.05 * np.arange(100)
                 seen = cleared(TEAM.curve, t, one.true[-100:],
                                TEAM.sensing_radius + float(error.max()), 41)
+                found = one.targets(TEAM.sensing_radius + float(error.max()))
                 share = {str(mode): f"{n / one.modes.total():.1%}" for mode, n in one.modes.items()}
                 print(f"{plant}, loss {loss:.0%}, seeds {seed} to {seed + 2}: {one.contacts} "
                       f"contacts, nearest {one.least:.2f} m; at the end phases within "
                       f"{one.settled:.3f} rad, cars within {error.max():.2f} m of their place, "
                       f"X' {rate:.3f} rad/s; nothing unseen after {seen:.2f} s (bound "
-                      f"{TEAM.bound(rate):.1f} s); {share}", flush=True)
+                      f"{TEAM.bound(rate):.1f} s); {np.isfinite(found).sum()} of {len(found)} "
+                      f"moving targets seen, the last after {found.max():.2f} s; "
+                      f"{one.needed(TEAM.sensing_radius):.2f} m would do; {share}", flush=True)
 
 
 if __name__ == "__main__":

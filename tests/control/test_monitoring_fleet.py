@@ -3,6 +3,7 @@ falls silent, by the pulses at their ESCs."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from tests.control.monitoring_figures import OMEGA, TEAM, driven
 
@@ -56,6 +57,9 @@ def test_they_keep_their_places(plant, loss):
     assert drive.settled < 0.05
     assert drive.error().max() < 0.15
     assert all(robot.rate == pytest.approx(OMEGA, rel=0.05) for robot in drive.team)
+    found = drive.targets(TEAM.sensing_radius + drive.error().max())
+    assert found.max() < TEAM.bound(OMEGA), "100 of 100 moving targets"
+    assert np.isinf(drive.targets(0.25 * TEAM.sensing_radius)).any(), "control"
 
 
 @pytest.mark.more
