@@ -3,6 +3,7 @@
     python -m tests.control.monitoring_figures [--seeds 2] [--plants kinematic paper named]
         [--loss 0.3] [--seconds 30] [--nano mock]
     python -m tests.control.monitoring_figures --bound
+    python -m tests.control.monitoring_figures --nine [--seconds 8]
 
 Three cars on the 1:2 curve, from up to 0.4 rad beside their slots. Plants: "kinematic", without
 slip; "paper", the hidden cars of the seeds; "named", the later published set with lags of 0.12 s of
@@ -39,6 +40,8 @@ from dart_hal.vehicle.sets import UPSTREAM_2024
 EXAMPLE = Path(__file__).parents[2] / "examples" / "use_cases" / "monitoring.py"
 TEAM = Formation(Lissajous(3.3, 0.9, 1, 2), 3, 1)
 OMEGA, K = 0.25, 0.25
+NINE, SLOW = Formation(Lissajous(14.0, 31.0, 5, 4), 9, 5), (0.01, 0.02)
+"""Scaled by 17, as its tightest bend needs; Omega and k [rad/s] for 0.2 to 1.4 m/s."""
 LAGS, WRONG, PULSE = {"steering_lag": 0.12, "throttle_lag": 0.08}, 0.97, 0.013
 
 
@@ -94,7 +97,7 @@ class Drive:
     def least(self) -> float:
         """m between two cars at any time."""
         to = np.linalg.norm(self.true[:, :, None] - self.true[:, None], axis=-1)
-        return float(to[:, ~np.eye(3, dtype=bool)].min())
+        return float(to[:, ~np.eye(to.shape[-1], dtype=bool)].min())
 
 
 def driven(seed=1, plant="paper", loss=0.3, seconds=30.0, nano="mock",
@@ -147,6 +150,31 @@ def _car(plant, seed, folder):
     return f"vehicle={folder / 'true.toml'}", {"cars": folder}
 
 
+def nine(seed: int = 1, seconds: float = 8.0, loss: float = 0.3) -> Drive:
+    """The published team, on the published curve as wide as cars need it, by a motion capture."""
+    module, true = example(), []
+    places = module.starts(NINE, noise=0.02, seed=seed)
+    at = [tuple(map(float, place.split(","))) for place in places]
+
+    def look(fleet, team):
+        true.append([_in_room(car, start) for car, start in zip(fleet.cars, at, strict=True)])
+
+    rows, team, contacts = module.drive(
+        module.urls(places, seed), NINE, *SLOW, f"local://monitoring?loss={loss}&seed={seed}",
+        seconds, look)
+    modes = sum((robot.answers for robot in team), Counter())
+    return Drive(np.array(true[::5]), rows[:, :, 2], len(contacts), modes, team)
+
+
+def tell_of_nine(seconds: float) -> None:
+    one = nine(seconds=seconds)
+    way = np.linalg.norm(np.diff(one.true[-40:], axis=0), axis=-1).sum(axis=0) / (0.05 * 39)
+    begin, end = (disagreement(X, NINE.p) for X in (one.X[0], one.X[-1]))
+    print(f"nine cars, {seconds:g} s: {one.contacts} contacts, nearest {one.least:.2f} m, phases "
+          f"within {begin:.3f} rad of the spread at the begin and {end:.3f} at the end; "
+          f"{way.min():.2f} to {way.max():.2f} m/s in the last 2 s; {dict(one.modes)}")
+
+
 def bounds() -> None:
     """Of teams that are spread exactly."""
     for curve, p, alpha in ((Lissajous(1000.0, 1000.0, 13, 12), 11, 7),
@@ -173,9 +201,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--nano", choices=["mock", "avr"], default="mock")
     parser.add_argument("--bound", action="store_true")
+    parser.add_argument("--nine", action="store_true")
     asked = parser.parse_args()
     if asked.bound:
         bounds()
+        return
+    if asked.nine:
+        tell_of_nine(asked.seconds)
         return
     for plant in asked.plants:
         for loss in asked.loss:

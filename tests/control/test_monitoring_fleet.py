@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.monitoring_figures import OMEGA, TEAM, driven
+from tests.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
+from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.monitor import Mode
 from dart_hal.sim.truth import world_of
 
@@ -78,6 +79,21 @@ def test_without_the_guard_they_drive_into_it():
     drive = driven(1, "paper", 0.3, LASTS + 6.0, each=death, guard=False)
     assert drive.contacts > 0
     assert death.forward(DIES) > SAFE
+
+
+@pytest.mark.slow
+def test_nine_cars_keep_the_published_curve():
+    """Scaled to what a car can drive: 28 x 62 m, a lap of 600 m, by a motion capture."""
+    drive = nine()
+    assert drive.contacts == 0
+    assert drive.least > NINE.distances().least - 1.0
+    assert disagreement(drive.X[-1], NINE.p) < disagreement(drive.X[0], NINE.p) + 0.005
+    speeds = np.linalg.norm(drive.true[-1] - drive.true[-21], axis=-1)
+    rates = np.array([robot.rate for robot in drive.team])
+    assert np.abs(speeds - NINE.curve.rate(drive.X[-11]) * rates).max() < 0.1
+    assert rates == pytest.approx(SLOW[0], rel=0.25)
+    assert speeds.max() > 2.0 * speeds.min(), "control: fast where the curve is, slow in bends"
+    assert drive.modes[Mode.YIELDING] + drive.modes[Mode.ALONE] == 0
 
 
 @pytest.mark.slow
