@@ -218,15 +218,16 @@ def main() -> None:
                 t = 0.05 * np.arange(100)
                 seen = cleared(TEAM.curve, t, one.true[-100:],
                                TEAM.sensing_radius + float(error.max()), 41)
-                found = one.targets(TEAM.sensing_radius + float(error.max()))
+                needed = one.needed(TEAM.sensing_radius)
+                found = one.targets(needed)
                 share = {str(mode): f"{n / one.modes.total():.1%}" for mode, n in one.modes.items()}
                 print(f"{plant}, loss {loss:.0%}, seeds {seed} to {seed + 2}: {one.contacts} "
                       f"contacts, nearest {one.least:.2f} m; at the end phases within "
                       f"{one.settled:.3f} rad, cars within {error.max():.2f} m of their place, "
                       f"X' {rate:.3f} rad/s; nothing unseen after {seen:.2f} s (bound "
-                      f"{TEAM.bound(rate):.1f} s); {np.isfinite(found).sum()} of {len(found)} "
-                      f"moving targets seen, the last after {found.max():.2f} s; "
-                      f"{one.needed(TEAM.sensing_radius):.2f} m would do; {share}", flush=True)
+                      f"{TEAM.bound(rate):.1f} s), nor with {needed:.2f} m by the bound: "
+                      f"{np.isfinite(found).sum()} of {len(found)} moving targets seen, the last "
+                      f"after {found.max():.2f} s; {share}", flush=True)
 
 
 if __name__ == "__main__":

@@ -58,9 +58,10 @@ def test_they_keep_their_places(plant, loss):
     assert drive.settled < 0.05
     assert drive.error().max() < 0.15
     assert all(robot.rate == pytest.approx(OMEGA, rel=0.05) for robot in drive.team)
-    found = drive.targets(TEAM.sensing_radius + drive.error().max())
-    assert found.max() < TEAM.bound(OMEGA), "100 of 100 moving targets"
-    assert np.isinf(drive.targets(0.25 * TEAM.sensing_radius)).any(), "control"
+    assert drive.targets(TEAM.sensing_radius + drive.error().max()).max() == 0.0, "nowhere to hide"
+    late = drive.targets(0.7 * TEAM.sensing_radius)
+    assert 0.5 < late.max() < TEAM.bound(OMEGA), "100 of 100 moving targets, not all at once"
+    assert np.isinf(drive.targets(0.5 * TEAM.sensing_radius)).any(), "control"
 
 
 @pytest.mark.more
@@ -92,7 +93,7 @@ def test_nine_cars_keep_the_published_curve():
     rates = np.array([robot.rate for robot in drive.team])
     assert np.abs(speeds - NINE.curve.rate(drive.X[-11]) * rates).max() < 0.1
     assert rates == pytest.approx(SLOW[0], rel=0.25)
-    assert speeds.max() > 2.0 * speeds.min(), "control: fast where the curve is, slow in bends"
+    assert np.abs(speeds - speeds.mean()).max() > 0.2, "control: slower in bends than between them"
     assert drive.modes[Mode.YIELDING] + drive.modes[Mode.ALONE] == 0
 
 
