@@ -94,7 +94,8 @@ def test_nine_cars_keep_the_published_curve():
     assert np.abs(speeds - NINE.curve.rate(drive.X[-11]) * rates).max() < 0.1
     assert rates == pytest.approx(SLOW[0], rel=0.25)
     assert np.abs(speeds - speeds.mean()).max() > 0.2, "control: slower in bends than between them"
-    assert drive.modes[Mode.YIELDING] + drive.modes[Mode.ALONE] == 0
+    assert drive.modes[Mode.YIELDING] == 0
+    assert drive.modes[Mode.ALONE] < 0.03 * drive.modes.total(), "until all were heard"
 
 
 @pytest.mark.slow
