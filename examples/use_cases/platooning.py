@@ -97,12 +97,13 @@ def ahead_of(others, name, now):
 
 
 def drive(urls, path, *, poses, lasts=LASTS, loss=LOSS, brakes=BRAKES, lies=None, make=Follower,
-          gains=STABLE, waive=WAIVED, silent=(), each=None, record=None, cars=None, see=None):
+          gains=STABLE, waive=WAIVED, silent=(), each=None, record=None, cars=None, see=None,
+          tracker="lqr"):
     """One drive of a platoon, the first URL leads.
 
     lies: {car: of t [s], what it tells as its acceleration, None: the truth}; silent: cars that
     tell nothing; make: a follower; each(fleet, t, cars): at each tick; see(car, motion): what is
-    known of the own motion instead.
+    known of the own motion instead; tracker: "pursuit" steers as published, "lane" by boards.
     """
     drive, lies = Drive(), lies or {}
     with Fleet.open(urls, poses=poses, room=f"local://platoon?loss={loss}&seed=1", record=record,
@@ -113,7 +114,8 @@ def drive(urls, path, *, poses, lasts=LASTS, loss=LOSS, brakes=BRAKES, lies=None
             return gains.u_min if t - begun[0] >= brakes else leader(gains, speed)
 
         drive.cars = [PlatoonCar(path, plant_of(car.files), make() if n else None, gains=gains,
-                                 drives=None if n else lead) for n, car in enumerate(fleet.cars)]
+                                 tracker=tracker, drives=None if n else lead)
+                      for n, car in enumerate(fleet.cars)]
         fleet.arm(waive=waive)
         begun += [car.now for car in fleet.cars]
         for tick, states in enumerate(fleet.states(duration=lasts)):
@@ -144,10 +146,10 @@ def lie(t):
     return LIE if t >= LIES else None
 
 
-def straight(folder, seeds=range(1, CARS + 1), **how):
-    """The drive down the corridor."""
+def straight(folder, seeds=range(1, CARS + 1), hall=corridor, **how):
+    """The drive down the corridor; hall(folder): its map."""
     path = Track([(LONG - 1.5, 0.0)], closed=False, start=(0.5, 0.0, 0.0))
-    chart, places = corridor(folder), starts(path, len(seeds))
+    chart, places = hall(folder), starts(path, len(seeds))
     poses = [f"lidar:{chart}?start={at}" for at in places]
     return drive(urls_of(chart, places, seeds), path, poses=poses, **how)
 

@@ -3,6 +3,7 @@
     python -m tests.control.monitoring_figures [--seeds 2] [--plants kinematic paper named]
         [--loss 0.3] [--seconds 30] [--nano mock]
     python -m tests.control.monitoring_figures --bound
+    python -m tests.control.monitoring_figures --nine [--seconds 8]
 
 Three cars on the 1:2 curve, from up to 0.4 rad beside their slots. Plants: "kinematic", without
 slip; "paper", the hidden cars of the seeds; "named", the later published set with lags of 0.12 s of
@@ -23,6 +24,7 @@ from math import cos, sin
 from pathlib import Path
 
 import numpy as np
+from tests.control.monitoring_targets import parts_of, seen_at
 
 from dart_hal.config import save_model
 from dart_hal.control.monitoring.detection import cleared, coverage
@@ -38,6 +40,8 @@ from dart_hal.vehicle.sets import UPSTREAM_2024
 EXAMPLE = Path(__file__).parents[2] / "examples" / "use_cases" / "monitoring.py"
 TEAM = Formation(Lissajous(3.3, 0.9, 1, 2), 3, 1)
 OMEGA, K = 0.25, 0.25
+NINE, SLOW = Formation(Lissajous(14.0, 31.0, 5, 4), 9, 5), (0.01, 0.02)
+"""Scaled by 17, as its tightest bend needs; Omega and k [rad/s] for 0.2 to 1.4 m/s."""
 LAGS, WRONG, PULSE = {"steering_lag": 0.12, "throttle_lag": 0.08}, 0.97, 0.013
 
 
@@ -73,11 +77,27 @@ class Drive:
         """Largest error of a phase between neighbours at the end [rad], of the nearest spread."""
         return min(disagreement(self.X[-1], p) for p in TEAM.windings)
 
+    def targets(self, radius: float, n: int = 100) -> np.ndarray:
+        """s (m,) after which moving targets are seen by the cars where they truly are, in the last
+        ``bound`` s; inf: not by then. n random ones, of which those that are seen at once are 0."""
+        rows = self.true[-round(20.0 * TEAM.bound(OMEGA)) - 1:]
+        parts, rng = parts_of(TEAM.curve, rows, radius, 41), np.random.default_rng(7)
+        return np.array([seen_at(parts, int(at), rng)
+                         for at in rng.integers(len(parts[0]), size=n)]) / 20.0
+
+    def needed(self, most: float) -> float:
+        """Radius [m], a twentieth of ``most`` exact, from which on no target is unseen for as long
+        as the bound."""
+        rows = self.true[-round(20.0 * TEAM.bound(OMEGA)) - 1:]
+        t = 0.05 * np.arange(len(rows))
+        return next(r for r in np.linspace(0.0, most, 21)[1:]
+                    if np.isfinite(cleared(TEAM.curve, t, rows, r, 41)))
+
     @property
     def least(self) -> float:
         """m between two cars at any time."""
         to = np.linalg.norm(self.true[:, :, None] - self.true[:, None], axis=-1)
-        return float(to[:, ~np.eye(3, dtype=bool)].min())
+        return float(to[:, ~np.eye(to.shape[-1], dtype=bool)].min())
 
 
 def driven(seed=1, plant="paper", loss=0.3, seconds=30.0, nano="mock",
@@ -130,6 +150,31 @@ def _car(plant, seed, folder):
     return f"vehicle={folder / 'true.toml'}", {"cars": folder}
 
 
+def nine(seed: int = 1, seconds: float = 8.0, loss: float = 0.3) -> Drive:
+    """The published team, on the published curve as wide as cars need it, by a motion capture."""
+    module, true = example(), []
+    places = module.starts(NINE, noise=0.02, seed=seed)
+    at = [tuple(map(float, place.split(","))) for place in places]
+
+    def look(fleet, team):
+        true.append([_in_room(car, start) for car, start in zip(fleet.cars, at, strict=True)])
+
+    rows, team, contacts = module.drive(
+        module.urls(places, seed), NINE, *SLOW, f"local://monitoring?loss={loss}&seed={seed}",
+        seconds, look)
+    modes = sum((robot.answers for robot in team), Counter())
+    return Drive(np.array(true[::5]), rows[:, :, 2], len(contacts), modes, team)
+
+
+def tell_of_nine(seconds: float) -> None:
+    one = nine(seconds=seconds)
+    way = np.linalg.norm(np.diff(one.true[-40:], axis=0), axis=-1).sum(axis=0) / (0.05 * 39)
+    begin, end = (disagreement(X, NINE.p) for X in (one.X[0], one.X[-1]))
+    print(f"nine cars, {seconds:g} s: {one.contacts} contacts, nearest {one.least:.2f} m, phases "
+          f"within {begin:.3f} rad of the spread at the begin and {end:.3f} at the end; "
+          f"{way.min():.2f} to {way.max():.2f} m/s in the last 2 s; {dict(one.modes)}")
+
+
 def bounds() -> None:
     """Of teams that are spread exactly."""
     for curve, p, alpha in ((Lissajous(1000.0, 1000.0, 13, 12), 11, 7),
@@ -156,9 +201,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--nano", choices=["mock", "avr"], default="mock")
     parser.add_argument("--bound", action="store_true")
+    parser.add_argument("--nine", action="store_true")
     asked = parser.parse_args()
     if asked.bound:
         bounds()
+        return
+    if asked.nine:
+        tell_of_nine(asked.seconds)
         return
     for plant in asked.plants:
         for loss in asked.loss:
@@ -169,12 +218,16 @@ def main() -> None:
                 t = 0.05 * np.arange(100)
                 seen = cleared(TEAM.curve, t, one.true[-100:],
                                TEAM.sensing_radius + float(error.max()), 41)
+                needed = one.needed(TEAM.sensing_radius)
+                found = one.targets(needed)
                 share = {str(mode): f"{n / one.modes.total():.1%}" for mode, n in one.modes.items()}
                 print(f"{plant}, loss {loss:.0%}, seeds {seed} to {seed + 2}: {one.contacts} "
                       f"contacts, nearest {one.least:.2f} m; at the end phases within "
                       f"{one.settled:.3f} rad, cars within {error.max():.2f} m of their place, "
                       f"X' {rate:.3f} rad/s; nothing unseen after {seen:.2f} s (bound "
-                      f"{TEAM.bound(rate):.1f} s); {share}", flush=True)
+                      f"{TEAM.bound(rate):.1f} s), nor with {needed:.2f} m by the bound: "
+                      f"{np.isfinite(found).sum()} of {len(found)} moving targets seen, the last "
+                      f"after {found.max():.2f} s; {share}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """A platoon of emulated hidden cars, judged by where they truly are.
 
-    python -m tests.control.platoon_figures cars --seeds 20
+    python -m tests.control.platoon_figures cars --seeds 20 [--tracker lane]
 
-Each of five cars has its own seed, no calibration, its lidar's poses and gaps, and 50 % of the
-messages lost. ``bias``: what their poses are wrong by across at most, a wave of 20 s with its own
-phase for each car. Lateral errors are taken after the first 3 s.
+Each of five cars has its own seed (platoon 1: 1 to 5, platoon 2: 6 to 10, ...), no calibration,
+its lidar's poses and gaps, and 50 % of the messages lost. ``bias``: what their poses are wrong by
+across at most, a wave of 20 s with its own phase for each car. Lateral errors are taken after the
+first 3 s.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 
 from dart_hal.control.tracks import track_named
 from dart_hal.localisation.field import map_of_lines
+from dart_hal.localisation.grid import read_grid, write_grid
 from dart_hal.localisation.source import LidarPoses
 from dart_hal.sim.lidar.maps import room_of
 from dart_hal.sim.truth import world_of
@@ -32,6 +34,8 @@ from dart_hal.types import MotionEstimate, Pose
 PROGRAM = Path(__file__).parents[2] / "examples" / "use_cases" / "platooning.py"
 SETTLED = 3.0
 PERIOD = 20.0
+BOARD, DOOR = 0.425, 0.4
+"""m from the middle to a board of a lane; of a door in it."""
 
 
 def loaded() -> ModuleType:
@@ -98,13 +102,29 @@ def biased(bias: float, seed: int) -> Any:
 def straight(seed: int, bias: float = 0.0, cars: int = example.CARS, **how: Any
              ) -> tuple[Any, Truth]:
     """Five hidden cars down the corridor."""
-    seeds = range(5 * seed, 5 * seed + cars)
+    seeds = range(5 * seed - 4, 5 * seed - 4 + cars)
     path = example.Track([(example.LONG, 0.0)], closed=False, start=(0.5, 0.0, 0.0))
     truth = Truth(example.starts(path, cars))
     with tempfile.TemporaryDirectory() as folder:
         see = biased(bias, seed) if bias else None
         how = {"make": example.careful, "loss": 0.5, "each": truth, "see": see, **how}
         return example.straight(folder, seeds, **how), truth
+
+
+def lane(folder: Any, until: float = example.LONG) -> Path:
+    """The map of the corridor with a lane of boards in it up to ``until`` [m], which has a door to
+    one side or the other every 1.5 m: by them a car knows how far along it is."""
+    chart = example.corridor(folder)
+    grid, rng = read_grid(chart), np.random.default_rng(2)
+    walls = grid.occupied.copy()
+    rows = [int((side - grid.origin[1]) / grid.cell) for side in (-BOARD, BOARD)]
+    for row in rows:
+        walls[row, 2:min(round(until / grid.cell), walls.shape[1] - 2)] = True
+    for x in np.arange(1.0, example.LONG - 1.0, 1.5):
+        begin = int((x + rng.uniform(0.0, 1.0)) / grid.cell)
+        walls[rows[rng.integers(2)], begin:begin + round(DOOR / grid.cell)] = False
+    write_grid(replace(grid, occupied=walls, free=grid.free & ~walls), chart)
+    return Path(chart)
 
 
 def on_track(seed: int, **how: Any) -> tuple[Any, Truth]:
@@ -146,11 +166,12 @@ def scenario(seed: int) -> dict[str, Any]:
     return {"lies": {car: lie}, "brakes": rng.uniform(6.0, 12.0), "lasts": 14.0}
 
 
-def figures(seeds: Iterable[int]) -> None:
-    """Of each seed: the random drive, at a bias of 2 cm."""
+def figures(seeds: Iterable[int], tracker: str = "lqr") -> None:
+    """Of each seed: the random drive, at a bias of 2 cm; tracker "lane": between boards."""
+    hall = lane if tracker == "lane" else example.corridor
     rms, least, touched = [], [], 0
     for seed in seeds:
-        drive, truth = straight(seed, bias=0.02, **scenario(seed))
+        drive, truth = straight(seed, bias=0.02, tracker=tracker, hall=hall, **scenario(seed))
         rms.append(lateral(truth))
         least.append(gaps(truth).min())
         touched += len(drive.contacts) > 0

@@ -2,10 +2,11 @@
 
     python -m tests.control.platoon_figures published            the published law, its own steps
     python -m tests.control.platoon_figures strings              peaks along the string
-    python -m tests.control.platoon_figures rule --scenarios 150          without noise; 6 CPU min
+    python -m tests.control.platoon_figures rule --scenarios 150          without noise; 12 CPU min
     python -m tests.control.platoon_figures noise --scenarios 2000       noise and loss; 9 CPU min
     python -m tests.control.platoon_figures speeds               told speeds that are lies
-    python -m tests.control.platoon_figures cars --seeds 20 [--first 1]   emulated; 25 CPU s a seed
+    python -m tests.control.platoon_figures cars --seeds 20 [--first 1] [--tracker lane]
+                                                                 emulated; 20 CPU s a seed
 
 ``rule``, ``noise``: random attacks, brakes and leaders, 5 followers, 50 s; the smallest gap.
 ``cars``: see ``platoon_cars``.
@@ -25,7 +26,7 @@ from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, Gains
 from dart_hal.control.platoon.safe import Margins
 from dart_hal.control.platoon.stability import peak
 
-STEPS = ((0.1, 0.0), (0.1, 0.1), (0.1, 0.2), (0.05, 0.1))
+STEPS = tuple((dt, delay) for dt in (0.1, 0.05) for delay in (0.0, 0.1, 0.2))
 """dt, delay [s]."""
 BARE = {"rule": False, "compensated": False, "detects": False}
 RULE = {"compensated": False, "detects": False}
@@ -105,7 +106,7 @@ def rule(count: int) -> None:
 
 def noise(count: int) -> None:
     margins = Margins(e_g=0.05, e_v=0.03, m=0.02)
-    for dt, delay in (STEPS[1], STEPS[3]):
+    for dt, delay in STEPS[1::3]:
         for name, gains, how in (("published, rule", DART, RULE), ("published", DART, BARE),
                                  ("stable, rule, detector", STABLE, {})):
             gaps = gaps_of(count, gains, dt, delay, margins, NOISY, **how)
@@ -146,11 +147,12 @@ def main() -> None:
     parser.add_argument("--scenarios", type=int, default=150)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--tracker", default="lqr", choices=("lqr", "pursuit", "lane"))
     given = parser.parse_args()
     if given.what == "cars":
         from tests.control.platoon_cars import figures
 
-        figures(range(given.first, given.first + given.seeds))
+        figures(range(given.first, given.first + given.seeds), given.tracker)
     elif given.what in ("rule", "noise"):
         {"rule": rule, "noise": noise}[given.what](given.scenarios)
     else:

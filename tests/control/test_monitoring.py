@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from math import cos, pi
 
 import numpy as np
 import pytest
-from scipy.ndimage import label
+from tests.control.monitoring_targets import moving, parts_of
+from tests.control.monitoring_times import TIMES, times
 
 from dart_hal.control.monitoring.course import Course
-from dart_hal.control.monitoring.detection import cleared, coverage, first_seen, seen
+from dart_hal.control.monitoring.detection import cleared, coverage, first_seen
 from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import (
     disagreement,
@@ -27,8 +27,6 @@ from dart_hal.errors import UsageError
 K, DT, STARTS = 0.1, 0.1, 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""
 FEW = ((5, 2), (3, 1), (4, 2))
-TIMES = {(9, 5): 66.0, (9, 4): 66.0, (5, 2): 23.0, (3, 1): 26.0, (4, 2): 20.0, (25, 11): 188.0}
-"""s to 0.01 rad that were to be reached, each of one start that is not named."""
 NINE, FIVE = Lissajous(0.8, 1.8, 5, 4), Lissajous(1.5, 1.5, 3, 2)
 
 
@@ -67,12 +65,25 @@ def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
 @pytest.mark.parametrize(("n", "p"), TIMES)
 def test_how_long_it_takes(n, p):
     """The time that was to be reached, of a start that is not named, lies among those of 20 starts,
-    whose median is within 20 % of it; but for five robots, where it is a quick start. One start (2)
-    is within 20 % for every team."""
+    whose median is within 20 % of it; but for five robots, where it is a quick start (below). One
+    start (2) is within 20 % for every team."""
     times = [converged(n, p, seed) for seed in range(20)]
     assert min(times) <= TIMES[n, p] <= max(times)
     assert np.median(times) == pytest.approx(TIMES[n, p], rel=0.4 if n == 5 else 0.2)
     assert times[2] == pytest.approx(TIMES[n, p], rel=0.2)
+
+
+def test_the_figure_of_five_robots_is_that_of_a_quick_start():
+    """By what the others are measured by; the slowest mode alone takes 35 s from 0.5 rad."""
+    found = times(5, 2, "within 0.5 rad", 100)
+    quick = np.mean(found["largest of differences"] <= TIMES[5, 2])
+    assert 0.05 < quick < 0.3
+    assert np.log(STARTS / 0.01) / slowest(5, 2, K) == pytest.approx(35.0, abs=0.1)
+    own = spread(5, 2) + np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5))[0]
+    steps = 0
+    while disagreement(own, 2) >= 0.01:
+        own, steps = stepped(own, 0.05, K, DT), steps + 1
+    assert found["largest of differences"][0] == pytest.approx(steps * DT)
 
 
 @pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
@@ -136,36 +147,14 @@ RATE = 0.01
 
 
 def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
-    """How many of n random targets are not seen within the bound, and the longest time over the
-    bound of those that are.
-
-    A target is as fast as it likes, cannot pass through what is seen, and knows where the robots
-    will be next: it goes where it will still be free, mostly to the larger part of that.
-    """
-    t, rng = np.linspace(0.0, team.bound(RATE), steps), np.random.default_rng(5)
-    edge = np.linspace(-1.0, 1.0, cells)
-    spots = np.stack(np.meshgrid(team.curve.A * edge, team.curve.B * edge), axis=-1)
-    spots, times = spots.reshape(-1, 2), []
+    """How many of n targets (``monitoring_targets``) are not seen within the bound, and the longest
+    time over the bound of those that are."""
+    t, rng, times = np.linspace(0.0, team.bound(RATE), steps), np.random.default_rng(5), []
     for _ in range(n // each):
         robots = team.curve.at(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
-        free = [~seen(one, spots, team.sensing_radius) for one in robots]
-        parts = [label(one.reshape(cells, cells), np.ones((3, 3)))[0].ravel() for one in free]
-        for at in rng.choice(np.flatnonzero(free[0]), each):
-            times.append(_seen_at(int(at), parts, rng) / (steps - 1))
+        parts = parts_of(team.curve, robots, team.sensing_radius, cells)
+        times += (moving(parts, each, rng) / (steps - 1)).tolist()
     return int(np.sum(np.isinf(times))), max((x for x in times if x < np.inf), default=0.0)
-
-
-def _seen_at(at, parts, rng):
-    """The step at which nowhere is left to go to; inf: never. parts: number of the connected part
-    of each place that is free, 0 where it is seen, at each step."""
-    for k, (here, then) in enumerate(pairwise(parts)):
-        open_ = np.flatnonzero((here == here[at]) & (then > 0))
-        if not len(open_):
-            return k + 1
-        size = np.bincount(then)[then[open_]]
-        best = open_[size == size.max()]
-        at = int(rng.choice(best if rng.random() < 0.8 else open_))
-    return np.inf
 
 
 def beside(team, seed=3):

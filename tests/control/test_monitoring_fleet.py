@@ -3,9 +3,11 @@ falls silent, by the pulses at their ESCs."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from tests.control.monitoring_figures import OMEGA, TEAM, driven
+from tests.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
+from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.monitor import Mode
 from dart_hal.sim.truth import world_of
 
@@ -56,6 +58,10 @@ def test_they_keep_their_places(plant, loss):
     assert drive.settled < 0.05
     assert drive.error().max() < 0.15
     assert all(robot.rate == pytest.approx(OMEGA, rel=0.05) for robot in drive.team)
+    assert drive.targets(TEAM.sensing_radius + drive.error().max()).max() == 0.0, "nowhere to hide"
+    late = drive.targets(0.7 * TEAM.sensing_radius)
+    assert 0.5 < late.max() < TEAM.bound(OMEGA), "100 of 100 moving targets, not all at once"
+    assert np.isinf(drive.targets(0.5 * TEAM.sensing_radius)).any(), "control"
 
 
 @pytest.mark.more
@@ -74,6 +80,22 @@ def test_without_the_guard_they_drive_into_it():
     drive = driven(1, "paper", 0.3, LASTS + 6.0, each=death, guard=False)
     assert drive.contacts > 0
     assert death.forward(DIES) > SAFE
+
+
+@pytest.mark.slow
+def test_nine_cars_keep_the_published_curve():
+    """Scaled to what a car can drive: 28 x 62 m, a lap of 600 m, by a motion capture."""
+    drive = nine()
+    assert drive.contacts == 0
+    assert drive.least > NINE.distances().least - 1.0
+    assert disagreement(drive.X[-1], NINE.p) < disagreement(drive.X[0], NINE.p) + 0.005
+    speeds = np.linalg.norm(drive.true[-1] - drive.true[-21], axis=-1)
+    rates = np.array([robot.rate for robot in drive.team])
+    assert np.abs(speeds - NINE.curve.rate(drive.X[-11]) * rates).max() < 0.1
+    assert rates == pytest.approx(SLOW[0], rel=0.25)
+    assert np.abs(speeds - speeds.mean()).max() > 0.2, "control: slower in bends than between them"
+    assert drive.modes[Mode.YIELDING] == 0
+    assert drive.modes[Mode.ALONE] < 0.03 * drive.modes.total(), "until all were heard"
 
 
 @pytest.mark.slow

@@ -161,6 +161,8 @@ def test_disturbances_fade_along_the_string_at_delays_up_to_a_fifth_of_a_second(
     for delay in (0.0, 0.1, 0.2):
         assert peak(STABLE, 0.05, delay, age=0.05) <= 1.005
         assert peak(STABLE, 0.1, delay) <= 1.005
+        assert peak(STABLE, 0.1, delay, age=0.1) <= 1.005
+    assert peak(replace(STABLE, share=0.5), 0.1, 0.2, age=0.1) > 1.04, "control"
     assert peak(DART, 0.1, 0.1, told=False) > 1.03, "control: the published headway"
     assert peak(STABLE, 0.05, 0.1, age=0.05, compensated=False) > 1.5, "control"
 
@@ -263,6 +265,29 @@ def test_without_a_gap_it_brakes_to_rest():
     u = run(follower, 1.0, gap=None, tell=lambda t: Told(t, 1.0, 0.5))
     assert (u == follower.gains.u_min).all()
     assert follower.mode is Mode.STOP
+
+
+class Held(Follower):
+    """The control: the gap goes on by the last told speed, as if silence were no news."""
+
+    def _go_on(self, t, speed):
+        super()._go_on(t, speed)
+        self._short = 0.0
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.05])
+@pytest.mark.few("0.1")
+def test_in_silence_the_gap_is_the_one_that_a_full_brake_leaves(dt):
+    """Gaps are exact, but come each 0.4 s; 60 % of the messages are lost."""
+    def least(make):
+        scenario = Scenario(brakes=(4.0, 7.0), attacks={0: lie})
+        return min(drive(scenario, lambda: make(DART, dt, 0.1, UNREADY, trust=1.0,
+                                                **{**AS_PUBLISHED, "rule": True}), 2, 8.0, dt=dt,
+                         delay=0.1, line=Line(rate=2.5, loss=0.6), rng=np.random.default_rng(seed)
+                         )[0].min() for seed in range(6))
+
+    assert least(Follower) >= 0.02 - 1e-9
+    assert least(Held) < 0.0, "control"
 
 
 def test_silence_is_taken_for_a_full_brake():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from tests.control import platoon_cars as cars
@@ -16,6 +18,7 @@ from dart_hal.errors import UsageError
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}
+BRIEF = {**SHORT, "cars": 2, "lasts": 5.5, "brakes": 5.0}
 
 
 def tail(path, s, width=0.19, n=12):
@@ -103,7 +106,7 @@ def changed(monkeypatch, number, since, act):
 
 @pytest.mark.more
 def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
-    drive, truth = cars.straight(2, silent=(1,), **SHORT)
+    drive, truth = cars.straight(4, silent=(1,), **SHORT)
     assert not drive.contacts
     assert gaps(truth).min() > 0.1
     follower = drive.cars[2].follower
@@ -140,6 +143,37 @@ def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypa
     assert not driving(truth, 1, 6.2)
     assert driving(truth, 0, 6.2), "control: the leader drives on"
     assert not drive.contacts
+
+
+@pytest.mark.more
+def test_between_boards_no_pose_that_is_off_across_is_followed():
+    """A lidar that sees its lane steers better than a pose that is up to 4 cm off, and the doors
+    in the boards are no lane."""
+    drive, truth = cars.straight(1, bias=0.04, tracker="lane", hall=cars.lane, **BRIEF)
+    assert not drive.contacts
+    assert gaps(truth).min() > 0.1
+    assert np.array(truth.speed)[450].min() > 0.7, "and it does drive"
+    assert lateral(truth) < 0.01
+    _, posed = cars.straight(1, bias=0.04, hall=cars.lane, **BRIEF)
+    assert lateral(posed) > 0.015, "control"
+
+
+@pytest.mark.more
+def test_where_the_boards_end_it_stops():
+    """The lane ends 3 m ahead, and no pose or gap is lost."""
+    def short(folder):
+        return cars.lane(folder, until=8.0)
+
+    on_and_on = {**BRIEF, "lasts": 7.0, "brakes": 99.0}
+    drive, truth = cars.straight(1, tracker="lane", hall=short, **on_and_on)
+    leader = drive.cars[0]
+    assert leader.mode == "STOP"
+    assert re.fullmatch("(no boards are|only the (left|right) board is) seen for 0.5 s", leader.why)
+    assert driving(truth, 0, 3.0, 4.0), "control: it drove until then"
+    assert not driving(truth, 0, 6.5)
+    assert not drive.contacts
+    _, on = cars.straight(1, hall=short, **on_and_on)
+    assert driving(on, 0, 6.5), "control: by its pose it drives on"
 
 
 @pytest.mark.slow

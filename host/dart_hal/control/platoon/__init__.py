@@ -7,6 +7,7 @@
     detector    whether it drives what it tells
     follower    all of that: one follower, and its modes CACC, ACC, STOP
     spacing     the gap by a scan of the lidar, else by the told pose
+    by_lane     steering by the boards beside the car instead of by its pose
     car         a follower or leader on a path: steering and speed
     stability   whether disturbances fade along the string
 

@@ -1,6 +1,7 @@
 """One car of a platoon: what it knows of itself and of the car ahead in, steering and speed out.
 
-Across, a tracker of ``control.trackers`` keeps it on the path by poses in the room. Along, the
+Across, a tracker of ``control.trackers`` keeps it on the path by poses in the room, or ``by_lane``
+between the boards that its lidar sees. Along, the
 acceleration of ``Follower`` (the first car: of ``leader``, or of who drives) is summed up to a
 speed; ``Car.drive_speed`` makes the throttle of it, by the identified model, in time with a ramp.
 """
@@ -19,6 +20,7 @@ from dart_hal.control.follow import Command, start_of
 from dart_hal.control.lap import CRAWL
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
+from dart_hal.control.platoon.by_lane import ByLane
 from dart_hal.control.platoon.follower import Follower, Gap, Mode
 from dart_hal.control.platoon.gains import Gains
 from dart_hal.control.platoon.hearing import FRESH, Told
@@ -48,10 +50,10 @@ class Ahead:
 
 class PlatoonCar:
     """One drive: ``answer`` once per State. drives (t [s], speed [m/s]): acceleration [m/s2] of a
-    leader, who has no follower.
+    leader, who has no follower. tracker: of ``TRACKERS``, or "lane".
 
     ``u`` [m/s2]: what is asked for; ``seen``: the last gap by the lidar; ``offset`` [m] from the
-    path. ``mode``, ``why``: of the follower, but STOP where the own pose is lost.
+    path. ``mode``, ``why``: of the follower, but STOP where the own pose is lost, or the lane.
     """
 
     def __init__(self, path: Path, plant: Plant, follower: Follower | None = None, *,
@@ -61,7 +63,7 @@ class PlatoonCar:
         if gains is None:
             gains = Follower().gains if follower is None else follower.gains
         self.gains = gains
-        self.tracker = TRACKERS[tracker](path, plant)
+        self.tracker = ByLane(path, plant) if tracker == "lane" else TRACKERS[tracker](path, plant)
         self._tables = plant.gains  # made here, not while the car drives
         self.tracker.pace = lambda s: max(self._wanted, CRAWL)
         self.u = 0.0
@@ -91,6 +93,8 @@ class PlatoonCar:
             self._located = t
         if self._located == -inf:
             return Command(0.0, 0.0)
+        if isinstance(self.tracker, ByLane):
+            self.tracker.look(scans)
         steering = self.tracker.steer(motion)
         since = t - self._poses[-1][0] if self._poses else 0.0
         self._poses.append((t, pose.x, pose.y, pose.yaw, self.tracker.s))
@@ -138,15 +142,15 @@ class PlatoonCar:
 
     def _decides(self, t: float, speed: float, ahead: Ahead | None) -> float:
         """Acceleration [m/s2] for the next step."""
-        lost = t - self._located > PATIENCE
+        lost = "the pose is lost" if t - self._located > PATIENCE else self.tracker.why
         if self.follower is None:
-            self.mode, self.why = (Mode.STOP, "the pose is lost") if lost else (Mode.LEAD, "")
+            self.mode, self.why = (Mode.STOP, lost) if lost else (Mode.LEAD, "")
             return self.gains.u_min if lost else clipped(self.gains, self._drives(t, speed))
         u = self.follower.answer(t, speed, self._new)
         self._new = None
         self.mode, self.why = self.follower.mode, self.follower.why
         if lost:
-            self.mode, self.why = Mode.STOP, "the pose is lost"
+            self.mode, self.why = Mode.STOP, lost
         return self.gains.u_min if lost else u
 
     def _sum(self, since: float, speed: float) -> float:

@@ -81,5 +81,6 @@ DART = tuned(0.5, 1.0, -1.0, 1.0, 1.4)
 """The published set of the cars."""
 TRUCK = tuned(20.0, 25.0, -7.848, 4.905, 100.0 / 3.6)
 """The published set of trucks."""
-STABLE = replace(DART, d=0.6, h=0.4, share=0.5, beta=0.5)
-"""With the stiffness of ``DART``: disturbances fade at delays up to 0.2 s (``stability``)."""
+STABLE = replace(DART, d=0.6, h=0.4, share=0.3, beta=0.5)
+"""With the stiffness of ``DART``: disturbances fade at delays up to 0.2 s, with an acceleration
+that was told up to 0.1 s ago (``stability``); a share of 0.5 needs one that is told now."""
