@@ -85,8 +85,9 @@ class Point:
     def sums(self, residual: FloatArray, rows: Part = ALL) -> Sums:
         """What some rows of other residuals (N,) say about a move."""
         jac, weight, r = self.jacobian[rows], self.weight[rows], residual[rows]
-        weighted = jac * (weight * self.noise.robust_weight(r))[:, None]
-        return Sums(weighted.T @ jac, weighted.T @ r)
+        root = np.sqrt(weight * self.noise.robust_weight(r))
+        weighted = jac * root[:, None]  # a matrix by itself is half the work
+        return Sums(weighted.T @ weighted, weighted.T @ (root * r))
 
     def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
         """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
