@@ -49,11 +49,11 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def quarters(series: FloatArray) -> FloatArray:
-    """The same where stretches begin with samples, of each sample (n,) its quarters (n, FINE)."""
-    share, first, then = (v[:, None] for v in _steps(series))
-    low, high = np.arange(FINE) / FINE, np.arange(1, FINE + 1) / FINE
-    step = np.clip(share, low, high)
-    return np.asarray(FINE * ((step - low) * first + (high - step) * then))
+    """The same where stretches begin with samples: of each sample (n,) its quarters (n, FINE)."""
+    share, first, then = _steps(series)
+    until = [np.minimum(i / FINE, share) * first + np.maximum(i / FINE - share, 0.0) * then
+             for i in range(1, FINE + 1)]
+    return np.stack([until[0], *(b - a for a, b in pairwise(until))], axis=1) * FINE
 
 
 def _steps(series: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

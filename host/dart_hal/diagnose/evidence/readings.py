@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,15 +40,17 @@ def measured(g: Grid) -> Measured:
     return Measured(sensors.motion(g.t, states(g), rates), savgol_derivative(g.yaw, SMOOTH))
 
 
-def driven(p: Vehicle, m: Measured, throttle: FloatArray | None, drive: Drive, signal: str,
-           late: float) -> FloatArray:
+def pulled(p: Vehicle, m: Measured, throttle: FloatArray) -> Measured:
+    """The same with the force at the wheels; throttle (n,): behind its actuator."""
+    return replace(m, now=sensors.driven(p, m.now, throttle))
+
+
+def driven(p: Vehicle, m: Measured, drive: Drive, signal: str, late: float) -> FloatArray:
     """What a signal of the moving car should read: "wheel" (k, 1), "gyro" (k, 1), "accel" (k, 2).
 
-    throttle (n,): behind its actuator; None where no effect on it asks for it. late: age of the
-    readings [s].
+    late: age of the readings [s].
     """
-    when = drive.at[~drive.still]
-    now = m.now if throttle is None else sensors.driven(p, m.now, throttle)
+    when, now = drive.at[~drive.still], m.now
     true = {"wheel": np.array(now.v_x), "gyro": m.omega, "accel": (now.a_x, now.a_y)}[signal]
     q, more = late_last(p, signal)
     shown, at = through(q, signal, true, now, SAMPLE), when - (late + more) / SAMPLE

@@ -30,7 +30,7 @@ from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
 
 from .drive import HALF, READ_OUTS, Drive
-from .readings import SENSORS, at_rest, driven, measured, resting
+from .readings import SENSORS, at_rest, driven, measured, pulled, resting
 from .space import EXACT, LATE, Timing
 
 MOTION = ("v_x", "v_y", "omega")
@@ -238,20 +238,20 @@ class Evidence:
     def _sensor(self, p: Vehicle, signal: str, late: float, apart: float) -> FloatArray:
         """(m, channels of a signal that is only read), what it should read minus what it did."""
         q = settled(p)
-        seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
+        key = q.body.l_r, _on(p, POSE)
+        seen = self._once(("measured", *key),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
-        pulled = [None] * len(self.drives) if not _on(p, frozenset({signal})) else self._once(
-            ("pulled", pulled_by(p, q)), lambda: [
-                behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
-                for d in self.drives])
+        if _on(p, frozenset({signal})):  # it may know the force
+            seen = self._once(("pulled", *key, q.motor, q.friction, *pulled_by(p, q)), lambda: [
+                pulled(p, m, behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True))
+                for d, m in zip(self.drives, seen, strict=True)])
         still = self._once("resting", lambda: [resting(d) for d in self.drives])
         rest = self._once(("rest", q.body, _on(p, IMU)), lambda: [
             at_rest(d, p, True, r) for d, r in zip(self.drives, still, strict=True)])
         mine = [SENSORS.index(channel) for channel in SENSED[signal]]
         age = late + apart if signal == "gyro" else late
-        return np.concatenate([part for drive, m, throttle, read
-                               in zip(self.drives, seen, pulled, rest, strict=True)
-                               for part in (driven(p, m, throttle, drive, signal, age)
+        return np.concatenate([part for drive, m, read in zip(self.drives, seen, rest, strict=True)
+                               for part in (driven(p, m, drive, signal, age)
                                             - drive.read[~drive.still][:, mine], read[:, mine])])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
