@@ -180,7 +180,8 @@ class Search:
         point: Point | None = None
         while point is None or passes:
             noise = self._measured(*space.split(x))
-            point = refit(self._evidence, noise, space, x, point)
+            point = refit(self._evidence, noise, space, x, point,
+                          jobs=self._settings.jobs)
             x, passes = point.x, passes - 1
         return point, noise
 
