@@ -141,7 +141,7 @@ class Search:
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
         if all(only_read(catalogue()[name]) for name in other):
             return near
-        return refit(self._evidence, noise, space, near.x, near)
+        return refit(self._evidence, noise, space, near.x, near, jobs=self._settings.jobs)
 
     def beside(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
         """A point with effects that may be there and are no causes.
@@ -165,7 +165,7 @@ class Search:
         That is, if the motion is surely better told: for what a sensor gains the car
         is not moved.
         """
-        far = refit(self._evidence, noise, point.space, point.x, point)
+        far = refit(self._evidence, noise, point.space, point.x, point, jobs=self._settings.jobs)
         policy = self._settings.policy
         motion = rows_at(self._evidence, point, policy).channel >= 0
         losses = [float(p.weight[motion] @ p.noise.loss(p.residual[motion]))
