@@ -85,7 +85,7 @@ class Sets:
         held = [i for g in sorted(self.every - free) for i in self.coordinates(g)]
         space, x, normal = self.full.space, self.full.x.copy(), self.full.normal
         rest = np.setdiff1d(np.arange(len(x)), held)
-        x[rest] += bounded(normal[np.ix_(rest, rest)], -normal[np.ix_(rest, held)] @ x[held],
+        x[rest] += bounded(normal[np.ix_(rest, rest)], -normal[rest][:, held] @ x[held],
                            space.low[rest] - x[rest], space.high[rest] - x[rest])
         x[held] = 0.0
         return np.asarray(x)
