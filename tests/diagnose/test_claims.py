@@ -17,6 +17,7 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.parameters.claims import _costly
 from dart_hal.diagnose.parameters.cost import Unseen, cost, shapley
 from dart_hal.diagnose.parameters.groups import GROUPS, steady_speed
+from dart_hal.diagnose.parameters.sets import Sets
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
@@ -156,3 +157,19 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
                          0)
     assert ratio > USUAL.claims.worth
     assert low > 1.0
+
+
+def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
+    """A throttle delay and the age of commands that move the residuals alike."""
+    names = ("delay.throttle_s", "age", "late", "gyro")
+    slopes = np.array([[1.0, -0.99, 0.0, 0.0], [0.0, 0.14, 0.0, 0.0]])
+    point = SimpleNamespace(x=np.array([2.0, 0.0, 0.0, 0.0]), normal=slopes.T @ slopes
+                            + 1e-3 * np.eye(4), vehicle=PAPER, space=SimpleNamespace(
+        names=names, low=np.array([-9.0, -9.0, -9.0, -9.0]), high=np.full(4, 9.0)))
+    of = object.__new__(Sets)
+    of.full, of.every = point, frozenset({"throttle timing"})
+    of._names = {"throttle timing": ("delay.throttle_s",)}
+    assert of.rise(frozenset()) < 0.5  # a negative age would do nearly the same
+    point.space.low[1] = 0.0
+    assert of.rise(frozenset()) == pytest.approx(4.0, abs=0.01)
+    assert of.rise(of.every) == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.predict.substeps import FINE, fine
+from dart_hal.predict.substeps import FINE, fine, quarters
 
 
 def stepped(at, n=40):
@@ -41,3 +41,9 @@ def test_ends_are_held():
     got = fine(np.array([1.0, 1.0, 3.0]), np.array([[-5.0], [-4.0], [7.0]]))
     assert got[:FINE, 0] == pytest.approx(1.0)
     assert got[-FINE:, 0] == pytest.approx(3.0)
+
+
+def test_quarters_of_samples_are_stretches_that_begin_with_them():
+    series = np.concatenate([stepped(20.3), np.sin(np.arange(40.0)), np.full(5, 0.7)])
+    expected = fine(series, np.arange(float(len(series)))[:, None])
+    assert quarters(series).ravel() == pytest.approx(expected[:, 0], abs=1e-12)

@@ -48,9 +48,10 @@ def descend(residual: Callable[[FloatArray], FloatArray],
     damping, fresh, proved = DAMPING, first is None or kept == np.inf, False
     for _ in range(rounds):
         weight = soft_l1_weight(r, robust)
-        hessian = (jac * weight[:, None]).T @ jac + prior * np.eye(len(x))
+        weighted = jac * np.sqrt(weight)[:, None]
+        hessian = weighted.T @ weighted + prior * np.eye(len(x))
         slope = jac.T @ (weight * r) + prior * x
-        cost, moved = _cost(r, x, robust, prior), False
+        cost, moved, harder = _cost(r, x, robust, prior), False, HARDER
         while damping < TOO_HARD:
             trial = _step(x, hessian, slope, damping, np.maximum(low, x - reach),
                           np.minimum(high, x + reach))
@@ -64,7 +65,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
                 damping *= EASIER
             if moved or not fresh:
                 break
-            damping *= HARDER
+            damping, harder = damping * harder, harder * HARDER
         if not moved and not fresh and not (proved and promised < NOTHING * gain * cost):
             jac, fresh = jacobian(x, r), True
             continue

@@ -29,14 +29,7 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
     """
     at = np.clip(at + 1.0, 0.0, len(series))
     series = np.concatenate([series[:1], series, series[-1:]])
-    before = np.concatenate([series[:1], series[:-1]])
-    after = np.concatenate([series[1:], series[-1:]])
-    rise = after - before
-    flat = np.abs(rise) < SAME
-    share = np.where(flat, -1.0, (after - series) / np.where(flat, 1.0, rise))
-    between = (share >= 0.0) & (share <= 1.0)
-    first, then = np.where(between, before, series), np.where(between, after, series)
-    share = np.where(between, share, 1.0)
+    share, first, then = _steps(series)
     total = np.concatenate([[0.0], np.cumsum(series)])
 
     low = np.floor(at).astype(np.int64)
@@ -53,6 +46,26 @@ def fine(series: FloatArray, at: FloatArray) -> FloatArray:
     edges = [integral(i / FINE) for i in range(FINE + 1)]
     means = np.stack([b - a for a, b in pairwise(edges)], axis=1) * FINE
     return np.asarray(means.reshape(FINE * len(at), *at.shape[1:]))
+
+
+def quarters(series: FloatArray) -> FloatArray:
+    """The same where stretches begin with samples: of each sample (n,) its quarters (n, FINE)."""
+    share, first, then = _steps(series)
+    until = [np.minimum(i / FINE, share) * first + np.maximum(i / FINE - share, 0.0) * then
+             for i in range(1, FINE + 1)]
+    return np.stack([until[0], *(b - a for a, b in pairwise(until))], axis=1) * FINE
+
+
+def _steps(series: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of each sample (n,): where in it a step is, 0 to 1, and the levels before and behind."""
+    before = np.concatenate([series[:1], series[:-1]])
+    after = np.concatenate([series[1:], series[-1:]])
+    rise = after - before
+    flat = np.abs(rise) < SAME
+    share = np.where(flat, -1.0, (after - series) / np.where(flat, 1.0, rise))
+    between = (share >= 0.0) & (share <= 1.0)
+    return (np.where(between, share, 1.0), np.where(between, before, series),
+            np.where(between, after, series))
 
 
 def fine_rollout(p: Vehicle, start: FloatArray, throttle: FloatArray, angle: FloatArray,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,31 +40,26 @@ def measured(g: Grid) -> Measured:
     return Measured(sensors.motion(g.t, states(g), rates), savgol_derivative(g.yaw, SMOOTH))
 
 
-def driven(p: Vehicle, m: Measured, throttle: FloatArray | None, drive: Drive, late: float,
-           apart: float) -> FloatArray:
-    """What each sensor of the moving car should read, minus what it read; (k, 4).
+def pulled(p: Vehicle, m: Measured, throttle: FloatArray) -> Measured:
+    """The same with the force at the wheels; throttle (n,): behind its actuator."""
+    return replace(m, now=sensors.driven(p, m.now, throttle))
 
-    throttle (n,): behind its actuator; None where no effect on a sensor asks for it. late: age of
-    the readings [s]; apart: by how much more that of the gyro.
+
+def driven(p: Vehicle, m: Measured, drive: Drive, signal: str, late: float) -> FloatArray:
+    """What a signal of the moving car should read: "wheel" (k, 1), "gyro" (k, 1), "accel" (k, 2).
+
+    late: age of the readings [s].
     """
-    when, read = drive.at[~drive.still], drive.read[~drive.still]
-    if not len(when):
-        return np.empty((0, len(SENSORS)))
-    now = m.now if throttle is None else sensors.driven(p, m.now, throttle)
-
-    def behind(channel: str, signal: Any) -> tuple[Any, FloatArray]:
-        """(the signal behind its effects, where the messages read it in samples)."""
-        q, more = late_last(p, channel)
-        return through(q, channel, signal, now, SAMPLE), when - (late + more) / SAMPLE
-
-    wheel, at = behind("wheel", np.array(now.v_x))
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]))])
+    when, now = drive.at[~drive.still], m.now
+    true = {"wheel": np.array(now.v_x), "gyro": m.omega, "accel": (now.a_x, now.a_y)}[signal]
+    q, more = late_last(p, signal)
+    shown, at = through(q, signal, true, now, SAMPLE), when - (late + more) / SAMPLE
+    if signal != "wheel":
+        return np.stack([catmull_rom(s, at) for s in (shown if signal == "accel" else (shown,))],
+                        axis=1)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (shown[1:] + shown[:-1]))])
     end, begin = catmull_rom(way, np.stack([at, at - WINDOW]))
-    gyro, at = behind("gyro", m.omega)
-    accel, at_accel = behind("accel", (now.a_x, now.a_y))
-    said = catmull_rom(np.stack([gyro, *accel]),
-                       np.stack([at - apart / SAMPLE, at_accel, at_accel]))
-    return np.stack([(end - begin) / WINDOW, *said], axis=1) - read
+    return np.asarray((end - begin) / WINDOW)[:, None]
 
 
 def resting(drive: Drive) -> tuple[Now, FloatArray]:

@@ -21,7 +21,7 @@ from dart_hal.predict.actuators import (
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
-from dart_hal.predict.substeps import FINE, fine, fine_rollout
+from dart_hal.predict.substeps import FINE, fine_rollout, quarters
 from dart_hal.recording.dart import RUN, Grid
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.channels import late_last
@@ -30,7 +30,7 @@ from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
 
 from .drive import HALF, READ_OUTS, Drive
-from .readings import SENSORS, at_rest, driven, measured, resting
+from .readings import SENSORS, at_rest, driven, measured, pulled, resting
 from .space import EXACT, LATE, Timing
 
 MOTION = ("v_x", "v_y", "omega")
@@ -40,7 +40,7 @@ SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
 ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
 POSE, THROTTLE, SERVO, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering",), ("steering", "angle")))
-KEPT = 32  # parts of models
+KEPT = 48  # parts of models
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
 OFFSETS = np.arange(-HALF, HALF + 1)
@@ -165,7 +165,9 @@ class Evidence:
         moves = _moves(p)
         return Residuals(
             self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
-            self._once((*_reads(p), late), lambda: self._sensors(p, *late)))
+            np.concatenate([self._once(_reads(p, signal, *late),
+                                       partial(self._sensor, p, signal, *late))
+                            for signal in SENSED], axis=1))
 
     def tell(self) -> None:
         """One more evaluation, to whom it may concern."""
@@ -233,20 +235,24 @@ class Evidence:
             out.append(first_order_lag(command, lag, "mean"))
         return out
 
-    def _sensors(self, p: Vehicle, late: float, apart: float) -> FloatArray:
+    def _sensor(self, p: Vehicle, signal: str, late: float, apart: float) -> FloatArray:
+        """(m, channels of a signal that is only read), what it should read minus what it did."""
         q = settled(p)
-        seen = self._once(("measured", q.body.l_r, _on(p, POSE)),
+        key = q.body.l_r, _on(p, POSE)
+        seen = self._once(("measured", *key),
                           lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
-        pulled = [None] * len(self.drives) if not _on(p, ALL) else self._once(
-            ("pulled", pulled_by(p, q)), lambda: [
-                behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
-                for d in self.drives])
+        if _on(p, frozenset({signal})):  # it may know the force
+            seen = self._once(("pulled", *key, q.motor, q.friction, *pulled_by(p, q)), lambda: [
+                pulled(p, m, behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True))
+                for d, m in zip(self.drives, seen, strict=True)])
         still = self._once("resting", lambda: [resting(d) for d in self.drives])
         rest = self._once(("rest", q.body, _on(p, IMU)), lambda: [
             at_rest(d, p, True, r) for d, r in zip(self.drives, still, strict=True)])
-        return np.concatenate([part for drive, m, throttle, read
-                               in zip(self.drives, seen, pulled, rest, strict=True)
-                               for part in (driven(p, m, throttle, drive, late, apart), read)])
+        mine = [SENSORS.index(channel) for channel in SENSED[signal]]
+        age = late + apart if signal == "gyro" else late
+        return np.concatenate([part for drive, m, read in zip(self.drives, seen, rest, strict=True)
+                               for part in (driven(p, m, drive, signal, age)
+                                            - drive.read[~drive.still][:, mine], read[:, mine])])
 
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
@@ -264,12 +270,11 @@ def _moves(p: Vehicle) -> Vehicle:
     return replace(p, effects=tuple(a for a in p.effects if not only_read(a.effect)))
 
 
-def _reads(p: Vehicle) -> tuple[Hashable, ...]:
-    """What readings depend on, of a vehicle and a measured motion."""
-    q = settled(p)
-    on_sensors = _on(p, ALL)
-    drive = (q.motor, q.friction, pulled_by(p, q)) if on_sensors else ()
-    return ("readings", q.body, _on(p, POSE), on_sensors, drive)
+def _reads(p: Vehicle, signal: str, late: float, apart: float) -> tuple[Hashable, ...]:
+    """What readings of a signal depend on, of a vehicle and a measured motion."""
+    q, on = settled(p), _on(p, frozenset({signal}))
+    drive = (q.motor, q.friction, pulled_by(p, q)) if on else ()
+    return (signal, q.body, _on(p, POSE), on, drive, late, apart if signal == "gyro" else 0.0)
 
 
 def _on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...]:
@@ -293,9 +298,9 @@ def _held(series: FloatArray, at: IntArray) -> FloatArray:
 
 
 def _in_parts(series: FloatArray, at: IntArray) -> FloatArray:
-    """``fine`` where windows begin with samples: of each sample once, however many overlap."""
-    parts = fine(series, np.arange(float(len(series)))).reshape(len(series), FINE)
-    return np.asarray(np.swapaxes(parts[at], 1, 2).reshape(len(at) * FINE, at.shape[1]))
+    """Quarters of samples: of each sample once, however many windows overlap."""
+    parts = quarters(series)[at]
+    return np.asarray(np.swapaxes(parts, 1, 2).reshape(len(at) * FINE, at.shape[1]))
 
 
 def _velocities(states: FloatArray) -> FloatArray:

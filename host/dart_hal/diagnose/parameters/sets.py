@@ -21,6 +21,7 @@ from itertools import combinations
 import numpy as np
 
 from dart_hal.evaluate.compare import draws
+from dart_hal.fitting.levenberg_marquardt import bounded
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import with_nulls
 from dart_hal.vehicle.parameters import Vehicle
@@ -52,7 +53,6 @@ class Sets:
         self.phi = dispersion(full, unit)
         pull = np.diag(full.space.pull + 1e-6)
         self.normal = (full.normal - pull) / self.phi + pull
-        self._inverse = np.linalg.inv(full.normal)
         self._fits: dict[Set, Point] = {}
 
     def names(self, group: str) -> tuple[str, ...]:
@@ -79,13 +79,15 @@ class Sets:
     def _held(self, free: Set) -> FloatArray:
         """(k,) the last fit with the other groups where the model has them, to second order.
 
-            x_in + H_in,in^-1 H_in,out x_out
+            x + m,  m = argmin m^T H m  where  m_out = -x_out,  low <= x + m <= high
+
+        Without the bounds a command younger than its message would stand in for a delay.
         """
         held = [i for g in sorted(self.every - free) for i in self.coordinates(g)]
-        rest = np.setdiff1d(np.arange(len(self.full.x)), held)
-        x, normal = self.full.x.copy(), self.full.normal
-        pushed = normal[rest][:, held] @ x[held]
-        x[rest] += np.linalg.solve(normal[np.ix_(rest, rest)], pushed)
+        space, x, normal = self.full.space, self.full.x.copy(), self.full.normal
+        rest = np.setdiff1d(np.arange(len(x)), held)
+        x[rest] += bounded(normal[np.ix_(rest, rest)], -normal[rest][:, held] @ x[held],
+                           space.low[rest] - x[rest], space.high[rest] - x[rest])
         x[held] = 0.0
         return np.asarray(x)
 
@@ -105,12 +107,10 @@ class Sets:
     def rise(self, free: Set) -> float:
         """By how much the loss rises with the other groups where the model has them.
 
-        To second order, x_out^T [(H^-1)_out,out]^-1 x_out: as much as the residuals move.
+        To second order, m^T H m: as much as the residuals move.
         """
-        out = [i for g in sorted(self.every - free) for i in self.coordinates(g)]
-        x = self.full.x[out]
-        inverse = self._inverse[np.ix_(out, out)]
-        return float(x @ np.linalg.solve(inverse, x)) if out else 0.0
+        move = self._held(free) - self.full.x
+        return float(move @ self.full.normal @ move)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,10 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from dart_hal.fitting.levenberg_marquardt import KEPT, bounded, descend
+from dart_hal.process.jobs import each
 from dart_hal.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -85,8 +87,9 @@ class Point:
     def sums(self, residual: FloatArray, rows: Part = ALL) -> Sums:
         """What some rows of other residuals (N,) say about a move."""
         jac, weight, r = self.jacobian[rows], self.weight[rows], residual[rows]
-        weighted = jac * (weight * self.noise.robust_weight(r))[:, None]
-        return Sums(weighted.T @ jac, weighted.T @ r)
+        root = np.sqrt(weight * self.noise.robust_weight(r))
+        weighted = jac * root[:, None]  # a matrix by itself is half the work
+        return Sums(weighted.T @ weighted, weighted.T @ (root * r))
 
     def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
         """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
@@ -144,13 +147,14 @@ def seen_by(evidence: Evidence, noise: Noise, point: Point) -> Point:
 
 
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          near: Point | None = None, rounds: int = ROUNDS) -> Point:
+          near: Point | None = None, rounds: int = ROUNDS, jobs: int = 1) -> Point:
     """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
 
-    near: a point whose slopes are used as long as steps gain what they promise.
+    near: a point whose slopes are used as long as steps gain what they promise. jobs:
+    processes that find slopes.
     """
     first = None if near is None else _slopes_of(evidence, noise, space, x, near)
-    return _descend(evidence, noise, space, x, rounds, first)
+    return _descend(evidence, noise, space, x, rounds, first, jobs=jobs)
 
 
 def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
@@ -186,7 +190,7 @@ def _slopes_of(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
 
 def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, rounds: int,
-             first: FloatArray | None = None, kept: float = KEPT) -> Point:
+             first: FloatArray | None = None, kept: float = KEPT, jobs: int = 1) -> Point:
     """first (N, k): Jacobian of the whitened residuals to begin with; kept: see ``descend``."""
     weight = _residual(evidence, noise, space, x)[1]
     root, pull = np.sqrt(weight), np.sqrt(space.pull)
@@ -198,7 +202,7 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, roun
         return np.concatenate([root[:, None] * slopes, np.diag(pull)])
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        return weighted(_jacobian(evidence, noise, space, z, r[:len(root)] / root))
+        return weighted(_jacobian(evidence, noise, space, z, r[:len(root)] / root, jobs))
 
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     robust = np.concatenate([noise.policy.robust * root, far])
@@ -233,8 +237,17 @@ def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> fl
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-              r: FloatArray) -> FloatArray:
-    return np.stack([_slope(evidence, noise, space, x, r, i) for i in range(len(x))], axis=1)
+              r: FloatArray, jobs: int = 1) -> FloatArray:
+    column = partial(_column, evidence, noise, space, x, r)
+    # a packet for each process: they share what no slope changes
+    found = dict(map(column, range(len(x))) if jobs == 1 else
+                 each(column, range(len(x)), jobs, parts=jobs))
+    return np.stack([found[i] for i in range(len(x))], axis=1)
+
+
+def _column(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
+            i: int) -> tuple[int, FloatArray]:
+    return i, _slope(evidence, noise, space, x, r, i)
 
 
 def _slope(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,

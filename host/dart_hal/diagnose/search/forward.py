@@ -157,7 +157,7 @@ class Search:
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
         if all(only_read(catalogue()[name]) for name in other):
             return near
-        return refit(self._evidence, noise, space, near.x, near)
+        return refit(self._evidence, noise, space, near.x, near, jobs=self._settings.jobs)
 
     def beside(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
         """A point with effects that may be there and are no causes.
@@ -181,7 +181,7 @@ class Search:
         That is, if the motion is surely better told: for what a sensor gains the car
         is not moved.
         """
-        far = refit(self._evidence, noise, point.space, point.x, point)
+        far = refit(self._evidence, noise, point.space, point.x, point, jobs=self._settings.jobs)
         policy = self._settings.policy
         motion = rows_at(self._evidence, point, policy).channel >= 0
         losses = [float(p.weight[motion] @ p.noise.loss(p.residual[motion]))
@@ -196,7 +196,8 @@ class Search:
         point: Point | None = None
         while point is None or passes:
             noise = self._measured(*space.split(x))
-            point = refit(self._evidence, noise, space, x, point)
+            point = refit(self._evidence, noise, space, x, point,
+                          jobs=self._settings.jobs)
             x, passes = point.x, passes - 1
         return point, noise
 

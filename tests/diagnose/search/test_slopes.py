@@ -1,0 +1,22 @@
+"""Slopes of a fit do not depend on how many processes find them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import searched
+
+from dart_hal.diagnose.evidence.space import Timing
+from dart_hal.diagnose.search.fit import at, refit
+
+
+@pytest.mark.more
+def test_two_processes_find_what_one_does():
+    seen = searched.evidence(searched.drive(seconds=20.0))
+    noise, point = searched.fitted(seen, free=("motor.d", "tyres.front_D", "delay.steering_s"))
+    one = at(seen, noise, point.space, point.x)
+    start = point.space.point(Timing())
+    fits = [refit(seen, noise, point.space, start, jobs=jobs) for jobs in (1, 2)]
+    assert one.jacobian.any(axis=0).sum() >= 3
+    assert np.array_equal(fits[0].x, fits[1].x)
+    assert np.array_equal(fits[0].jacobian, fits[1].jacobian)
