@@ -250,7 +250,7 @@ def main() -> None:
     done = {(*row["case"], row["seed"], row["kind"]) for row in rows}
     with tempfile.TemporaryDirectory() as folder, given.file.open("a") as kept:
         hidden = Hidden(Path(folder), given.poses == "lidar") if given.poses != "exact" else None
-        for seed, kind in light.kinds(given.seeds):
+        for seed, kind in reversed(light.kinds(given.seeds)):  # the exactly alike first
             for loss in given.loss:
                 case = (given.layout, given.ways, given.poses, given.fault, loss)
                 seed_of = seed + given.first

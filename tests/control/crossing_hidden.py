@@ -37,7 +37,7 @@ class Hidden:
 
     def url(self, seed: int) -> str:
         """Of a car, as yet nowhere."""
-        room = f"lidar=1&map={self.chart}" if self.lidar else "mocap=1"
+        room = f"lidar=1&map={self.chart}" if self.lidar else "mocap=rate=50"
         url = f"sim://?seed={seed}&nano=mock&{room}"
         if seed > SEEDS // 2:
             true = self.folder / f"true-{seed}.toml"
