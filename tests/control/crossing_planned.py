@@ -1,5 +1,5 @@
 """The same arrivals with contouring control in the loop: light cars with slip, lags and 40 ms, the
-real coordinators, plans by the bicycle without slip, commands of the plan itself.
+real coordinators, commands of the plan itself.
 
     python -m tests.control.crossing_planned [--layout intersection] [--seeds 10] [--loss 0.5]
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
 from itertools import combinations
 from math import cos, hypot, inf, sin
 
@@ -21,7 +20,6 @@ from dart_hal.control.crossing.speed import safe_speed, throttle_at
 from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.sim.light import LightCar
 
-MODEL = replace(P, kind="kinematic")
 AHEAD = P.body.l_r
 
 
@@ -30,7 +28,7 @@ class Planned:
 
     def __init__(self, layout, start) -> None:
         self.path, self.start = layout.routes[layout.number(start.route)].path, start
-        self.mpc = Mpcc(MODEL, self.path, self._paces, limits_of(P))
+        self.mpc = Mpcc(P, self.path, self._paces, limits_of(P))
         self.speed = layout.speed
         self.loop = Loop(self.mpc)
         spot = self.path.at(start.s)

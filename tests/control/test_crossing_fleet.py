@@ -5,12 +5,13 @@ from __future__ import annotations
 from math import inf
 
 import pytest
-from tests.control.crossing_fleet import Emulated
+from tests.control.crossing_fleet import Emulated, Fault
 
-from dart_hal.control.crossing.coordinator import Wait
+from dart_hal.control.crossing.coordinator import Answer, Coordinator, Wait
 from dart_hal.control.crossing.layouts import LAYOUTS
 
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
+MEET = (("S-N", 1.7), ("E-W", 1.2))
 
 
 @pytest.mark.more
@@ -39,3 +40,32 @@ def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path
         for n, world in enumerate(cars.worlds):
             assert cars.driving(n, stood[n], world.t) == 0, "the last second at the pin"
             assert cars.driving(n, 0.0, stood[n]) > 10, "control: it drove there"
+
+
+@pytest.mark.more
+@pytest.mark.cpu(50)
+@pytest.mark.parametrize("kind", ["dead", "mute", "restart", "lost"])
+def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
+    room = "local://fault?loss=0.5&delay=0.01&jitter=0.04&seed=3"
+    with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(tmp_path), "fault") as cars:
+        cars.drive(10.0, Fault(kind, 1, 1.8))
+        assert cars.least > 0.35
+        assert cars.fleet.contacts == ()
+        assert (cars.across[0] < inf) == (kind == "restart"), "with its stamp it goes on"
+        assert (cars.across[1] < inf) == (kind in ("restart", "mute"))
+        assert (cars.minds[1].last.wait is Wait.STRANDED) == (kind == "lost")
+        if kind != "restart":  # the other waits before what the first may want, at neutral
+            stood, end = (cars.rows[n][3][0] for n in (-200, -1))
+            assert cars.minds[0].last.wait is (Wait.FOR_CAR if kind == "lost" else Wait.SILENT)
+            assert cars.driving(0, stood, end) == 0, "the last two seconds at the pin"
+            assert cars.driving(0, 0.0, stood) > 10, "control: it drove there"
+
+
+@pytest.mark.more
+@pytest.mark.cpu(20)
+def test_without_the_order_two_cars_touch(monkeypatch, tmp_path):
+    monkeypatch.setattr(Coordinator, "step", lambda *_: Answer(inf, Wait.GOING, ""))
+    with Emulated(LAYOUTS["intersection"](), MEET, "local://none", str(tmp_path),
+                  "touch") as cars:
+        cars.drive(8.0)
+        assert cars.least < 0.35

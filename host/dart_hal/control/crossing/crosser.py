@@ -1,15 +1,12 @@
 """A car of a crossing: from poses and messages to steering, speed and the next message.
 
 Contouring control plans along the route and stands before the coordinator's line; its wanted speed
-is that from which the car still stops there. It plans by the bicycle without slip: at 1 m/s that is
-1 cm beside the other, which has no side force to compute with where a plan ends at rest, and runs
-away there. What ends its plan ends the drive: ``why``.
+is that from which the car still stops there. What ends its plan ends the drive: ``why``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from math import inf
 from typing import NamedTuple
 
@@ -45,7 +42,7 @@ class Crosser:
 
     def __init__(self, coordinator: Coordinator, plant: Plant) -> None:
         self.coordinator = coordinator
-        self.plant = replace(plant, vehicle=replace(plant.vehicle, kind="kinematic"))
+        self.plant = plant
         self.path = coordinator.layout.routes[coordinator.route].path
         self.tracker = contouring(self.path, self.plant)
         self.tracker.pace = self._pace
