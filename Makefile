@@ -24,7 +24,7 @@ test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (abou
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
 
-test-more: $(VENV)/.dev toolchain browser ## the other cases of it, and more examples of each law
+test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "more and realtime and not slow" $(ARGS) $(REALTIME) || test $$? -eq 5
 
@@ -95,6 +95,11 @@ toolchain:
 .PHONY: browser
 browser:
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || sh firmware/toolchain.sh --apt chromium chromium-driver || echo "-- no chromium: no tests in a browser"
+
+# The bridge to ROS 1 is tested by a real master and rospy, which Debian and Ubuntu have.
+.PHONY: ros
+ros:
+	@command -v rosmaster >/dev/null && [ -d /usr/lib/python3/dist-packages/rospy ] || sh firmware/toolchain.sh --apt python3-rosmaster python3-rospy python3-nav-msgs python3-tf2-msgs || echo "-- no rospy: no tests by ROS 1"
 
 setup: $(VENV)/.dev toolchain ## install everything without running anything
 

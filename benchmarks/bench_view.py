@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from math import inf
 from typing import Any
 
 from websockets.sync.client import connect
@@ -101,8 +102,9 @@ def share_of_fleet(first: int, cars: int, begin: Any, end: Any) -> None:
                 return
 
 
-def fleet() -> None:
-    """s until all cars are on the page, one that is killed is lost, all have obeyed its STOP."""
+def fleet() -> tuple[float, float, float]:
+    """s until all cars are on the page, one that is killed is lost, all have obeyed its STOP; inf
+    where one did not."""
     spawn = multiprocessing.get_context("spawn")
     begin, end, gone = spawn.Event(), spawn.Event(), spawn.Event()
     part = (CARS - 1) // PROGRAMS
@@ -119,22 +121,26 @@ def fleet() -> None:
         came = time.monotonic()
         while len(next(news)) < CARS:
             pass
-        print(f"{CARS} cars are on the page after {time.monotonic() - came:.2f} s", flush=True)
+        found = time.monotonic() - came
+        print(f"{CARS} cars are on the page after {found:.2f} s", flush=True)
         programs[2].kill()
         killed = time.monotonic()
         while sum(car["state"] == "lost" for car in next(news)) < 1:
             pass
-        print(f"one that is killed is red after {time.monotonic() - killed:.2f} s", flush=True)
+        red = time.monotonic() - killed
+        print(f"one that is killed is red after {red:.2f} s", flush=True)
         pressed = time.monotonic()
         call = station.call_stop("bench")
         while len(call.answered) < CARS - 1 and time.monotonic() - pressed < 3.0:
             next(news)
+        stopped = time.monotonic() - pressed
         print(f"{len(call.answered)} of {CARS - 1} cars have obeyed STOP ALL after "
-              f"{time.monotonic() - pressed:.2f} s", flush=True)
+              f"{stopped:.2f} s", flush=True)
     end.set()
     for program in programs:
         program.join(5.0)
         program.kill()
+    return found, red, stopped if len(call.answered) == CARS - 1 else inf
 
 
 def seen(desk: FleetDesk) -> Iterator[list[dict[str, object]]]:

@@ -98,14 +98,15 @@ class RosWorld(ExitStack):
             car = self.start(HERE / "car_node.py", pins, *url)
             driver = self.start(HERE / "driver_node.py", mode, seen)
             until(partial(one_ended, driver, car), 60.0)
+            early = car.poll() is not None
+            self._end(car, told=True)
             said = (self.folder / "car_node.py.log").read_text()
-            if car.poll() is not None and ("LINK_STALE" in said or "LINK_NOT_GOOD" in said):
+            if car.returncode and ("LINK_STALE" in said or "LINK_NOT_GOOD" in said):
                 self._end(driver)
                 continue
-            assert car.poll() is None, said
+            assert not early, said
+            assert car.returncode == 0, said
             assert driver.poll() == 0, (self.folder / "driver_node.py.log").read_text()
-            self._end(car, told=True)
-            assert car.returncode == 0, (self.folder / "car_node.py.log").read_text()
             return json.loads(seen.read_text()), json.loads(pins.read_text())
         raise AssertionError(said)
 

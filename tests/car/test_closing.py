@@ -7,6 +7,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.links.base import Backend, Url, open_backend
+from dart_hal.recording.run import RunReader
 
 URL = "sim://?nano=mock"
 NEUTRAL_LAST = range(305, 309)
@@ -38,6 +39,17 @@ def test_close_writes_neutral_and_lets_go(tmp_path):
     assert throttle_counts(backend.bus) in NEUTRAL_LAST
     assert closed == ["bus"]
     assert car.mode == "CLOSED"
+
+
+def test_the_neutral_of_closing_is_recorded(tmp_path):
+    _, car, _ = driving(tmp_path, tmp_path / "run.mcap")
+    closed = car.now
+    car.close()
+    *_, before, last = RunReader(tmp_path / "run.mcap").applied()
+    assert before.applied.throttle == pytest.approx(0.3, abs=0.03)
+    assert last.applied.throttle == 0.0
+    assert last.t == pytest.approx(closed)
+    assert last.applied.throttle_us == pytest.approx(1500.0, abs=2.5)
 
 
 def test_a_second_ctrl_c_while_closing_skips_nothing(tmp_path):

@@ -11,9 +11,6 @@ from test_guide import unknown_command
 sys.path.insert(0, str(DOCS))
 import gallery
 
-LONG = ("diagnose_on_a_cluster", "tune_on_what_was_found", "what_two_upgrades_bought")
-"""Minutes of diagnosis each: these have no picture yet."""
-
 
 def test_the_page_is_what_the_examples_say():
     assert (DOCS / "gallery.md").read_text(encoding="utf-8") == gallery.page()
@@ -25,8 +22,7 @@ def test_a_program_has_a_sentence_a_command_and_a_picture(program):
     assert sentence.endswith(".")
     assert str(program.relative_to(ROOT)) in command
     assert not unknown_command(command)
-    if program.stem not in LONG:
-        assert gallery.picture(program).read_bytes().startswith(b"\x89PNG")
+    assert gallery.picture(program).read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_program_without_a_command_is_refused(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dart_hal.foxglove import LAYOUT
-from dart_hal.foxglove.operate import TWIST, VALID_FOR
+from dart_hal.foxglove.operate import HOLD, TWIST
 from dart_hal.recording.run import RunReader, RunWriter
 
 IMAGES = "/camera/image/compressed"
@@ -56,4 +56,4 @@ def test_every_topic_is_one_of_a_run_or_one_that_drives(run):
     assert CONTENT["configById"]["Image!camera"]["imageMode"]["imageTopic"] == IMAGES
     (teleop,) = [config for config in configs if "publishRate" in config]
     assert teleop["topic"] == TWIST
-    assert teleop["publishRate"] >= 2 / VALID_FOR, "else the car stutters"
+    assert teleop["publishRate"] >= 2 / HOLD, "else the car stutters"

@@ -9,7 +9,7 @@ from math import atan, inf, nan
 import pytest
 
 from dart_hal.errors import BadCommand
-from dart_hal.foxglove.operate import COMMAND, TWIST, VALID_FOR, Operator
+from dart_hal.foxglove.operate import COMMAND, HOLD, TWIST, Operator
 from dart_hal.foxglove.protocol import Malformed
 from dart_hal.sim.truth import world_of
 from dart_hal.types import Applied
@@ -38,18 +38,24 @@ def car():
     return Toy()
 
 
+@pytest.fixture
+def operated(car):
+    """Somebody's, who has just answered; channel 1 is COMMAND, 2 TWIST."""
+    operator = Operator(car, wheelbase=0.175, clock=lambda: 5.0)
+    operator.advertise("me", 1, COMMAND)
+    operator.advertise("me", 2, TWIST)
+    return operator
+
+
 def twist(speed, yaw_rate):
     return {"linear": {"x": speed, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": yaw_rate}}
 
 
-def test_commands_reach_the_car_for_a_fifth_of_a_second(car):
-    operator = Operator(car, wheelbase=0.175)
-    operator.advertise("me", 1, COMMAND)
-    operator.advertise("me", 2, TWIST)
-    operator.publish("me", 1, {"steering": 0.1, "throttle": 0.2})
-    operator.publish("me", 2, twist(1, 2.0))
-    operator.publish("me", 2, twist(-1.0, 2.0))
-    kept = {"valid_for": VALID_FOR, "source": "foxglove"}
+def test_commands_reach_the_car_for_what_their_age_leaves_of_a_fifth_of_a_second(car, operated):
+    operated.publish("me", 1, {"steering": 0.1, "throttle": 0.2}, 4.95)
+    operated.publish("me", 2, twist(1, 2.0), 4.95)
+    operated.publish("me", 2, twist(-1.0, 2.0), 4.95)
+    kept = {"valid_for": pytest.approx(HOLD - 0.05), "source": "foxglove"}
     assert car.told == [
         {"steering": 0.1, "throttle": 0.2, **kept},
         {"steering": pytest.approx(atan(0.35)), "speed": 1.0, **kept},
@@ -60,21 +66,24 @@ def test_commands_reach_the_car_for_a_fifth_of_a_second(car):
     None, [], "x", {}, {"steering": 0.1}, {"steering": "0.1", "throttle": 0},
     {"steering": nan, "throttle": 0}, {"steering": 0, "throttle": inf},
     {"steering": True, "throttle": 0}, {"steering": 10**400, "throttle": 0}])
-def test_what_is_no_command_moves_nothing(car, value):
-    operator = Operator(car, 0.175)
-    operator.advertise("me", 1, COMMAND)
+def test_what_is_no_command_moves_nothing(car, operated, value):
     with pytest.raises(Malformed):
-        operator.publish("me", 1, value)
+        operated.publish("me", 1, value, 5.0)
+    assert car.told == []
+
+
+@pytest.mark.parametrize("heard", [-inf, 5.0 - HOLD, 5.1])
+def test_a_command_that_may_be_too_old_moves_nothing(car, operated, heard):
+    with pytest.raises(Malformed, match="ms old"):
+        operated.publish("me", 1, {"steering": 0.0, "throttle": 0.2}, heard)
     assert car.told == []
 
 
 @pytest.mark.parametrize("value", [{"linear": 1, "angular": {"z": 0}}, {"linear": {"x": 1}},
                                    twist(nan, 0.0), twist(1.0, None)])
-def test_a_twist_that_lacks_something_moves_nothing(car, value):
-    operator = Operator(car, 0.175)
-    operator.advertise("me", 1, TWIST)
+def test_a_twist_that_lacks_something_moves_nothing(car, operated, value):
     with pytest.raises(Malformed):
-        operator.publish("me", 1, value)
+        operated.publish("me", 2, value, 5.0)
     assert car.told == []
 
 
@@ -84,13 +93,13 @@ def test_one_operates_at_a_time_and_the_car_stops_when_he_goes(car):
     with pytest.raises(Malformed, match="another client"):
         operator.advertise("you", 1, COMMAND)
     with pytest.raises(Malformed, match="not advertised"):
-        operator.publish("you", 1, {"steering": 0.0, "throttle": 0.3})
+        operator.publish("you", 1, {"steering": 0.0, "throttle": 0.3}, time.monotonic())
     operator.leave("you")
     assert car.told == []
-    assert not operator.gone
+    assert operator.over == ""
     operator.unadvertise("me", 1)
     assert car.told == ["stop"]
-    assert operator.gone
+    assert operator.over == "gone"
     operator.advertise("you", 1, COMMAND)
 
 
@@ -99,23 +108,19 @@ def test_what_nobody_listens_to_is_refused(car):
         Operator(car, 0.175).advertise("me", 1, "/brake")
 
 
-def test_why_the_car_does_not_take_it_is_told(car, monkeypatch):
+def test_why_the_car_does_not_take_it_is_told(car, operated, monkeypatch):
     def refuse(**_):
         raise BadCommand("the throttle is no number", found="x")
 
-    operator = Operator(car, 0.175)
-    operator.advertise("me", 1, COMMAND)
     monkeypatch.setattr(car, "drive", refuse)
     with pytest.raises(Malformed, match="no number"):
-        operator.publish("me", 1, {"steering": 0.0, "throttle": 0.3})
+        operated.publish("me", 1, {"steering": 0.0, "throttle": 0.3}, 5.0)
 
 
-def test_that_the_car_is_not_armed_is_told(car):
-    operator = Operator(car, 0.175)
-    operator.advertise("me", 1, COMMAND)
+def test_that_the_car_is_not_armed_is_told(car, operated):
     car.limited = ("NOT_ARMED",)
     with pytest.raises(Malformed, match="not armed"):
-        operator.publish("me", 1, {"steering": 0.0, "throttle": 0.3})
+        operated.publish("me", 1, {"steering": 0.0, "throttle": 0.3}, 5.0)
 
 
 class Pin:
@@ -157,9 +162,10 @@ def test_the_pin_is_neutral_a_quarter_of_a_second_after_the_operator(serving, wa
                 client.send(op="unadvertise", channelIds=[1])
             time.sleep(0.5)
             assert pin.driving - last < 0.25 + 0.02
+            assert driven.car.mode != "ARMED"
+            assert driven.server.operator.over == ("silent" if way == "silent" else "gone")
             if way == "silent":
-                return
-        assert driven.server.operator.gone
+                assert "no command came for 0.2 s" in client.last_said()
         with driven.client() as again:
             again.advertise(c1=COMMAND)
             again.publish(1, {"steering": 0.0, "throttle": 0.3})

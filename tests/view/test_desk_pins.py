@@ -74,6 +74,17 @@ def test_the_age_of_a_command_is_taken_off_its_validity():
             at.hold(old=-0.1)  # of the future: another program's time
 
 
+@pytest.mark.more
+@pytest.mark.parametrize(("old", "mode"), [(0.18, "ARMED"), (0.19, "DISARMED")])
+def test_a_command_that_ends_within_a_pwm_frame_has_run_out(old, mode):
+    """A page that is never silent, behind a slow network: the next command comes each 30 ms."""
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        count = iter(range(1000))
+        at.drive(2.0, lambda t: at.hold(old=old) if next(count) % 3 == 0 else None)
+        assert at.car.mode == mode
+
+
 def test_a_stick_that_is_held_while_it_arms_moves_nothing():
     with AtTheDesk() as at:
         at.say("one", m.Take("right"))

@@ -181,7 +181,9 @@ class Engine:
         """
         held = self._own_lock.acquire(timeout=REFRESH)
         try:
-            self.driver.close(self.now)
+            now = self.now
+            self.driver.close(now)
+            self._record(now, self.driver.applied)
             if self.receiver.hello is not None:
                 with contextlib.suppress(DartHalError):
                     self.driver.heartbeat(self.now)
@@ -219,6 +221,10 @@ class Engine:
             self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay
             self.driver.heartbeat(now)
             self._inquire(now)
+        self._record(now, applied)
+
+    def _record(self, now: float, applied: Applied) -> None:
+        """What the pins carry from ``now`` on, where it changes."""
         if self.recorder is not None and applied != self._noted:
             self.recorder.applied(now, applied)
             self._noted = applied

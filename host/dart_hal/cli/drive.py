@@ -41,7 +41,7 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
 @click.option("--gamepad", is_flag=True, help="/dev/input/js0, right bumper held")
 @click.option("--operate", is_flag=True, help="what one client of Foxglove publishes drives; the "
-              "verb ends at neutral when it goes")
+              "verb ends at neutral when it goes or falls silent")
 @click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time (a script: 10)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
@@ -159,11 +159,12 @@ def run_script(car: Car, control: Control, duration: float, *, in_time: bool = F
 
 
 def run_operated(car: Car, operator: Operator, duration: float) -> None:
-    """Whoever is connected drives, until he goes."""
+    """Whoever is connected drives, until he goes or falls silent."""
     console.print("armed; who advertises /cmd_vel or /drive_command drives")
     for _ in in_real_time(car.states(duration=duration)):
-        if operator.gone:
-            console.print("the operator has gone: the car is stopped")
+        if operator.over:
+            ended = "has gone" if operator.over == "gone" else "fell silent"
+            console.print(f"the operator {ended}: the car is stopped")
             return
 
 

@@ -40,7 +40,7 @@ def command(kind: str, run: Sequence[Path], out: Path, fps: int, task: str,
 
     csv, parquet: a row per State, commands, and what the program logged; Parquet has the unit of
     each column. An empty cell, in Parquet NaN, is what was not measured, asked or logged there.
-    ros2, ros1: every message of every channel, with its definition.
+    ros2, ros1: every message of every channel, with its definition; LaserScan and /tf besides.
     lerobot: each RUN is an episode of observation.state and action; several may be named.
 
     Parquet and LeRobot need pip install 'dart-hal[table]', bags 'dart-hal[ros]'.

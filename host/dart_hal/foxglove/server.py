@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
+from math import inf
 from typing import Any, Protocol
 
 from dart_hal.config import CarFiles
 from dart_hal.errors import UsageError
 from dart_hal.foxglove import protocol
-from dart_hal.foxglove.operate import Drives, Operator
+from dart_hal.foxglove.operate import HOLD, Drives, Operator
 from dart_hal.foxglove.protocol import Malformed
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
@@ -35,6 +38,8 @@ MOMENT = 4000
 """Messages within one tick: some 4 s of all channels."""
 LARGEST = 1 << 16
 """Bytes of a client's message; a longer one ends its connection."""
+ASKED = round(HOLD / TICK)
+"""Pings that may wait for their answer: an older one would let no command through."""
 
 
 class LiveCar(Drives, Protocol):
@@ -72,6 +77,10 @@ class Client:
         self.queue: deque[str | bytes] = deque()
         self.behind = 0  # bytes
         self.wake = asyncio.Event()
+        self.heard = -inf
+        """s of the monotonic clock: the newest ping that it has answered. What it sends behind the
+        answer, it sends later."""
+        self._asked = 0
 
     def tell(self, message: str | bytes) -> None:
         self.queue.append(message)
@@ -92,6 +101,21 @@ class Client:
                 message = self.queue.popleft()
                 self.behind -= len(message)
                 await self.connection.send(message)
+
+    async def ask(self) -> None:
+        """Ping it, for ever; waits where it does not read."""
+        while True:
+            if self._asked < ASKED:
+                sent = time.monotonic()
+                self._asked += 1
+                answer = await self.connection.ping()
+                answer.add_done_callback(partial(self._answered, sent))
+            await asyncio.sleep(TICK)
+
+    def _answered(self, sent: float, answer: asyncio.Future[float]) -> None:
+        self._asked -= 1
+        if not answer.cancelled() and answer.exception() is None:
+            self.heard = max(self.heard, sent)
 
 
 class Server:
@@ -173,6 +197,7 @@ class Server:
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(TICK)
+            self._end_drive()
             for client in self._clients:
                 self._advertise(client)
             while self._came:
@@ -180,6 +205,13 @@ class Server:
                 for client in self._clients:
                     if (number := client.subscriptions.get(channel)) is not None:
                         client.tell(protocol.data(number, ns, data))
+
+    def _end_drive(self) -> None:
+        """Tell an operator that has fallen silent that the car was stopped."""
+        silent = self.operator.silent() if self.operator is not None else None
+        if isinstance(silent, Client):
+            silent.tell(protocol.status(protocol.WARNING, f"no command came for {HOLD} s: the car "
+                                        "is stopped and disarmed"))
 
     def _advertise(self, client: Client) -> None:
         """Channels that have come into being since the last time."""
@@ -195,8 +227,10 @@ class Server:
         client.tell(protocol.server_info(self._name, operate=self.operator is not None))
         self._advertise(client)
         self._clients.add(client)
-        sending = asyncio.create_task(client.send())
-        sending.add_done_callback(lambda task: task.cancelled() or task.exception())
+        talks = [client.send] if self.operator is None else [client.ask, client.send]
+        tasks = [asyncio.create_task(talk()) for talk in talks]  # asked before it can command
+        for task in tasks:
+            task.add_done_callback(lambda task: task.cancelled() or task.exception())
         try:
             while (message := await self._next(connection)) is not None:
                 try:
@@ -208,7 +242,8 @@ class Server:
             self._count_wanted()
             if self.operator is not None:
                 self.operator.leave(client)
-            sending.cancel()
+            for task in tasks:
+                task.cancel()
 
     async def _next(self, connection: Any) -> str | bytes | None:
         """What a client sends next; None: it is gone."""
@@ -222,7 +257,7 @@ class Server:
         """What a client sent. Raises Malformed."""
         if isinstance(message, bytes):
             channel, value = protocol.published(message)
-            self._operated().publish(client, channel, value)
+            self._operated().publish(client, channel, value, client.heard)
             return
         request = protocol.request(message)
         if request["op"] == "subscribe":

@@ -1,4 +1,5 @@
-"""A run as a bag of ROS 2 or ROS 1: every message, in the order of time, with its definition."""
+"""A run as a bag of ROS 2 or ROS 1: every message, in the order of time, with its definition, and
+what other tools look for (``standard``)."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from dart_hal.car.export import standard
 from dart_hal.car.table import missing
 from dart_hal.recording.run import RunReader
 
@@ -23,7 +25,7 @@ def write_ros2(run: RunReader, path: Path) -> int:
     with rosbags.rosbag2.Writer(path, version=9,
                                 storage_plugin=rosbags.rosbag2.StoragePlugin.MCAP) as writer:
         writer.set_custom_data("dart_hal.run", json.dumps(run.meta))
-        return _copy(run, writer, store, bytes)
+        return _copy(run, writer, store, store, bytes)
 
 
 def write_ros1(run: RunReader, path: Path) -> int:
@@ -37,14 +39,14 @@ def write_ros1(run: RunReader, path: Path) -> int:
     header = typesys.get_typestore(typesys.Stores.ROS1_NOETIC).fielddefs[_HEADER]
     store1.register({**store.fielddefs, _HEADER: header})
     with rosbags.rosbag1.Writer(path) as writer:
-        return _copy(run, writer, store1, store.cdr_to_ros1)
+        return _copy(run, writer, store, store1, store.cdr_to_ros1)
 
 
-def _copy(run: RunReader, writer: Any, store: Any, converted: Any) -> int:
-    """Messages into an open bag whose types are ``store``; converted(raw, type): their bytes."""
+def _copy(run: RunReader, writer: Any, types: Any, store: Any, converted: Any) -> int:
+    """Messages of ``types`` into an open bag of ``store``; converted(raw, type): their bytes."""
     connections: dict[str, Any] = {}
     count = 0
-    for message in run.messages():
+    for message in standard.messages(run, types):
         if message.topic not in connections:
             connections[message.topic] = writer.add_connection(message.topic, message.kind,
                                                                typestore=store)
@@ -59,6 +61,7 @@ def _types_of(run: RunReader, rosbags: Any) -> Any:
     store = rosbags.typesys.get_typestore(rosbags.typesys.Stores.EMPTY)
     for kind, text in run.definitions.items():
         store.register(rosbags.typesys.get_types_from_msg(text, kind))
+    standard.add_types(store, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE))
     return store
 
 
