@@ -112,10 +112,9 @@ def test_a_car_in_real_time_records_them(cv2, tmp_path):
         live = [state.image, *car.images()]
         assert car.camera_health.rate > 20.0
     with Car.open(f"replay://{path}") as car:
-        for state in car.states():
-            pass
-        assert state.image == live[0]
-        assert set(live) <= set(car.images())
+        again = {s.t: (s.image, car.images()) for s in car.states()}
+    assert again[state.t][0] == live[0]
+    assert set(live) <= {image for _, came in again.values() for image in came}
 
 
 def test_another_program_has_it(cv2):
