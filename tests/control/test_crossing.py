@@ -54,7 +54,7 @@ def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
 @pytest.mark.parametrize(("name", "loss", "bursts", "within"), [
     ("intersection", 0.0, 0.0, 12.0), ("intersection", 0.3, 0.0, 12.0),
     ("intersection", 0.5, 0.0, 12.0), ("intersection", 0.8, 0.0, 18.0),
-    ("merge", 0.5, 0.0, 12.0), ("roundabout", 0.5, 0.0, 20.0),
+    ("merge", 0.5, 0.0, 12.0), ("roundabout", 0.5, 0.0, 20.0), ("intersection", 0.0, 0.5, 25.0),
 ])
 @pytest.mark.more
 @pytest.mark.cpu(20)
@@ -253,8 +253,9 @@ def test_messages_out_of_order_twice_or_a_minute_old_are_counted():
     assert a.hear(second, 60.0, age=60.0) is Verdict.TAKEN
     assert a.hear(first, 60.0) is Verdict.OLDER
     assert a.hear(second, 60.0) is Verdict.OLDER
+    assert a.counts == {"TAKEN": 1, "OLD": 1, "OLDER": 2}
     assert a.hear(a.tell(), 60.0) is Verdict.OWN
-    assert a.counts == {"TAKEN": 1, "OLD": 1, "OLDER": 2, "OWN": 1}
+    assert a.counts["OLDER"] == 3  # passed on behind it
 
 
 def test_a_session_that_was_followed_is_not_heard_again():
@@ -264,6 +265,71 @@ def test_a_session_that_was_followed_is_not_heard_again():
     a.hear(b.tell(), 0.0)
     a.hear(newer.tell(), 0.1)
     assert a.hear(late, 0.2) is Verdict.RETIRED
+
+
+def three():
+    """a, b, c, and b heard by the others before c is."""
+    names = ("a", "b", "c")
+    return [Coordinator(layout(), names, own, route, 1.0, 11 + k)
+            for k, (own, route) in enumerate(zip(names, ("S-N", "E-W", "N-S"), strict=True))]
+
+
+def test_what_another_passes_on_is_taken_once_its_session_is_known():
+    a, b, c = three()
+    b.hear(c.tell(), 0.0)
+    assert a.hear(b.tell(), 0.1) is Verdict.TAKEN
+    assert (a.counts["TAKEN"], a.counts["UNMET"]) == (1, 1)
+    assert a.car.others[2] is None
+    a.hear(c.tell(), 0.2)
+    b.hear(c.tell(), 0.3)
+    a.hear(b.tell(), 0.4)
+    assert a.car.others[2].seq == 3
+    assert (a.counts["TAKEN"], a.counts["UNMET"]) == (4, 1)
+
+
+def test_a_session_that_is_over_is_not_begun_again_by_who_passes_it_on():
+    """b heard the session of c before; a knows the new one alone, and keeps it."""
+    a, b, c = three()
+    b.hear(c.tell(), 0.0)
+    newer = Coordinator(layout(), c.names, "c", "N-S", 1.0, 99)
+    a.hear(newer.tell(), 0.1)
+    a.hear(b.tell(), 0.2)
+    assert a.car.others[2].boot == 99
+    assert a.counts["UNMET"] == 1
+
+
+def test_what_is_passed_on_may_be_broken():
+    a, b, c = three()
+    b.hear(c.tell(), 0.0)
+    sent = b.tell()
+    assert a.hear(sent[:-60] + b"\xff" * 60, 0.1) is Verdict.TAKEN
+    assert a.counts["NUMBER"] == 1
+
+
+@pytest.mark.parametrize(("cars", "size"), [(4, 162), (7, 234), (8, 129), (16, 225)])
+def test_messages_are_passed_on_where_there_is_room(cars, size):
+    names = tuple(f"c{k}" for k in range(cars))
+    a, b = (Coordinator(layout(), names, own, "S-N", 1.0, 5) for own in names[:2])
+    a.hear(b.tell(), 0.0)
+    assert len(a.tell()) == size
+
+
+class OneWay(Network):
+    """From the second second on nothing comes from car 0 to car 1."""
+
+    def silent(self, k, i, j):
+        return (i, j) == (0, 1) and k * light.STEP > 1.0
+
+
+@pytest.mark.parametrize("passes", [True, False])
+def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch):
+    """Without what the others pass on, the car is waited for as long as one looks."""
+    if not passes:
+        monkeypatch.setattr(Coordinator, "_passed_on", lambda self: b"")
+    starts = light.arrivals(layout(), 1, "near")
+    run = light.drive(layout(), starts, OneWay(np.random.default_rng(5), 4), 25.0)
+    assert run.least > LEAST
+    assert (max(run.across) < 12.0) is passes
 
 
 def test_a_neighbour_that_never_answers_is_named():

@@ -1,7 +1,9 @@
 """One car of a crossing: what it hears, when it asks, where it has to stand, why it waits.
 
-Ten times a second: ``hear`` what came, ``step``, send ``tell``. No time and no line is its own, so
-it is the same on the road, in the emulator and in the tests.
+Ten times a second: ``hear`` what came, ``step``, send ``tell``. With its own message each car
+passes on the newest of another, of each in turn: a way that carries nothing for a second is gone
+around. No time and no line is its own, so it is the same on the road, in the emulator and in the
+tests.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import NamedTuple
 
 from dart_hal.control.crossing import order
 from dart_hal.control.crossing.layout import Layout
-from dart_hal.control.crossing.message import Fault, decode, encode
+from dart_hal.control.crossing.message import ROOM, Fault, decode, encode, parts
 from dart_hal.control.crossing.order import Phase, Right, Verdict
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.errors import UsageError
@@ -105,6 +107,8 @@ class Coordinator:
         self.counts: Counter[str] = Counter()
         self.events: list[tuple[float, Wait, str]] = []
         self._heard: dict[int, float] = {}
+        self._newest: dict[int, bytes] = {}
+        self._turn = self.car.id
         self._t0: float | None = None
 
     def _place(self, s: float, kept: int) -> Phase:
@@ -121,16 +125,29 @@ class Coordinator:
         return self.car.phase
 
     def hear(self, data: bytes, t: float, age: float = 0.0) -> Verdict | Fault:
-        """Take what came at t [s] of this car's clock, ``age`` s after it was sent."""
+        """Take what came at t [s] of this car's clock, ``age`` s after it was sent.
+
+        Returns what became of the sender's own message; what it passes on is counted alone.
+        """
+        own, passed = parts(data)
+        verdict = self._take(own, t, age)
+        if passed and isinstance(verdict, Verdict):
+            self._take(passed, t, age, passed=True)
+        return verdict
+
+    def _take(
+        self, data: bytes, t: float, age: float, *, passed: bool = False
+    ) -> Verdict | Fault:
         m = decode(data, self.key)
         if isinstance(m, Fault):
             self.counts[m.value] += 1
             return m
         verdict = Verdict.STRANGER
         if m.path < len(self.layout.routes):
-            self.car, verdict = order.hear(self.car, m)
+            self.car, verdict = order.hear(self.car, m, passed=passed)
         if verdict is Verdict.TAKEN:
             self._heard[m.id] = t - age
+            self._newest[m.id] = data
             self.counts["OLD"] += age > OLD
         self.counts[verdict.value] += 1
         return verdict
@@ -160,7 +177,16 @@ class Coordinator:
     def tell(self) -> bytes:
         """Its next message."""
         self.car, m = order.tell(self.car)
-        return encode(m, self.key)
+        own = encode(m, self.key)
+        return own + (self._passed_on() if 2 * len(own) <= ROOM else b"")
+
+    def _passed_on(self) -> bytes:
+        """The newest message of the next car of which something new came; b"": of none."""
+        for _ in self.names:
+            self._turn = (self._turn + 1) % len(self.names)
+            if self._turn in self._newest:
+                return self._newest.pop(self._turn)
+        return b""
 
     def _ask(self, t: float, s: float) -> tuple[Wait, int] | None:
         """Ask as soon as it may; else why it may not yet."""

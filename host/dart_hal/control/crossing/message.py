@@ -3,6 +3,7 @@
     version u8 | key u32 | id u8 | cars u8 | path u8 | phase u8 | boot u32 | seq u32 | ts u64 [us]
     | s_minus f64 [m] | cars x (grant u64 [us], heard u32)
 
+What is sent is a car's own message, and behind it one of another car's where both find room.
 ``key``: of layout and roster. Whatever else comes is named, and never raises.
 """
 
@@ -15,10 +16,12 @@ from struct import Struct
 from dart_hal.control.crossing.order import Message, Phase
 from dart_hal.errors import UsageError
 
-VERSION = 1
+VERSION = 2
 HEAD, CAR = Struct("<BIBBBBIIQd"), Struct("<QI")
 CARS = 16
 """The most: 225 bytes."""
+ROOM = 255
+"""bytes of what is sent, at most: 7 cars pass on what they heard, more have no room for it."""
 LATEST = 1 << 62
 """us of a stamp: whoever tells a later one would leave no stamp above it."""
 LONGEST = 1e4
@@ -54,6 +57,12 @@ def encode(m: Message, key: int) -> bytes:
         m.s_minus,
     )
     return head + b"".join(map(CAR.pack, m.grants, m.heard))
+
+
+def parts(data: bytes) -> tuple[bytes, bytes]:
+    """A car's own message, and that which it passes on, b"" = none."""
+    size = HEAD.size + HEAD.unpack_from(data)[3] * CAR.size if len(data) >= HEAD.size else 0
+    return (data[:size], data[size:]) if size and len(data) == 2 * size else (data, b"")
 
 
 def decode(data: bytes, key: int) -> Message | Fault:

@@ -38,11 +38,13 @@ class Phase(IntEnum):
 
 class Verdict(str, Enum):
     """What became of a message. OLDER: overtaken by a newer one, or come twice; RETIRED: of a
-    session that another has followed; OWN: of this car; STRANGER: of another roster."""
+    session that another has followed; UNMET: passed on, of one that this car has not heard itself;
+    OWN: of this car; STRANGER: of another roster."""
 
     TAKEN = "TAKEN"
     OLDER = "OLDER"
     RETIRED = "RETIRED"
+    UNMET = "UNMET"
     OWN = "OWN"
     STRANGER = "STRANGER"
 
@@ -116,14 +118,20 @@ def begun(
     return Standing(id, boot, path, phase, ts, s_minus, 0, ts, (0,) * n, (None,) * n)
 
 
-def hear(car: Standing, m: Message) -> tuple[Standing, Verdict]:
-    """What the car knows behind a message."""
+def hear(car: Standing, m: Message, *, passed: bool = False) -> tuple[Standing, Verdict]:
+    """What the car knows behind a message.
+
+    passed: by another car. It is as true as one that came late, so it is taken; but it begins no
+    session, as it may be of one that is over.
+    """
     n = len(car.others)
     if not 0 <= m.id < n or len(m.grants) != n or len(m.heard) != n:
         return car, Verdict.STRANGER
     if m.id == car.id:
         return car, Verdict.OWN
     before = car.others[m.id]
+    if passed and (before is None or before.boot != m.boot):
+        return car, Verdict.UNMET
     retired: tuple[int, ...] = ()
     if before is not None:
         retired = before.retired
