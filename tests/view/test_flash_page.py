@@ -54,9 +54,18 @@ def test_the_verb_serves_until_ctrl_c(tmp_path):
     image = tmp_path / "mine.hex"
     image.write_text(":02000000FECF31\n:00000001FF\n")
     verb = [sys.executable, "-m", "dart_hal.cli.main", "flash", str(image), "--browser", "--json"]
-    with subprocess.Popen(verb, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
-        url = json.loads(b"".join(running.stdout.readline() for _ in range(3)))["url"]
-        with urlopen(url + "dart_nano.hex") as answer:
-            assert answer.read() == image.read_bytes()
-        running.send_signal(signal.SIGINT)
-        assert running.wait(timeout=20) == 130
+    with subprocess.Popen(verb, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          preexec_fn=heed_ctrl_c) as running:
+        try:
+            url = json.loads(b"".join(running.stdout.readline() for _ in range(3)))["url"]
+            with urlopen(url + "dart_nano.hex") as answer:
+                assert answer.read() == image.read_bytes()
+            running.send_signal(signal.SIGINT)
+            assert running.wait(timeout=20) == 130
+        finally:
+            running.kill()
+
+
+def heed_ctrl_c():
+    """A shell lets what it runs in the background ignore it, and so what that starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
