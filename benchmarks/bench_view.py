@@ -2,6 +2,7 @@
 
     python benchmarks/bench_view.py            everything
     python benchmarks/bench_view.py page       CPU of an emulated car in real time, 0 to 5 pages
+    python benchmarks/bench_view.py camera     the same, and each page shows the emulated camera
     python benchmarks/bench_view.py fleet      20 emulated cars: found, lost, stopped
 
 Pages are clients of the socket in a process of their own; the clock of this computer is one for
@@ -16,8 +17,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from math import inf
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 from websockets.sync.client import connect
 
@@ -28,25 +32,40 @@ from dart_hal.view.fleet_desk import FleetDesk
 URL = "sim://?nano=mock&pace=1&lidar=1&map=room"
 SECONDS = 8.0
 PAGES = (0, 1, 5)
+ASK_EVERY = 0.06
+"""s from an image to the question for the next: AGAIN of page/camera.js."""
 CARS, PROGRAMS = 20, 2
 ROOM = "udp://239.255.42.97:7449?via=127.0.0.1"
 
 
-def listen(port: int, pages: int, seconds: float, told: Any) -> None:
-    """Read for so long; tells (samples, steps that are not 10 ms, ages [s]) of all pages."""
+def listen(port: int, pages: int, seconds: float, camera: bool, told: Any) -> None:
+    """Read for so long; of all pages (samples, steps that are not 10 ms, ages [s], images)."""
     sockets = [connect(f"ws://localhost:{port}/socket", max_size=None, compression=None)
                for _ in range(pages)]
     for socket in sockets:
         socket.__enter__()
     results: list[tuple[int, int, list[float]]] = []
+    images: list[int] = []
     threads = [threading.Thread(target=lambda s=s: results.append(read(s, seconds)))
                for s in sockets]
+    threads += [threading.Thread(target=lambda: images.append(look(port, seconds)))
+                for _ in sockets if camera]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     told.put((sum(r[0] for r in results), sum(r[1] for r in results),
-              [age for r in results for age in r[2]]))
+              [age for r in results for age in r[2]], sum(images)))
+
+
+def look(port: int, seconds: float) -> int:
+    """How many images one page was given: it asks for the next as the page's own script does."""
+    ends, count = time.monotonic() + seconds, 0
+    while time.monotonic() < ends:
+        with suppress(HTTPError), urlopen(f"http://localhost:{port}/camera.jpg") as answer:
+            count += bool(answer.read())
+        time.sleep(ASK_EVERY)
+    return count
 
 
 def read(socket: Any, seconds: float) -> tuple[int, int, list[float]]:
@@ -65,13 +84,15 @@ def read(socket: Any, seconds: float) -> tuple[int, int, list[float]]:
     return len(ages), gaps, ages
 
 
-def page() -> None:
+def page(camera: bool = False) -> None:
     """CPU share of the program that drives and serves, by the number of its pages."""
+    url = URL + "&camera=top" if camera else URL
     base, spawn = 0.0, multiprocessing.get_context("spawn")
     for pages in PAGES:
-        with Car.open(URL) as car, car.view(port=0) as live:
+        with Car.open(url) as car, car.view(port=0) as live:
             told = spawn.Queue()
-            reader = spawn.Process(target=listen, args=(live.access.port, pages, SECONDS, told))
+            reader = spawn.Process(target=listen, args=(
+                live.access.port, pages, SECONDS, camera, told))
             reader.start()
             time.sleep(3.0)  # it imports, and connects
             cpu, wall = time.process_time(), time.monotonic()
@@ -82,13 +103,14 @@ def page() -> None:
             line = f"{pages} pages: {100 * share:.1f} % of a core, {100 * (share - base):+.1f}"
             for _ in car.states(duration=5.0):
                 pass
-            samples, gaps, ages = told.get()
+            samples, gaps, ages, images = told.get()
             reader.join()
             if pages:
                 ages.sort()
                 line += (f"; {samples} samples, {gaps} not 10 ms behind the last; age p50 "
                          f"{1e3 * ages[len(ages) // 2]:.0f}, p95 "
                          f"{1e3 * ages[int(0.95 * len(ages))]:.0f} ms")
+                line += f"; {images / pages / SECONDS:.1f} images a second each" if camera else ""
             print(line, flush=True)
 
 
@@ -154,6 +176,6 @@ def seen(desk: FleetDesk) -> Iterator[list[dict[str, object]]]:
 
 
 if __name__ == "__main__":
-    for name, what in {"page": page, "fleet": fleet}.items():
+    for name, what in {"page": page, "camera": lambda: page(camera=True), "fleet": fleet}.items():
         if not sys.argv[1:] or name in sys.argv[1:]:
             what()

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from dart_hal.car.export.bags import write_ros1, write_ros2
-from dart_hal.car.export.lerobot import HELD, write_lerobot
+from dart_hal.car.export.lerobot import HELD, HELD_IMAGE, write_lerobot
 from dart_hal.car.export.tables import write_csv, write_parquet
 from dart_hal.car.export.whole import whole
 from dart_hal.car.table import read_table
@@ -41,9 +41,11 @@ def command(kind: str, run: Sequence[Path], out: Path, fps: int, task: str,
     csv, parquet: a row per State, commands, and what the program logged; Parquet has the unit of
     each column. An empty cell, in Parquet NaN, is what was not measured, asked or logged there.
     ros2, ros1: every message of every channel, with its definition; LaserScan and /tf besides.
-    lerobot: each RUN is an episode of observation.state and action; several may be named.
+    lerobot: each RUN is an episode of observation.state, action and the camera's images, where
+    there are; several may be named.
 
-    Parquet and LeRobot need pip install 'dart-hal[table]', bags 'dart-hal[ros]'.
+    Parquet and LeRobot need pip install 'dart-hal[table]', with images 'dart-hal[table,camera]',
+    bags 'dart-hal[ros]'.
     """
     _check(kind, run, out)
     if kind in TABLES:
@@ -84,11 +86,11 @@ def _table(write: Callable[..., None], run: Path, out: Path) -> tuple[Facts, str
             f"{len(table)} rows, {len(table.columns)} columns")
 
 
-def _left_out(run: RunReader) -> tuple[str, ...]:
-    """What is no number of a State."""
-    there = [name for name, messages in (("images of the camera", run.images()),
-                                         ("scans of the lidar", run.scans()))
-             if next(messages, None) is not None]
+def _left_out(run: RunReader, *, images: bool = True) -> tuple[str, ...]:
+    """What is no number of a State; images: they are left out, too."""
+    kinds = [("images of the camera", run.images)] if images else []
+    there = [name for name, messages in (*kinds, ("scans of the lidar", run.scans))
+             if next(messages(), None) is not None]
     return (f"{run.path}: the {' and '.join(there)} are left out; export ros2 and ros1 keep them",
             ) if there else ()
 
@@ -104,11 +106,11 @@ def _bag(write: Callable[[RunReader, Path], int], run: Path, out: Path) -> tuple
 def _data_set(runs: Sequence[Path], out: Path, fps: int, task: str) -> tuple[Facts, str]:
     tables = [read_table(run) for run in runs]
     for table in tables:
-        notices((*table.run.notices, *_left_out(table.run)))
+        notices((*table.run.notices, *_left_out(table.run, images=False)))
     with whole(out) as part:
         made = write_lerobot(tables, part, fps=fps, task=task)
     if made.held:
-        notices((f"{made.held} frames repeat a State that is older than {HELD:g} s: "
-                 f"the link was interrupted there",))
+        notices((f"{made.held} frames repeat a State that is older than {HELD:g} s, or an image "
+                 f"older than {HELD_IMAGE:g} s: link or camera were interrupted there",))
     return ({"recordings": runs, "data_set": out, **made._asdict()},
             f"{made.episodes} episodes, {made.frames} frames at {fps} per second")

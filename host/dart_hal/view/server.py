@@ -44,8 +44,8 @@ TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf
          "css": "text/css; charset=utf-8"}
 VENDOR = ("uPlot.iife.min.js", "uPlot.min.css")
 CAR = ("index.html", "style.css", "app.js", "camera.js", "floor.js", "plots.js", "player.js",
-       "stick.js")
-FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js")
+       "said.js", "stick.js")
+FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js", "said.js")
 """Files of the two pages; the first is the page itself."""
 SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
                                    "img-src 'self' data:; frame-ancestors 'none'",

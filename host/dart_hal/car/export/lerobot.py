@@ -1,4 +1,4 @@
-"""Runs as a data set of LeRobot, an episode each: format v3.0, without pictures.
+"""Runs as a data set of LeRobot, an episode each: format v3.0.
 
 Written from the format alone, so that nobody needs LeRobot (and torch) to export:
 https://github.com/huggingface/lerobot, ``datasets/utils.py`` and ``lerobot_dataset.py``
@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.car.export import lerobot_images as pictures
 from dart_hal.car.table import RunTable, missing
 from dart_hal.errors import UsageError
+from dart_hal.types import Image
 
 VERSION = "v3.0"
 OBSERVED = ("speed", "yaw_rate", "accel_x", "accel_y", "x", "y", "yaw", "steering", "throttle")
@@ -25,7 +27,8 @@ COMMANDED = ("command_steering", "command_throttle")
 """Columns of ``action``: what was asked for [rad, -1..1]."""
 HELD = 0.1
 """s: what was measured before that is not of now."""
-_QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
+HELD_IMAGE = 0.5
+"""s: the same of an image; a camera of 5 a second that misses one still counts as there."""
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA, _EPISODES = f"data/{_FILE}", f"meta/episodes/{_FILE}"
 
@@ -33,7 +36,8 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Written(NamedTuple):
-    """What a data set holds; ``held``: frames whose State was older than ``HELD``."""
+    """What a data set holds; ``held``: frames whose State was older than ``HELD``, or
+    whose image had come more than ``HELD_IMAGE`` before."""
 
     episodes: int
     frames: int
@@ -44,7 +48,9 @@ def write_lerobot(tables: Sequence[RunTable], path: Path, *, fps: int = 50,
                   task: str = "drive") -> Written:
     """A folder with ``meta``, and ``data`` in Parquet; an episode begins with the first command.
 
-    Errors: UsageError for a run without commands, or without pandas and pyarrow; OSError.
+    Runs with a camera have its images, and begin with the first of them where that comes later.
+    Errors: UsageError for a run without commands, for runs with and without a camera together,
+    or without pandas and pyarrow, with images Pillow; OSError.
     """
     try:
         import pandas as pd
@@ -53,8 +59,8 @@ def write_lerobot(tables: Sequence[RunTable], path: Path, *, fps: int = 50,
     except ImportError as error:
         raise missing("pandas and pyarrow", "a data set") from error
     episodes, held, index = [], 0, 0
-    for number, table in enumerate(tables):
-        columns, old = episode(table, fps)
+    for number, (table, images) in enumerate(zip(tables, pictures.images_of(tables), strict=True)):
+        columns, old = episode(table, fps, images)
         frames = len(columns["action"])
         columns |= {"frame_index": np.arange(frames), "index": index + np.arange(frames),
                     "episode_index": np.full(frames, number),
@@ -79,11 +85,12 @@ def write_lerobot(tables: Sequence[RunTable], path: Path, *, fps: int = 50,
     return Written(len(episodes), index, held)
 
 
-def episode(table: RunTable, fps: int) -> tuple[Columns, int]:
+def episode(table: RunTable, fps: int, images: Sequence[Image] = ()) -> tuple[Columns, int]:
     """Columns (n,) or (n, m) of one run on a grid of 1 / fps, and how many frames are held.
 
-    A frame has the newest State until then and the newest command; what the IMU did not give is
-    held, before its first sample 0. Errors: UsageError for a run without commands.
+    A frame has the newest State until then, the newest command and the newest image that had come;
+    what the IMU did not give is held, before its first sample 0. Errors: UsageError for a run
+    without commands, or with no image in it while it was driven.
     """
     t = table.columns["t"]
     asked = np.flatnonzero(~np.isnan(table.columns[COMMANDED[0]]))
@@ -91,24 +98,36 @@ def episode(table: RunTable, fps: int) -> tuple[Columns, int]:
         raise UsageError(f"{table.run.path}: nobody drove, there is no action to learn",
                          found="no command", expected="a run with commands",
                          remedy="dart-hal drive SCRIPT --record run.mcap")
-    grid = t[asked[0]] + np.arange(int((t[-1] - t[asked[0]]) * fps + 1e-6) + 1) / fps
+    begin = max([t[asked[0]], *(image.arrival for image in images[:1])])
+    if begin > t[-1]:
+        raise UsageError(f"{table.run.path}: its first image came behind its last State",
+                         found=f"{begin - t[-1]:.1f} s later", expected="images while it drove")
+    grid = begin + np.arange(int((t[-1] - begin) * fps + 1e-6) + 1) / fps
     row = np.searchsorted(t, grid + 1e-9, side="right") - 1
     state, action = (np.stack([_filled(table.columns[n])[row] for n in names], axis=1)
                      for names in (OBSERVED, COMMANDED))
     columns = {"observation.state": state.astype(np.float32), "action": action.astype(np.float32),
                "timestamp": (np.arange(len(grid)) / fps).astype(np.float32)}
-    return columns, int(np.count_nonzero(grid - t[row] > HELD))
+    old = grid - t[row] > HELD
+    if images:
+        shown = pictures.newest(images, grid)
+        columns[pictures.NAME] = pictures.column(images, shown)
+        old |= grid - np.array([images[n].arrival for n in shown]) > HELD_IMAGE
+    return columns, int(np.count_nonzero(old))
 
 
-def statistics(column: NDArray[Any]) -> dict[str, list[float]]:
-    """What LeRobot normalises by: each (m,), of a column (n, m); a column (n,) has m = 1."""
+def statistics(column: NDArray[Any]) -> dict[str, list[Any]]:
+    """What LeRobot normalises by: each (m,), of a column (n, m); a column (n,) has m = 1. Of
+    images see there."""
+    if column.dtype == object:
+        return pictures.statistics(column)
     values = column.reshape(len(column), -1).astype(np.float64)
-    quantiles = np.quantile(values, _QUANTILES, axis=0)
+    quantiles = np.quantile(values, pictures.QUANTILES, axis=0)
     return {"min": values.min(0).tolist(), "max": values.max(0).tolist(),
             "mean": values.mean(0).tolist(), "std": values.std(0).tolist(),
             "count": [len(values)],
             **{f"q{round(100 * q):02d}": row.tolist()
-               for q, row in zip(_QUANTILES, quantiles, strict=True)}}
+               for q, row in zip(pictures.QUANTILES, quantiles, strict=True)}}
 
 
 def _filled(column: NDArray[Any]) -> NDArray[Any]:
@@ -130,12 +149,16 @@ def _about(columns: Columns, task: str) -> dict[str, Any]:
 
 
 def _feature(name: str, column: NDArray[Any]) -> dict[str, Any]:
+    if column.dtype == object:
+        return pictures.feature(column)
     names = {"observation.state": list(OBSERVED),
              "action": [n.removeprefix("command_") for n in COMMANDED]}.get(name)
     return {"dtype": str(column.dtype), "shape": list(column.shape[1:]) or [1], "names": names}
 
 
 def _arrow(pa: Any, column: NDArray[Any]) -> Any:
+    if column.dtype == object:
+        return pictures.arrow(pa, column)
     if column.ndim == 1:
         return pa.array(column)
     return pa.FixedSizeListArray.from_arrays(pa.array(column.ravel()), column.shape[1])

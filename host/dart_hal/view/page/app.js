@@ -7,12 +7,7 @@
   let socket = null, fields = [], mine = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
 
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
-  function say(text) {
-    const item = document.createElement("li");
-    item.textContent = `${new Date().toLocaleTimeString()}  ${text}`;
-    $("said").prepend(item);
-    while ($("said").children.length > 100) $("said").lastChild.remove();
-  }
+  const say = Said.say;
   function badge(text) { $("mode").textContent = text; $("mode").className = `badge ${text.replace(/ /g, "-")}`; }
   function wheel(on) {
     mine = on;

@@ -5,12 +5,6 @@
   const cards = new Map();
   let socket = null, pressed = -1e9;
 
-  function say(text) {
-    const item = document.createElement("li");
-    item.textContent = `${new Date().toLocaleTimeString()}  ${text}`;
-    $("said").prepend(item);
-    while ($("said").children.length > 100) $("said").lastChild.remove();
-  }
   function badge(text, css) { $("mode").textContent = text; $("mode").className = `badge ${css}`; }
   function card(key) {
     if (!cards.has(key)) {
@@ -38,7 +32,7 @@
       message.cars.forEach(show);
       Floor.others(message.cars.filter((car) => car.pose).map((car) => ({ ...car.pose, name: car.name })));
     },
-    said(message) { say(message.text); },
+    said(message) { Said.say(message.text); },
   };
   function open() {
     socket = new WebSocket(`ws://${location.host}/socket`);

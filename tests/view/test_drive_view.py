@@ -1,0 +1,94 @@
+"""``dart-hal drive SCRIPT --view``: the script drives, its page is there, STOP is at the pin."""
+
+from __future__ import annotations
+
+import threading
+import time
+from urllib.request import urlopen
+
+import pytest
+from at_the_desk import driving
+from sockets import join, say, until
+
+from dart_hal.car import Car
+from dart_hal.cli.main import main
+from dart_hal.sim.truth import world_of
+from dart_hal.view import serve
+from dart_hal.view.desk import Desk
+
+pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(20)]
+SCRIPT = "def control(state):\n    return 0.1, 0.3\n"
+AT_ONCE = 0.050
+
+
+class Watcher(threading.Thread):
+    """Somebody who opens the page that the verb serves, and presses STOP while the car drives."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.served, self.page, self.begin, self.pulses = threading.Event(), b"", {}, []
+        self.pressed, self.heard, self.news = 0.0, 0.0, threading.Event()
+
+    def serve(self, car):
+        """In place of ``Car.view``: on a free port, and with an eye on the ESC's pin."""
+        world_of(car._engine.backend).watchers.append(
+            lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
+        self.car, self.live = car, serve.serve(car, port=0)
+        self.served.set()
+        return self.live
+
+    def hears(self, stop):
+        """A ``Desk._stop`` that tells when it was called."""
+        def heard(desk, now):
+            self.heard = self.car.now
+            self.news.set()
+            stop(desk, now)
+        return heard
+
+    def run(self):
+        assert self.served.wait(10.0)
+        with urlopen(self.live.urls[0].partition("#")[0]) as answer:
+            self.page = answer.read()
+        with join(self.live) as socket:
+            self.begin = until(socket, "begin")
+            ends = time.monotonic() + 15.0
+            while not driving(self.pulses, self.car.now - 0.1) and time.monotonic() < ends:
+                time.sleep(0.02)
+            time.sleep(0.5)
+            self.pressed = self.car.now
+            say(socket, type="stop")
+            assert self.news.wait(5.0)
+
+
+@pytest.fixture
+def stopped(monkeypatch, tmp_path, capsys):
+    """(whoever pressed STOP, exit code, what was printed), once the verb has ended."""
+    def run(stop=Desk._stop):
+        script, watcher = tmp_path / "bend.py", Watcher()
+        script.write_text(SCRIPT)
+        monkeypatch.setattr(Car, "view", lambda car: watcher.serve(car))
+        monkeypatch.setattr(Desk, "_stop", watcher.hears(stop))
+        watcher.start()
+        with pytest.raises(SystemExit) as left:
+            main(["drive", str(script), "--view", "--url", "sim://?nano=mock", "--duration", "4"])
+        watcher.join(5.0)
+        said = capsys.readouterr()
+        return watcher, int(left.value.code or 0), said.out + said.err
+    return run
+
+
+def test_the_script_drives_and_the_page_stops_it(stopped):
+    watcher, code, told = stopped()
+    assert watcher.live.urls[-1] in told
+    assert b"<title>" in watcher.page
+    assert watcher.begin["drives"] is False, "the script has the wheel"
+    assert driving(watcher.pulses, watcher.pressed - 0.1), "it drove until then"
+    assert max(fall for _, fall in driving(watcher.pulses, 0.0)) - watcher.heard <= AT_ONCE
+    assert code != 0
+    assert "RUN_STOP" in told
+
+
+def test_control_a_stop_that_nobody_obeys_is_seen_at_the_pin(stopped):
+    watcher, code, _ = stopped(lambda desk, now: None)
+    assert driving(watcher.pulses, watcher.heard + 0.3)
+    assert code == 0
