@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from typing import Generic, Protocol, TypeVar
 
 from dart_hal.errors import DartHalError, EndOfRecording, RecordingError
 from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.source import FRAME
 from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
-from dart_hal.types import NEUTRAL, Applied, ExternalPose, Image, Scan
+from dart_hal.types import NEUTRAL, Applied, ExternalPose
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
@@ -125,38 +126,29 @@ class ReplayPoses:
         self._poses.clear()
 
 
-class ReplayImages:
-    """The recorded images, each at its arrival; read from the file as they are due."""
+class Arrives(Protocol):
+    """What was recorded with its arrival [s]."""
+
+    @property
+    def arrival(self) -> float:
+        """s on the car's clock."""
+
+
+ArrivesT = TypeVar("ArrivesT", bound=Arrives)
+
+
+class ReplaySource(Generic[ArrivesT]):
+    """Recorded scans, or images, each at its arrival; read from the file as they are due."""
 
     trouble: DartHalError | None = None
 
-    def __init__(self, recording: RunReader, first: Image, rest: Iterator[Image]) -> None:
-        self.name = f"the images in {recording.path}"
-        self._next: Image | None = first
+    def __init__(self, what: str, recording: RunReader, first: ArrivesT,
+                 rest: Iterator[ArrivesT]) -> None:
+        self.name = f"the {what} in {recording.path}"
+        self._next: ArrivesT | None = first
         self._rest = rest
 
-    def poll(self, now: float) -> list[Image]:
-        due = []
-        while self._next is not None and self._next.arrival <= now:
-            due.append(self._next)
-            self._next = next(self._rest, None)
-        return due
-
-    def close(self) -> None:
-        self._next = None
-
-
-class ReplayScans:
-    """The recorded scans, each at its arrival; read from the file as they are due."""
-
-    trouble: DartHalError | None = None
-
-    def __init__(self, recording: RunReader, first: Scan, rest: Iterator[Scan]) -> None:
-        self.name = f"the scans in {recording.path}"
-        self._next: Scan | None = first
-        self._rest = rest
-
-    def poll(self, now: float) -> list[Scan]:
+    def poll(self, now: float) -> list[ArrivesT]:
         due = []
         while self._next is not None and self._next.arrival <= now:
             due.append(self._next)
@@ -221,5 +213,5 @@ def open_replay(url: Url) -> Backend:
         car=recording.meta.get("car") or None, car_toml=recording.files.get("car.toml"),
         measured={n: t for n, t in recording.files.items() if n != "car.toml"},
         notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None,
-        lidar=ReplayScans(recording, scan, scans) if scan else None,
-        camera=ReplayImages(recording, image, images) if image else None)
+        lidar=ReplaySource("scans", recording, scan, scans) if scan else None,
+        camera=ReplaySource("images", recording, image, images) if image else None)
