@@ -5,6 +5,10 @@ restart at any moment.
     place 0: before the line, 1: on the common ground, 2: past it
 
     python -m tests.control.crossing_model [--cars 2] [--rounds 2] [--restarts 1] [--room 1] [--met]
+                                           [--passed]
+
+passed: somebody else heard a message of a car, whether or not the other did, and passes it on at
+any time, as often as it likes, until it has heard another one.
 """
 
 from __future__ import annotations
@@ -20,7 +24,8 @@ BEFORE, ON, PAST = 0, 1, 2
 
 
 class World(NamedTuple):
-    """All there is. sent: messages under way from i to j, by seq; kept: stamps on disk."""
+    """All there is. sent: messages under way from i to j, by seq; kept: stamps on disk; held: of i,
+    to be passed on to j."""
 
     cars: tuple[order.Standing, ...]
     places: tuple[int, ...]
@@ -28,6 +33,7 @@ class World(NamedTuple):
     sent: tuple[tuple[order.Message, ...], ...]
     kept: tuple[int, ...]
     restarts: int
+    held: tuple[order.Message | None, ...] = ()
 
 
 class Rules:
@@ -41,6 +47,9 @@ class Rules:
 
     def heard(self, car: order.Standing, m: order.Message) -> order.Standing:
         return order.hear(car, m)[0]
+
+    def passed(self, car: order.Standing, m: order.Message) -> order.Standing:
+        return order.hear(car, m, passed=True)[0]
 
     def want(self, car: order.Standing, clock: int) -> order.Standing:
         return order.want(car, clock)
@@ -59,13 +68,16 @@ def put(items, i, value):
     return (*items[:i], value, *items[i + 1:])
 
 
-def first(n: int, rounds: int, restarts: int, met: bool = False) -> World:
-    """met: each has told that it hears the others' sessions."""
+def first(
+    n: int, rounds: int, restarts: int, met: bool = False, passed: bool = False
+) -> World:
+    """met: each has told that it hears the others' sessions; passed: messages are passed on."""
     cars = tuple(order.begun(i, n, 1, 0, BEFORE) for i in range(n))
     if met:
         known = order.Known(1, 1, 0, Phase.FREE, 0, BEFORE, 0, 1)
         cars = tuple(c._replace(seq=1, others=put((known,) * n, c.id, None)) for c in cars)
-    return World(cars, (BEFORE,) * n, (rounds - 1,) * n, ((),) * (n * n), (0,) * n, restarts)
+    return World(cars, (BEFORE,) * n, (rounds - 1,) * n, ((),) * (n * n), (0,) * n, restarts,
+                 (None,) * (n * n) if passed else ())
 
 
 def after(w: World, rules: Rules, room: int):
@@ -79,6 +91,10 @@ def after(w: World, rules: Rules, room: int):
             way = i * n + j
             told, m = order.tell(car)
             m = only_for(j, m)
+            if w.held and not same(w.held[way], m):
+                yield w._replace(cars=put(w.cars, i, told), held=put(w.held, way, m))
+            if w.held and (held := w.held[way]) is not None:
+                yield w._replace(cars=put(w.cars, j, rules.passed(w.cars[j], held)))
             if news(w, way, j, m):
                 new = w._replace(cars=put(w.cars, i, told))
                 if not room:
@@ -123,11 +139,16 @@ def only_for(j: int, m: order.Message) -> order.Message:
     return m._replace(grants=tuple(mine), heard=tuple(heard))
 
 
+def same(a: order.Message | None, b: order.Message) -> bool:
+    """But for the number."""
+    return a is not None and a._replace(seq=0) == b._replace(seq=0)
+
+
 def news(w: World, way: int, j: int, m: order.Message) -> bool:
     """Whether it says more than j knows by the newest that was sent: else it changes nothing."""
     last, known = w.sent[way][-1:], w.cars[j].others[m.id]
     if last:
-        return last[0]._replace(seq=0) != m._replace(seq=0)
+        return not same(last[0], m)
     return known is None or known[0:1] + known[2:8] != (
         m.boot, m.path, m.phase, m.ts, m.s_minus, m.grants[j], m.heard[j])
 
@@ -139,7 +160,7 @@ def moved(w: World, i: int, place: int, car: order.Standing) -> World:
 
 def canonical(w: World) -> World:
     """Numbers of messages count by their order alone: each sender's session from 1 up."""
-    n, cars, sent = len(w.cars), list(w.cars), list(w.sent)
+    n, cars, sent, held = len(w.cars), list(w.cars), list(w.sent), list(w.held)
     for i in range(n):
         boot = cars[i].boot
         used = {0}
@@ -147,6 +168,8 @@ def canonical(w: World) -> World:
             o = cars[j].others[i]
             used |= {m.seq for m in sent[i * n + j] if m.boot == boot}
             used |= {o.seq} if o is not None and o.boot == boot else set()
+            if held and (h := held[i * n + j]) is not None and h.boot == boot:
+                used.add(h.seq)
         rank = {s: k for k, s in enumerate(sorted(used))}
         cars[i] = cars[i]._replace(seq=len(rank))
         for j in range(n):
@@ -154,10 +177,12 @@ def canonical(w: World) -> World:
             if any(m.boot == boot for m in sent[way]):
                 sent[way] = tuple(m._replace(seq=rank[m.seq]) if m.boot == boot else m
                                   for m in sent[way])
+            if held and (h := held[way]) is not None and h.boot == boot:
+                held[way] = h._replace(seq=rank[h.seq])
             if o is not None and o.boot == boot and o.seq != rank[o.seq]:
                 cars[j] = cars[j]._replace(others=put(cars[j].others, i,
                                                       o._replace(seq=rank[o.seq])))
-    return w._replace(cars=tuple(cars), sent=tuple(sent))
+    return w._replace(cars=tuple(cars), sent=tuple(sent), held=tuple(held))
 
 
 def over(w: World) -> bool:
@@ -174,10 +199,10 @@ class Checked(NamedTuple):
 
 
 def check(n: int, rounds: int, restarts: int = 0, room: int = 1, rules: Rules | None = None,
-          met: bool = False, most: int = 2_000_000) -> Checked:
+          met: bool = False, passed: bool = False, most: int = 2_000_000) -> Checked:
     """All states that can be reached; ends at the first unsafe one."""
     rules = rules or Rules()
-    start = canonical(first(n, rounds, restarts, met))
+    start = canonical(first(n, rounds, restarts, met, passed))
     number, states, into = {start: 0}, [start], [[]]
     line = deque([0])
     while line:
@@ -210,9 +235,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name, value in (("cars", 2), ("rounds", 2), ("restarts", 0), ("room", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
-    parser.add_argument("--met", action="store_true")
+    for name in ("met", "passed"):
+        parser.add_argument(f"--{name}", action="store_true")
     given = parser.parse_args()
-    print(check(given.cars, given.rounds, given.restarts, given.room, met=given.met))
+    print(check(given.cars, given.rounds, given.restarts, given.room, met=given.met,
+                passed=given.passed))
 
 
 if __name__ == "__main__":

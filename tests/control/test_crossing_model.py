@@ -4,7 +4,7 @@ protocol's parts, left out one at a time, let two of them on it."""
 from __future__ import annotations
 
 import pytest
-from tests.control.crossing_model import BEFORE, ON, PAST, Rules, check
+from tests.control.crossing_model import BEFORE, ON, PAST, Rules, check, put
 
 from dart_hal.control.crossing import order
 from dart_hal.control.crossing.order import Phase, Right
@@ -70,6 +70,24 @@ class LosesItsStamp(Rules):
         return super().restarted(n, car, place, 0)
 
 
+class PassedOnBeginsASession(Rules):
+    """What another car passes on is taken like what came late from its sender."""
+
+    def passed(self, car, m):
+        return order.hear(car, m)[0]
+
+
+class PassedOnRevives(PassedOnBeginsASession):
+    """And a session may be taken up again that another has followed."""
+
+    def passed(self, car, m):
+        other = car.others[m.id]
+        if other is not None and other.boot != m.boot:
+            others = put(car.others, m.id, other._replace(retired=()))
+            car = car._replace(others=others)
+        return super().passed(car, m)
+
+
 @pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [
     (2, 2, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (3, 1, 0, 0),
     pytest.param(2, 2, 1, 1, marks=pytest.mark.slow),
@@ -81,6 +99,35 @@ def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):
     assert found.states > 5000
     assert found.unsafe is None
     assert found.stuck is None
+
+
+@pytest.mark.parametrize(("rounds", "restarts", "room"), [
+    (1, 0, 0), (1, 0, 1), (1, 1, 0), pytest.param(2, 0, 0, marks=pytest.mark.slow),
+], ids=str)
+@pytest.mark.few("1-0-0")
+@pytest.mark.cpu(60)
+def test_nor_is_any_where_others_pass_messages_on_at_any_time(rounds, restarts, room):
+    found = check(2, rounds, restarts, room, passed=True)
+    assert found.states > 5000
+    assert found.unsafe is None
+    assert found.stuck is None
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+def test_a_session_begun_by_what_was_passed_on_is_waited_for_without_end():
+    found = check(2, 1, 1, 0, rules=PassedOnBeginsASession(), passed=True)
+    assert found.unsafe is None
+    assert found.stuck is not None
+    assert any(o.retired for car in found.stuck.cars for o in car.others if o is not None)
+
+
+@pytest.mark.more
+@pytest.mark.cpu(30)
+def test_with_one_taken_up_again_two_are_on_the_ground():
+    found = check(2, 2, 0, 0, rules=PassedOnRevives(), passed=True)
+    assert found.unsafe is not None
+    assert found.unsafe.places.count(ON) == 2
 
 
 @pytest.mark.parametrize(("mutant", "size"), [
