@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.grade.bag import Problem, probability, sizes
+from dart_hal.diagnose.grade import names
+from dart_hal.diagnose.grade.bag import Grade, Problem, probability, sizes
 from dart_hal.diagnose.grade.constancy import constancy
-from dart_hal.diagnose.grade.names import _least
+from dart_hal.diagnose.grade.names import _least, shown
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.result import Gained
@@ -106,6 +108,24 @@ def test_what_does_nothing_has_no_size_that_changes(fitted):
     still = replace(of, tangent={"motor_gain": np.zeros_like(of.tangent["motor_gain"])})
     assert constancy(still, "motor_gain", USUAL.grade, 0).constant
     assert constancy(still, "motor_gain", USUAL.grade, 0).curve == ()
+
+
+def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
+    """c hides a and b from each other and leaves last; the same without d, which is never sure."""
+    sure = {"abcd": (0.7, 0.6, 0.75, 0.1), "abc": (0.7, 0.6, 0.75), "ac": (0.65, 0.75),
+            "c": (0.7,), "a": (0.99,), "ab": (0.95, 0.9)}
+    monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
+    monkeypatch.setattr(names, "grade", lambda of, name, *rest: Grade(
+        sure.get(of, (0.5,) * len(of))[of.index(name)], ()))
+    monkeypatch.setattr(names, "constancy", lambda *given: None)
+    search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
+                             steps=lambda base, at, noise, kept: (base, *kept))
+    gained = Gained("vx", 0.5, 0.5, 0.4, 0.6, "")
+    found = shown(names.Grading(search, None, USUAL, 0, lambda *given: gained, True),
+                  ("", *"abcd"), "", None, "abcd")
+    assert found.names == ("a", "b")
+    assert [found.grades[n].probability for n in "ab"] == [0.95, 0.9]
+    assert {n: one.probability for n, one in found.left_out.items()} == {"c": 0.7, "d": 0.1}
 
 
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():

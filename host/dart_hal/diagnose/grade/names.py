@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,32 +62,88 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
           names: Sequence[str]) -> Shown:
     """Leave out the name of the lowest grade until all that are left are sure enough.
 
-    Then the one that gains least, until all lower the errors on recordings that no fit has seen.
+    Possible ones that went come back, the one that gains most first, where all are sure enough
+    with it: what made them unsure may have gone after them. Then the one that gains least goes, until all
+    lower the errors on recordings that no fit has seen.
     points: the base, and with one effect more each; at: where the search has ended.
     One at a time: a name that goes may have been what hid another.
     """
-    left_out: dict[str, LeftOut] = {}
-    kept, last = list(names), points[-1]
-    while kept:
-        of = secants(with_.evidence, last, kept, with_.policy)
-        grades = {name: grade(of, name, kept[:i], with_.policy.grade, with_.seed)
-                  for i, name in enumerate(kept)}
-        worst = min(kept, key=lambda n: grades[n].probability)
-        why = NOT_SURE if grades[worst].probability < with_.policy.grade.shown else ""
-        if not why:
-            points = _steps(with_, points, at, noise, kept, last)
-            gains = {name: with_.gain(name, points[i], points[i + 1])
-                     for i, name in enumerate(kept)}
-            worst = min(kept, key=lambda n: _least(gains[n], with_.several))
-            why = NO_GAIN if _least(gains[worst], with_.several) <= 0.0 else ""
-        if not why:
-            return Shown(tuple(kept), tuple(points), grades, gains,
-                         {n: constancy(of, n, with_.policy.grade, with_.seed) for n in kept},
-                         left_out)
-        left_out[worst] = LeftOut(grades[worst].probability, why)
-        kept.remove(worst)
-        last = with_.search.fit(at, noise, kept, last)
+    fits = _Fits(with_, at, noise, names)
+    kept, left_out = fits.sure(fits.graded(names, points[-1]))
+    kept, left_out = fits.back(kept, left_out)
+    while kept.names:
+        points = _steps(with_, points, at, noise, kept.names, kept.fit)
+        gains = {name: with_.gain(name, points[i], points[i + 1])
+                 for i, name in enumerate(kept.names)}
+        worst = min(kept.names, key=lambda n: _least(gains[n], with_.several))
+        if _least(gains[worst], with_.several) > 0.0:
+            of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
+            return Shown(kept.names, tuple(points), kept.grades, gains,
+                         {n: constancy(of, n, with_.policy.grade, with_.seed)
+                          for n in kept.names}, left_out)
+        left_out[worst] = LeftOut(kept.grades[worst].probability, NO_GAIN)
+        kept, unsure = fits.sure(fits.without(kept, worst))
+        left_out |= unsure
     return Shown((), (points[0],), {}, {}, {}, left_out)
+
+
+class _Graded(NamedTuple):
+    """Names, the fit with them, and how sure each is in it."""
+
+    names: tuple[str, ...]
+    fit: Point
+    grades: Mapping[str, Grade]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fits:
+    """Fits of some of the names, from one start, each graded."""
+
+    with_: Grading
+    at: Point
+    noise: Noise
+    names: Sequence[str]
+
+    def graded(self, names: Sequence[str], fit: Point) -> _Graded:
+        if not names:
+            return _Graded((), fit, {})
+        policy, seed = self.with_.policy, self.with_.seed
+        of = secants(self.with_.evidence, fit, names, policy)
+        return _Graded(tuple(names), fit, {
+            name: grade(of, name, names[:i], policy.grade, seed) for i, name in enumerate(names)})
+
+    def of(self, names: Collection[str], near: Point) -> _Graded:
+        """Of these, in the order in which they gain."""
+        ordered = [n for n in self.names if n in names]
+        return self.graded(ordered, self.with_.search.fit(self.at, self.noise, ordered, near))
+
+    def without(self, those: _Graded, name: str) -> _Graded:
+        return self.of(set(those.names) - {name}, those.fit)
+
+    def sure(self, those: _Graded) -> tuple[_Graded, dict[str, LeftOut]]:
+        """The least sure leaves until all are sure enough; and those that left."""
+        left_out: dict[str, LeftOut] = {}
+        while those.names and not self._are(those):
+            worst = min(those.names, key=lambda n: those.grades[n].probability)
+            left_out[worst] = LeftOut(those.grades[worst].probability, NOT_SURE)
+            those = self.without(those, worst)
+        return those, left_out
+
+    def back(self, those: _Graded, left_out: Mapping[str, LeftOut]
+             ) -> tuple[_Graded, dict[str, LeftOut]]:
+        """With each possible one that left too early, so that all are sure; and who stays away."""
+        away, possible = dict(left_out), self.with_.policy.grade.possible
+        for name in self.names:
+            if name not in left_out or left_out[name].probability < possible:
+                continue
+            more = self.of({*those.names, name}, those.fit)
+            if self._are(more):
+                those = more
+                del away[name]
+        return those, away
+
+    def _are(self, those: _Graded) -> bool:
+        return all(g.probability >= self.with_.policy.grade.shown for g in those.grades.values())
 
 
 def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kept: Sequence[str],
