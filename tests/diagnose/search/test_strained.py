@@ -41,6 +41,14 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
 
 
 @pytest.mark.more
+def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
+    """Else what the bound leaves over would be structure that nobody knows."""
+    names, tyre = named(run, "gyro_bias")
+    assert names == []
+    assert tyre < 0.96
+
+
+@pytest.mark.more
 def test_a_cause_that_takes_the_strain_away_keeps_its_name(run):
     """The tyre is believed to be good to half a per cent, so it is the grip that is less."""
     assert named(run, "front_grip") == (["front_grip"], pytest.approx(1.0, abs=0.017))

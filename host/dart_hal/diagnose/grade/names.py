@@ -63,8 +63,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     """Leave out the name of the lowest grade until all that are left are sure enough.
 
     Possible ones that went come back, the one that gains most first, where all are sure enough
-    with it: what made them unsure may have gone after them. Then the one that gains least goes, until all
-    lower the errors on recordings that no fit has seen.
+    with it: what made them unsure may have gone after them. Then the one that gains least goes,
+    until all lower the errors on recordings that no fit has seen.
     points: the base, and with one effect more each; at: where the search has ended.
     One at a time: a name that goes may have been what hid another.
     """

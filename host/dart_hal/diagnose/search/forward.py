@@ -87,18 +87,21 @@ class Search:
     def run(self) -> SearchResult:
         """Search until nothing passes; in a run of our own again, where the answer is strained.
 
-        A name is for what parameters within their stated errors cannot explain. If beside it one
-        still stands on the bound of them, those errors were too small, and the name may be what
-        the bound has left over: such parameters are let go, and all is asked anew.
+        A name is for what parameters within their stated errors cannot explain. If beside it, or
+        where nothing is named, one still stands on the bound of them, those errors were too small,
+        and the name, or the structure that is left, may be what the bound leaves over: such
+        parameters are let go, and all is asked anew.
         """
         found = self._searched()
-        if found.named and self._evidence.commands_stamped:
-            point = found.point
-            self._loose = point.space.strained(point.x, self._settings.policy.prior.believed)
-            if self._loose:
-                self._before, self._dropped = None, False
-                return self._searched()
+        while self._evidence.commands_stamped and (more := self._strained(found.point)):
+            self._loose += more
+            self._before, self._dropped = None, False
+            found = self._searched()
         return found
+
+    def _strained(self, point: Point) -> tuple[str, ...]:
+        """Parameters on the bound of what is believed of them."""
+        return point.space.strained(point.x, self._settings.policy.prior.believed)
 
     def _searched(self) -> SearchResult:
         s = self._settings
