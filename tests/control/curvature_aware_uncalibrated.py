@@ -2,10 +2,10 @@
 
     python -m tests.control.curvature_aware_uncalibrated --seeds 12 [--first 1] [--tracker mpcc]
 
-``sim://?seed=N``: no calibration, no model, motion capture whose marker sits anywhere. The car rolls
-2 m straight on, so that the room finds its marker, and drives a lap at up to 2 m/s; a disc of 0.15 m
-at 0.15 m beside the middle moves on at 0.5 m/s, 4 m ahead. Distances are of the true body and the
-true rear axle. Some 10 s of CPU a car.
+``sim://?seed=N``: no calibration, no model, motion capture whose marker sits anywhere. The car
+rolls 2 m straight on, so that the room finds its marker, and drives a lap at up to 2 m/s; a disc of
+0.15 m at 0.15 m beside the middle moves on at 0.5 m/s, 4 m ahead. Distances are of the true body
+and the true rear axle. Some 8 s of CPU a car.
 """
 
 from __future__ import annotations
