@@ -136,8 +136,8 @@ class Prediction:
     """Where the car will be, by its model and by the commands that are on their way.
 
     ``sent`` with every command, ``see`` with every motion, ``at`` for a later time. What the car
-    turned more than the model says of its wheels is taken for an error of the angle that stays (map, backlash): ``bias``
-    [rad]; learns False: somebody else sets it.
+    turned more than the model says of its wheels is taken for an error of the angle that stays
+    (map, backlash): ``bias`` [rad]; learns False: somebody else sets it.
     """
 
     def __init__(self, plant: Plant, *, learns: bool = True) -> None:

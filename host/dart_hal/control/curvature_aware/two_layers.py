@@ -45,8 +45,8 @@ class TwoLayers(Planner[TwoLayerPlan]):
 
     The wanted speed is asked where each stage is: a path at the speed of here through a bend that
     the tyres hold at less is one on which no input has a slope. law, path_weights,
-    follow_weights: as published unless given. Raises UsageError for a path that the car does not turn, and for a lane
-    wider than a bend's radius, beside which progress has no meaning.
+    follow_weights: as published unless given. Raises UsageError for a path that the car does not
+    turn, and for a lane wider than a bend's radius, beside which progress has no meaning.
     """
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
