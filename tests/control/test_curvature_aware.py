@@ -269,6 +269,19 @@ def test_a_plan_is_slower_where_the_bend_ahead_asks_for_it(law):
     assert np.abs(plan.inputs[1]).max() < 0.95
 
 
+@BOTH
+def test_a_path_is_one_that_the_tyres_hold(law):
+    """Past an obstacle near ahead, at 2 m/s on a straight."""
+    limits = replace(limits_of(PAPERS), lateral=1.9)
+    layers = TwoLayers(PAPERS, TRACK, lambda s: np.full(len(s), 2.0), limits, law=law,
+                       path_weights=TUNED)
+    layers.obstacles = (Obstacle(1.6, 0.15, 0.15, 0.0, 0.0),)
+    x, y, psi = (float(v[0]) for v in layers.reference.spots(np.array([0.0])))
+    plan = layers.plan(0.0, np.array((x, y, psi, 2.0, 0.0, 0.0, 0.3, 0.0)), 0.0, (0.3, 0.0))
+    across = 2.0 * np.abs(plan.way.turns).max()
+    assert 1.9 < across <= 1.25 * 1.9 + 1e-9
+
+
 def test_a_guess_is_the_path():
     reference = Reference(TRACK)
     generator = Generator(Law.CA, PathWeights(), reference, 0.3)

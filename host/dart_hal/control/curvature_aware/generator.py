@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,8 @@ REACH = 1.2
 """Of the way at the set speed over all stages: how far the path ahead is known."""
 TURNS = 10.0
 """rad/s at most."""
+HOLD = 1.25
+"""Of ``Limits.lateral``, 0.8 of the tyres' end: the end itself; bends are driven at 0.9 of it."""
 X, Y, PSI, S, X_R, Y_R, PHI = range(7)
 
 
@@ -66,10 +69,13 @@ class Way(NamedTuple):
 
 
 class Generator:
-    """One high level; ``half`` [m]: of the lane."""
+    """One high level; ``half`` [m]: of the lane; lateral [m/s2]: as ``Limits``. What no tyres hold
+    is no path: low levels that follow one go from stop to stop."""
 
-    def __init__(self, law: Law, weights: PathWeights, reference: Reference, half: float) -> None:
+    def __init__(self, law: Law, weights: PathWeights, reference: Reference, half: float,
+                 lateral: float = inf) -> None:
         self.law, self.weights, self.reference, self.half = law, weights, reference, half
+        self._held = HOLD * lateral
         w = weights
         lag = w.lag if law is Law.MPCC else w.contour
         self._across = np.full(STAGES, w.contour)
@@ -129,12 +135,13 @@ class Generator:
             programme.squares(at[:, column], by[:, column], weight)
         one = np.eye(STAGES, programme.size)
         programme.squares(turns, one, self.weights.input)
-        programme.bound(turns, one, -TURNS, TURNS, RHO_INPUT)
+        most = np.minimum(TURNS, self._held / speeds)
+        programme.bound(turns, one, -most, most, RHO_INPUT)
         keep(programme, at[:, 3:], by[:, 3:], self.half, bounds(s + states[1:, S]))
         found = programme.solved(iterations, late)
         if found is None:
             return None
-        change = np.clip(turns + found[:STAGES], -TURNS, TURNS) - turns
+        change = np.clip(turns + found[:STAGES], -most, most) - turns
         moved_by = moved.free + moved.forced @ change
         return Way(np.vstack([first, states[1:] + moved_by]), turns + change)
 

@@ -57,7 +57,7 @@ class TwoLayers(Planner[TwoLayerPlan]):
         super().__init__(vehicle, path, speed_of, limits)
         _check(path, self.vehicle, self.limits)
         self.generator = Generator(law, path_weights or PathWeights(), self.reference,
-                                   self.limits.lane)
+                                   self.limits.lane, self.limits.lateral)
         self.follower = PathFollower(self.vehicle, follow_weights or FollowWeights(), self.limits)
         self.steps, self.iterations = steps, iterations
 
