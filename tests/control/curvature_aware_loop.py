@@ -119,8 +119,9 @@ class Finer(TwoLayers):
         super().__init__(model, round_track() if rounded else path, *args, **options)
         self.generator.stage, self._own, self._substeps = self._stage, own, substeps
 
-    def _stage(self, s, speed):
-        path, n, length = self.reference.path, self._substeps, REACH * STAGES * 0.1 * speed
+    def _stage(self, s, speed, mean=None):
+        path, n = self.reference.path, self._substeps
+        length = REACH * STAGES * 0.1 * (float(np.mean(speed)) if mean is None else mean)
         weights = weights_of(self.reference.curvatures(s + length * GRID))
 
         def curve(at):

@@ -66,7 +66,7 @@ class Converged(TwoLayers):
 
     def _improved(self, plan, aim, *, anew):
         self.layers = self.layers or (self._path_layer(), self._follow_layer())
-        (high, low), speed = self.layers, self._speed(aim)
+        (high, low), speed = self.layers, float(self._ahead(aim)[0])  # it is one
         first = self.generator.first(aim.state, aim.s)
         k = curvature.weights_of(self.reference.curvatures(aim.s + LENGTH * speed * curvature.GRID))
         states, turns = high.solve(first, plan.way.states, plan.way.turns[None],

@@ -11,6 +11,7 @@ import pytest
 from tests.control.curvature_aware_loop import (
     CASES,
     KINEMATIC,
+    PAPERS,
     TRACK,
     controller,
     drive,
@@ -18,10 +19,10 @@ from tests.control.curvature_aware_loop import (
     passed,
 )
 from tests.control.light_follow import LATER, figures, light_drive, plant_by
-from tests.control.mpc_loop import Loop
+from tests.control.mpc_loop import Loop, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
-from dart_hal.control.curvature_aware.generator import TUNED, Generator, PathWeights
+from dart_hal.control.curvature_aware.generator import STAGES, TUNED, Generator, PathWeights
 from dart_hal.control.curvature_aware.programme import slopes
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage, softmin
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
@@ -251,10 +252,40 @@ def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
     assert np.abs(rows[:, 3]).max() < 0.05
 
 
+@BOTH
+def test_a_plan_is_slower_where_the_bend_ahead_asks_for_it(law):
+    """At the speed of here through a bend whose tyres hold less, no input had a slope: plans stood
+    at the stops but for a first one that never changed, and the car went straight on."""
+    def speed_of(s):
+        return np.where(s < 1.0, 2.0, 1.3)
+
+    layers = TwoLayers(PAPERS, TRACK, speed_of, limits_of(PAPERS), law=law, path_weights=TUNED)
+    x, y, psi = (float(v[0]) for v in layers.reference.spots(np.array([0.1])))
+    state = np.array((x, y, psi, 2.0, 0.0, 0.0, 0.3, 0.0))
+    for _ in range(3):
+        plan = layers.plan(0.0, state, 0.1, (0.3, 0.0))
+    moved = np.hypot(*np.diff(plan.way.states[:, :2], axis=0).T) / 0.1
+    assert moved == pytest.approx(speed_of(plan.s[:-1]), abs=0.02)
+    assert np.abs(plan.inputs[1]).max() < 0.95
+
+
+@BOTH
+def test_a_path_is_one_that_the_tyres_hold(law):
+    """Past an obstacle near ahead, at 2 m/s on a straight."""
+    limits = replace(limits_of(PAPERS), lateral=1.9)
+    layers = TwoLayers(PAPERS, TRACK, lambda s: np.full(len(s), 2.0), limits, law=law,
+                       path_weights=TUNED)
+    layers.obstacles = (Obstacle(1.6, 0.15, 0.15, 0.0, 0.0),)
+    x, y, psi = (float(v[0]) for v in layers.reference.spots(np.array([0.0])))
+    plan = layers.plan(0.0, np.array((x, y, psi, 2.0, 0.0, 0.0, 0.3, 0.0)), 0.0, (0.3, 0.0))
+    across = 2.0 * np.abs(plan.way.turns).max()
+    assert 1.9 < across <= 1.25 * 1.9 + 1e-9
+
+
 def test_a_guess_is_the_path():
     reference = Reference(TRACK)
     generator = Generator(Law.CA, PathWeights(), reference, 0.3)
     first = generator.first(np.array((2.25, 0.1, 0.1 + 2.0 * np.pi, *np.zeros(5))), 0.0)
-    way = generator.guess(first, 0.0, 2.0)
+    way = generator.guess(first, 0.0, np.full(STAGES, 2.0))
     assert first[6] == pytest.approx(2.0 * np.pi)
     assert way.error(reference, 0.0) == pytest.approx(0.0, abs=1e-3)

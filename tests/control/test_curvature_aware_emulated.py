@@ -5,11 +5,14 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.control.curvature_aware_emulated import drive
+from tests.control.curvature_aware_uncalibrated import drive as uncalibrated
 
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
 from dart_hal.control.curvature_aware.progress import Law
+from dart_hal.control.mpc.disturbance import MOST
 from dart_hal.control.mpc.planner import Outcome
 
 FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
@@ -24,6 +27,18 @@ def test_a_lap_by_the_lidar():
     assert found.left == 0
     assert found.plan_end < 0.02
     assert set(follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
+    """They were 0.8 and 0.9 m beside their path, with what was learnt of the steering at its end
+    (3) and with plans that no tyres hold (8)."""
+    found = uncalibrated(seed)
+    assert found.why == "the path is driven"
+    assert found.air > 0.05
+    assert found.most < 0.3
+    assert np.abs(np.array(found.rows)[:, 4:]).max() < MOST
 
 
 @pytest.mark.slow

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, light_drive, plant_by
+from tests.control.light_follow import LATER, light_drive, motion_at, plant_by
 from tests.control.mpc_loop import P, known
 
 from dart_hal.control.follow import Follower
 from dart_hal.control.mpc import disturbance
-from dart_hal.control.mpc.disturbance import MOST, Disturbance
+from dart_hal.control.mpc.disturbance import MOST, Disturbance, Learning
+from dart_hal.control.plant import Late, Prediction
 from dart_hal.control.tracks import track_named
+from dart_hal.types import Pose
 
 TRUE = np.array([0.03, -0.15, 0.1])
+ORIGIN = Pose(0.0, 0.0, 0.0)
 COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
 
 
@@ -46,6 +50,39 @@ def test_it_never_believes_more_than_its_limit():
 def test_a_command_and_what_it_does(command):
     found = learnt(1.5)
     assert found.command(found.effective(command)) == pytest.approx(command, abs=1e-12)
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
+    """A car that does what its model says, steered to and fro, without any slip, is asked about
+    each 10 ms or with each plan: there is nothing to learn of it."""
+    plant = replace(known(P), late=Late(transport=0.03, settles=0.0))
+    true, asked = Prediction(plant, learns=False), Learning(plant)
+    for k in range(800):
+        t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
+        wheels = true.at(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
+        motion = motion_at(t, ORIGIN, 1.5, 1.5 * plant.steady.bend(wheels, 1.5))
+        if k % every == 0:
+            asked.at(motion, t)
+        for prediction in (true, asked):
+            prediction.sent(t, angle)
+    assert np.abs(asked.disturbance.value).max() < 0.001
+
+
+def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
+    """It settles within 20 ms and the servo is slower than the model's: what is missing as the
+    wheels go out, and left over as they come back, must not add up on any side."""
+    plant, behind = replace(known(P), late=Late(transport=0.03)), 0.0
+    slow = replace(plant, late=Late(transport=0.03, slew=6.0))
+    true, asked = Prediction(slow, learns=False), Learning(plant)
+    for k in range(1600):
+        t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
+        wheels = true.at(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
+        behind += 0.4 * (1.5 * plant.steady.bend(wheels, 1.5) - behind)
+        asked.at(motion_at(t, ORIGIN, 1.5, behind), t)
+        for prediction in (true, asked):
+            prediction.sent(t, angle)
+    assert np.abs(asked.disturbance.value).max() < 0.06
 
 
 def rests_beside(speed: float = 1.5) -> float:

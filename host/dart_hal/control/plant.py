@@ -35,6 +35,8 @@ SETTLES = 0.5 * FRAME + 0.012
 by the linear bicycle of the later published set 8 ms at 1 m/s, 12 at 2."""
 KEPT = 0.5
 """s of commands that are kept: more than any car takes to steer."""
+TELLS = 0.1
+"""s for which one motion is taken at most: what came in a gap, nobody saw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +135,9 @@ class Where(NamedTuple):
 class Prediction:
     """Where the car will be, by its model and by the commands that are on their way.
 
-    ``sent`` with every command, ``at`` for a later time. What the car turned more than the model
-    says of its wheels is taken for an error of the angle that stays (map, backlash): ``bias``
-    [rad]; learns False: somebody else sets it.
+    ``sent`` with every command, ``see`` with every motion, ``at`` for a later time. What the car
+    turned more than the model says of its wheels is taken for an error of the angle that stays
+    (map, backlash): ``bias`` [rad]; learns False: somebody else sets it.
     """
 
     def __init__(self, plant: Plant, *, learns: bool = True) -> None:
@@ -160,15 +162,22 @@ class Prediction:
         """At t [s] an angle [rad] was commanded; it acts a transport later."""
         self._queue.append((t + self.plant.late.transport, self.plant.command_of(angle)))
 
-    def at(self, now: MotionEstimate, t: float) -> Where:
-        """The motion that is known of ``now``, at a later t [s]: speed and what acts go on."""
+    def see(self, now: MotionEstimate) -> None:
+        """The servo comes to the time of ``now``. There alone it is compared with what the car
+        turns: where it stood before belongs to motions that are over."""
         if self._t == -inf:
             self._t = now.t
+        since = max(self._t, now.t - TELLS)
         while self._t < now.t - 1e-9:
             step = min(SUBSTEP, now.t - self._t)
             self._servo = self._turned(self._servo, self._t + step, step)
             self._t += step
-            self._learn(now, step)
+        if now.t > since + 1e-9:
+            self._learn(now, now.t - since)
+
+    def at(self, now: MotionEstimate, t: float) -> Where:
+        """The motion that is known of ``now``, at a later t [s]: speed and what acts go on."""
+        self.see(now)
         while len(self._queue) > 1 and self._queue[1][0] < now.t - KEPT:
             self._queue.popleft()
         pose, servo, steady = now.pose, self._servo, self.plant.steady

@@ -70,12 +70,12 @@ class PathFollower:
         """Ends of the steering from now on."""
         self._low[STAGES:], self._high[STAGES:] = low, high
 
-    def guess(self, way: Way, state: FloatArray, speed: float) -> Motion:
-        """On the path, without slip, at a speed that comes to the wanted one."""
+    def guess(self, way: Way, state: FloatArray, speeds: FloatArray) -> Motion:
+        """On the path, without slip, at speeds that come to the wanted ones (n + 1,) [m/s]."""
         p, v = self._vehicle, float(state[V_X])
-        pace = np.minimum(v + GAINS * STAGE * np.arange(STAGES + 1.0), max(speed, v))
+        pace = np.minimum(v + GAINS * STAGE * np.arange(STAGES + 1.0), np.maximum(speeds, v))
         turns = np.append(way.turns, way.turns[-1])
-        bend, command = turns / max(speed, 0.1), make_steering_inverse(p.steering)
+        bend, command = turns / np.maximum(speeds, 0.1), make_steering_inverse(p.steering)
         st = np.clip([command(float(np.arctan(p.body.wheelbase * k))) for k in bend],
                      *self.limits.st)
         hold = Inverse(p).throttle(max(float(pace.mean()), 0.1))
@@ -94,9 +94,10 @@ class PathFollower:
             inputs = np.hstack([inputs[:, 1:], inputs[:, -1:]])
         return Motion(states, inputs, all_)
 
-    def step(self, motion: Motion, state: FloatArray, way: Way, speed: float,
+    def step(self, motion: Motion, state: FloatArray, way: Way, speeds: FloatArray,
              bounds: Bounds | None, iterations: int, late: Callable[[], bool]) -> Motion | None:
-        """One linearisation and one programme from the state (8,); None where late."""
+        """One linearisation and one programme from the state (8,), towards the speeds (n,) [m/s]
+        behind the stages; None where late."""
         states, inputs, w, reference = motion.states, motion.inputs, self.weights, way.states[1:]
         after, a, b = linearised(self.stage, states[:-1], inputs.T)
         moved = condensed(state - states[0], a, b, after - states[1:])
@@ -106,7 +107,7 @@ class PathFollower:
         for column, wanted, weight in ((0, reference[:, 0], self._place),
                                        (1, reference[:, 1], self._place),
                                        (2, reference[:, PSI], self._turn),
-                                       (3, speed, np.full(STAGES, w.speed))):
+                                       (3, speeds, np.full(STAGES, w.speed))):
             programme.squares(at[:, column] - wanted, by[:, column], weight)
         faster = np.diff(np.append(state[V_X], at[:, 3])) / STAGE
         programme.squares(faster, np.diff(by[:, 3], axis=0, prepend=0.0) / STAGE, w.acceleration)

@@ -1,4 +1,4 @@
-"""High level: the path of the next 1.5 s, driven at a set speed, that stays in the lane.
+"""High level: the path of the next 1.5 s, driven at set speeds, that stays in the lane.
 
     MPCC      q_con e_lat^2 + q_lag e_lag^2         CA-MPCC   q_con |p - p_r|^2
     both      + q_u u^2 + 100 slack^2,   at the end  q_tpos |p - p_r|^2 - q_trot cos(psi - phi)
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,8 @@ REACH = 1.2
 """Of the way at the set speed over all stages: how far the path ahead is known."""
 TURNS = 10.0
 """rad/s at most."""
+HOLD = 1.25
+"""Of ``Limits.lateral``, 0.8 of the tyres' end: the end itself; bends are driven at 0.9 of it."""
 X, Y, PSI, S, X_R, Y_R, PHI = range(7)
 
 
@@ -66,10 +69,13 @@ class Way(NamedTuple):
 
 
 class Generator:
-    """One high level; ``half`` [m]: of the lane."""
+    """One high level; ``half`` [m]: of the lane; lateral [m/s2]: as ``Limits``. What no tyres hold
+    is no path: low levels that follow one go from stop to stop."""
 
-    def __init__(self, law: Law, weights: PathWeights, reference: Reference, half: float) -> None:
+    def __init__(self, law: Law, weights: PathWeights, reference: Reference, half: float,
+                 lateral: float = inf) -> None:
         self.law, self.weights, self.reference, self.half = law, weights, reference, half
+        self._held = HOLD * lateral
         w = weights
         lag = w.lag if law is Law.MPCC else w.contour
         self._across = np.full(STAGES, w.contour)
@@ -85,40 +91,43 @@ class Generator:
         phi += 2.0 * np.pi * round((psi - phi) / (2.0 * np.pi))
         return np.array([x, y, psi, 0.0, x_r, y_r, phi])
 
-    def guess(self, first: FloatArray, s: float, speed: float) -> Way:
-        """Along the path itself."""
-        way = STAGE * speed * np.arange(STAGES + 1.0)
+    def guess(self, first: FloatArray, s: float, speeds: FloatArray) -> Way:
+        """Along the path itself, at the speeds (n,) [m/s] of the stages."""
+        way = np.append(0.0, np.cumsum(STAGE * speeds))
         x, y, phi = self.reference.spots(s + way)
         phi = phi + first[PHI] - phi[0]
         states = np.stack([x, y, phi, way, x, y, phi], axis=1)
-        return Way(states, speed * self.reference.curvatures(s + way[:-1]))
+        return Way(states, speeds * self.reference.curvatures(s + way[:-1]))
 
-    def stage(self, s: float, speed: float) -> Callable[..., tuple[FloatArray, ...]]:
-        """One stage of the dynamics, from arc length s [m] on at a speed [m/s]."""
-        length = REACH * STAGES * STAGE * speed
+    def stage(self, s: float, speed: float | FloatArray,
+              mean: float | None = None) -> Callable[..., tuple[FloatArray, ...]]:
+        """One stage of the dynamics, from arc length s [m] on at a speed [m/s], or as many as
+        stages (n,); mean [m/s]: of all stages, where speed is that of one."""
+        length = REACH * STAGES * STAGE * (float(np.mean(speed)) if mean is None else mean)
         k = weights_of(self.reference.curvatures(s + length * GRID))
         return make_stage(make_rates(self.law, speed, lambda at: curvature(at, k, length)), STAGE)
 
-    def shifted(self, way: Way, s: float, speed: float, by: int) -> Way:
+    def shifted(self, way: Way, s: float, speeds: FloatArray, by: int) -> Way:
         """A plan ``by`` stages later, seen from arc length s [m] = that stage's; its end goes on as
-        it was."""
+        it was, at the last of the speeds (n,) [m/s]."""
         states, turns = way.states.copy(), way.turns
         states[:, S] -= states[by, S]
-        stage = self.stage(s, speed)
+        stage = self.stage(s, float(speeds[-1]), float(speeds.mean()))
         for _ in range(by):
             end = np.array(stage(*states[-1], turns[-1]))
             states, turns = np.vstack([states[1:], end]), np.append(turns[1:], turns[-1])
         return Way(states, turns)
 
-    def step(self, way: Way, first: FloatArray, s: float, speed: float,
+    def step(self, way: Way, first: FloatArray, s: float, speeds: FloatArray,
              bounds: Callable[[FloatArray], Bounds | None], iterations: int,
              late: Callable[[], bool]) -> Way | None:
-        """One linearisation and one programme from the state ``first`` (7,); None where late.
+        """One linearisation and one programme from the state ``first`` (7,) at the speeds (n,)
+        [m/s] of the stages; None where late.
 
         bounds(s of the stages (n,)): what obstacles leave.
         """
         states, turns = way
-        after, slope = slopes(self.stage(s, speed), np.column_stack([states[:-1], turns]))
+        after, slope = slopes(self.stage(s, speeds), np.column_stack([states[:-1], turns]))
         moved = condensed(first - states[0], slope[:, :, :7], slope[:, :, 7:], after - states[1:])
         programme = Programme(moved)
         at, by = programme.through(*slopes(_errors, states[1:]))
@@ -126,12 +135,13 @@ class Generator:
             programme.squares(at[:, column], by[:, column], weight)
         one = np.eye(STAGES, programme.size)
         programme.squares(turns, one, self.weights.input)
-        programme.bound(turns, one, -TURNS, TURNS, RHO_INPUT)
+        most = np.minimum(TURNS, self._held / speeds)
+        programme.bound(turns, one, -most, most, RHO_INPUT)
         keep(programme, at[:, 3:], by[:, 3:], self.half, bounds(s + states[1:, S]))
         found = programme.solved(iterations, late)
         if found is None:
             return None
-        change = np.clip(turns + found[:STAGES], -TURNS, TURNS) - turns
+        change = np.clip(turns + found[:STAGES], -most, most) - turns
         moved_by = moved.free + moved.forced @ change
         return Way(np.vstack([first, states[1:] + moved_by]), turns + change)
 

@@ -42,8 +42,10 @@ def softmin(x: Value, f: Namespace = ARRAY) -> Value:
     return LEAST + 0.5 * (1.0 + f.tanh(SHARPNESS * (x - LEAST))) * (x - LEAST)
 
 
-def make_rates(law: Law, speed: float, curve: Curve, f: Namespace = ARRAY) -> Callable[..., State7]:
-    """``rates(x, y, psi, s, x_r, y_r, phi, u)``; curve(s): curvature [1/m] of the path."""
+def make_rates(law: Law, speed: Value, curve: Curve,
+               f: Namespace = ARRAY) -> Callable[..., State7]:
+    """``rates(x, y, psi, s, x_r, y_r, phi, u)``; speed: V [m/s], one or of each lane; curve(s):
+    curvature [1/m] of the path."""
 
     def rates(x: Value, y: Value, psi: Value, s: Value, x_r: Value, y_r: Value, phi: Value,
               u: Value) -> State7:

@@ -43,9 +43,10 @@ class TwoLayerPlan(Plan):
 class TwoLayers(Planner[TwoLayerPlan]):
     """MPCC or CA-MPCC of one car on one path.
 
-    The wanted speed is asked where the car is; law, path_weights, follow_weights: as
-    published unless given. Raises UsageError for a path that the car does not turn, and for a lane
-    wider than a bend's radius, beside which progress has no meaning.
+    The wanted speed is asked where each stage is: a path at the speed of here through a bend that
+    the tyres hold at less is one on which no input has a slope. law, path_weights,
+    follow_weights: as published unless given. Raises UsageError for a path that the car does not
+    turn, and for a lane wider than a bend's radius, beside which progress has no meaning.
     """
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
@@ -56,7 +57,7 @@ class TwoLayers(Planner[TwoLayerPlan]):
         super().__init__(vehicle, path, speed_of, limits)
         _check(path, self.vehicle, self.limits)
         self.generator = Generator(law, path_weights or PathWeights(), self.reference,
-                                   self.limits.lane)
+                                   self.limits.lane, self.limits.lateral)
         self.follower = PathFollower(self.vehicle, follow_weights or FollowWeights(), self.limits)
         self.steps, self.iterations = steps, iterations
 
@@ -74,7 +75,7 @@ class TwoLayers(Planner[TwoLayerPlan]):
                 if way is None:
                     return None
                 within = bounds(aim.s + way.states[1:, S])
-                motion = (self.follower.guess(way, aim.state, self._speed(aim)) if anew
+                motion = (self.follower.guess(way, aim.state, self._speeds(aim, way)) if anew
                           else Motion(plan.states, plan.inputs[:2], plan.slopes))
                 moved = self._followed(motion, steps, aim, way, within)
         except np.linalg.LinAlgError:
@@ -88,7 +89,7 @@ class TwoLayers(Planner[TwoLayerPlan]):
                    bounds: Callable[[FloatArray], Bounds | None]) -> Way | None:
         first = self.generator.first(aim.state, aim.s)
         for _ in range(steps):
-            better = self.generator.step(way, first, aim.s, self._speed(aim), bounds,
+            better = self.generator.step(way, first, aim.s, self._speeds(aim, way)[:-1], bounds,
                                          self.iterations, aim.late)
             if better is None:
                 return None
@@ -98,18 +99,27 @@ class TwoLayers(Planner[TwoLayerPlan]):
 
     def _followed(self, motion: Motion, steps: int, aim: Aim, way: Way,
                   within: Bounds | None) -> Motion | None:
+        speeds = self._speeds(aim, way)[1:]
         for _ in range(steps):
-            better = self.follower.step(motion, aim.state, way, self._speed(aim), within,
-                                        self.iterations, aim.late)
+            better = self.follower.step(motion, aim.state, way, speeds, within, self.iterations,
+                                        aim.late)
             if better is None:
                 return None
             motion = better
             _near(motion.states)
         return motion
 
-    def _speed(self, aim: Aim) -> float:
-        """The set speed [m/s] where the car is."""
-        return max(float(self.speed_of(np.array([aim.s]))[0]), SLOWEST)
+    def _speeds(self, aim: Aim, way: Way) -> FloatArray:
+        """The set speeds [m/s] where the states of a way are, (n + 1,)."""
+        return np.maximum(self.speed_of(aim.s + way.states[:, S]), SLOWEST)
+
+    def _ahead(self, aim: Aim) -> FloatArray:
+        """The same of the stages of a way along the path, (n,)."""
+        s, speeds = aim.s, []
+        for _ in range(STAGES):
+            speeds.append(max(float(self.speed_of(np.array([s]))[0]), SLOWEST))
+            s += STAGE * speeds[-1]
+        return np.array(speeds)
 
     def _bounds(self, t: float) -> Callable[[FloatArray], Bounds | None]:
         times = t + STAGE * np.arange(1.0, STAGES + 1.0)
@@ -122,13 +132,13 @@ class TwoLayers(Planner[TwoLayerPlan]):
         if last is None or not 0 <= by < STAGES:
             return None
         motion = self.follower.shifted(Motion(last.states, last.inputs[:2], last.slopes), by)
-        way = self.generator.shifted(last.way, aim.s, self._speed(aim), by)
+        way = self.generator.shifted(last.way, aim.s, self._speeds(aim, last.way)[1:], by)
         return _plan(aim, way, motion, last.outcome)
 
     def _guess(self, aim: Aim) -> TwoLayerPlan:
-        speed = self._speed(aim)
-        way = self.generator.guess(self.generator.first(aim.state, aim.s), aim.s, speed)
-        return _plan(aim, way, self.follower.guess(way, aim.state, speed), Outcome.SOLVED)
+        way = self.generator.guess(self.generator.first(aim.state, aim.s), aim.s, self._ahead(aim))
+        motion = self.follower.guess(way, aim.state, self._speeds(aim, way))
+        return _plan(aim, way, motion, Outcome.SOLVED)
 
 
 def _plan(aim: Aim, way: Way, motion: Motion, outcome: Outcome) -> TwoLayerPlan:

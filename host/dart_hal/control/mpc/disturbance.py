@@ -9,13 +9,21 @@ plan is made. Here the command c works as
 
 an offset (backlash, trim) and an error of the gain to either side (tyres, map), which a bend need
 not learn anew. A Kalman filter of a random walk finds the three from the yaw rate, as at walking
-pace and above the motion across settles within 10 ms: what is measured is a steady bend.
+pace and above the motion across settles soon: what is measured is a steady bend.
+
+It comes behind the wheels nevertheless (``Late.settles``), and so must all that it is compared
+with. Else what is missing while the wheels go out is taken for a loss of gain, and what is left
+over when they are back at 0, where no gain shows, for an offset: every gain falls, on any car.
+While the bend changes it is measured less surely, by as much as model and settled model differ:
+how fast a servo goes is known of few cars.
 
 G. Pannocchia, J. B. Rawlings, "Disturbance models for offset-free model-predictive control", AIChE
 Journal 49 (2003).
 """
 
 from __future__ import annotations
+
+from math import exp
 
 import numpy as np
 
@@ -48,6 +56,7 @@ class Disturbance:
         """Nothing is known."""
         self.value: FloatArray = np.zeros(3)
         self._spread: FloatArray = np.diag(np.square(KNOWN))
+        self._settled: FloatArray = np.zeros(4)
 
     def effective(self, command: float) -> float:
         """What a command -1..1 does, by the model."""
@@ -65,11 +74,15 @@ class Disturbance:
         if speed < FROM:
             return
         at = self.effective(command)
-        turned = self._yaw_rate(at, speed)
+        steady = self._yaw_rate(at, speed)
         slope = (self._yaw_rate(at + 0.02, speed) - self._yaw_rate(at - 0.02, speed)) / 0.04
-        h = slope * _parts(command)
+        settles = self._plant.late.settles
+        share = 1.0 - exp(-dt / settles) if settles > 0.0 else 1.0
+        self._settled += share * (np.append(steady, slope * _parts(command)) - self._settled)
+        turned, h = float(self._settled[0]), self._settled[1:]
+        noise = NOISE**2 + (steady - turned) ** 2
         spread = self._spread + WALK**2 * dt * np.eye(3)
-        gain = spread @ h / (h @ spread @ h + NOISE**2 * LASTS / dt)
+        gain = spread @ h / (h @ spread @ h + noise * LASTS / dt)
         self._spread = spread - np.outer(gain, h @ spread)
         self.value = np.clip(self.value + gain * (yaw_rate - turned), -MOST, MOST)
 

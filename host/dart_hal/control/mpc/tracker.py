@@ -104,6 +104,7 @@ class Contouring(OnPath, Generic[PlannerT]):
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
         self.told = {}
+        self._prediction.see(motion)
         self._watch(motion)
         if self.why:
             return self._safe.steer(motion)
