@@ -11,13 +11,16 @@ import pytest
 from hidden_drive import Plan, write
 
 from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence.noise import Noise
-from dart_hal.diagnose.evidence.residuals import Residuals
+from dart_hal.diagnose.evidence.drive import prepare
+from dart_hal.diagnose.evidence.noise import Noise, measure
+from dart_hal.diagnose.evidence.residuals import Evidence, Residuals
+from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.parameters.claims import _costly
-from dart_hal.diagnose.parameters.cost import Unseen, cost, shapley
-from dart_hal.diagnose.parameters.groups import GROUPS, steady_speed
-from dart_hal.diagnose.parameters.sets import Sets
+from dart_hal.diagnose.parameters.claims import _costly, _together
+from dart_hal.diagnose.parameters.cost import cost, shapley
+from dart_hal.diagnose.parameters.groups import GROUPS, quantities_of, steady_speed
+from dart_hal.diagnose.parameters.sets import Posterior, Sets
+from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
@@ -149,6 +152,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
         r = Residuals(np.where(wild[:, None], 30.0, factor * motion), np.zeros((0, 4)))
         of = SimpleNamespace(policy=USUAL, fit=lambda free: point)
         out = Unseen(SimpleNamespace(residuals=lambda *model: r), of)
+        out._noise, out._timing = point.noise, lambda *fit: None
         out._block = np.repeat(np.arange(20), 20)
         return out.losses(frozenset())
 
@@ -157,6 +161,37 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
                          0)
     assert ratio > USUAL.claims.worth
     assert low > 1.0
+
+
+@pytest.mark.more
+def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(folder):
+    drive = prepare(read(write(folder / "ages.csv", PAPER, 24, Plan(seconds=20.0))), PAPER.body.l_r)
+    evidence = Evidence([drive], PAPER.body.l_r)
+
+    def lost(age, fitted=True):
+        sizes = measure(evidence.residuals(PAPER, Timing()), evidence.blocks(2.0))
+        point = SimpleNamespace(vehicle=PAPER, timing=Timing(command_age=age), noise=sizes)
+        out = Unseen(evidence, SimpleNamespace(policy=USUAL, full=point))
+        if not fitted:
+            out._noise, out._timing = sizes, lambda *fit: point.timing
+        return out.of_point(point).sum()
+
+    assert lost(0.06, fitted=False) > 2.0 * lost(0.0, fitted=False)
+    assert lost(0.06) == pytest.approx(lost(0.0), rel=0.02)
+    assert lost(0.06) <= 1.02 * lost(0.0, fitted=False)
+
+
+def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
+    steering, throttle, both = (frozenset(g) for g in (
+        {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
+    either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
+    assert _together(either, USUAL.claims.unsure) == [both]
+    surely = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
+    assert _together(surely, USUAL.claims.unsure) == []
+    late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
+    before, after = (quantities_of("command timing")["steering later than throttle"][1](p)
+                     for p in (PAPER, late))
+    assert after == pytest.approx(before - 50.0)
 
 
 def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():

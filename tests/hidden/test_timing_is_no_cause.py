@@ -6,7 +6,7 @@ import pytest
 from campaign import run
 from campaign_cases import cases
 
-from dart_hal.diagnose.evidence import space
+from dart_hal.diagnose.evidence import ages, space
 from dart_hal.diagnose.search import forward as search
 
 
@@ -29,7 +29,7 @@ def test_commands_between_messages_are_no_lag(whenever):
 
 @pytest.mark.more
 def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch):
-    for module in (space, search):
+    for module in (space, ages):
         monkeypatch.setattr(module, "widest", lambda ahead: 0.0)
     monkeypatch.setattr(search, "AGES", tuple((a, 0.0) for a, _ in search.AGES))
     assert "steering_lag" in seen(whenever)

@@ -36,7 +36,8 @@ WRONG: Mapping[str, tuple[Callable[[Car, float], None], tuple[float, float], boo
     "front tyre": (_times("D"), (0.12, 0.30), True),
     "rear tyre": (_times("Cr"), (0.12, 0.30), True)}
 """By group: how it is altered, by how much at least and at most (a share, or s), either sign."""
-COVERS = {"drive force": {"friction", "motor"}, "tyres": {"front tyre", "rear tyre"}}
+COVERS = {"drive force": {"friction", "motor"}, "tyres": {"front tyre", "rear tyre"},
+          "command timing": {"steering timing", "throttle timing"}}
 """Claims of two groups that the data do not tell apart."""
 
 

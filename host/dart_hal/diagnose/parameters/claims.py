@@ -18,9 +18,10 @@ from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
 from ..result import Change, Claim
 from ..search.fit import Point
-from .cost import Unseen, cost, shapley
+from .cost import cost, shapley
 from .groups import GROUPS, MERGED, Quantity
 from .sets import Posterior, Set, Sets, posterior
+from .unseen import Unseen
 
 SAMPLES = 200  # of the fitted parameters, for the standard error of a quantity
 

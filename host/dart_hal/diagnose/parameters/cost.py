@@ -11,55 +11,17 @@ blocks (or recordings). All: the groups that are believed to have been wrong.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from math import factorial
 
 import numpy as np
 
 from dart_hal.evaluate.compare import LEAST_BLOCKS, draws
-from dart_hal.types import FloatArray, IntArray
 
-from ..evidence.residuals import Evidence, Residuals
-from ..evidence.rows import rows_of
-from ..search.fit import Point
-from .sets import Set, Sets
+from .sets import Set
+from .unseen import Unseen
 
 LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
-
-
-class Unseen:
-    """The test recordings: loss of whitened errors by block of any fit, once each."""
-
-    def __init__(self, evidence: Evidence, of: Sets) -> None:
-        self._evidence, self._of, self.policy = evidence, of, of.policy.claims
-        self._kept: dict[Set, FloatArray] = {}
-        self._block: IntArray | None = None
-
-    def losses(self, free: Set) -> FloatArray:
-        """(blocks,) with some groups free."""
-        if free not in self._kept:
-            self._kept[free] = self.of_point(self._of.fit(free))
-        return self._kept[free]
-
-    def of_point(self, point: Point) -> FloatArray:
-        """(blocks,) of a fit."""
-        r = self._evidence.residuals(point.vehicle, point.timing)
-        values = _motion_losses(point, r)
-        if self._block is None:
-            rows = rows_of(self._evidence, r, self._of.policy.blocks)
-            many = int(rows.recording.max()) + 1 >= self._of.policy.blocks.units
-            motion = rows.channel >= 0
-            label = (rows.recording if many else rows.block)[motion]
-            self._block = np.unique(label, return_inverse=True)[1].ravel()
-        return np.asarray(np.bincount(self._block, values), dtype=np.float64)
-
-
-def _motion_losses(point: Point, r: Residuals) -> FloatArray:
-    """Of windows; a noise that knows the windows of the training recordings is without them."""
-    noise = replace(point.noise, certain=1.0)
-    motion, _ = noise.whiten(r)
-    return noise.loss(motion.ravel())
 
 
 def cost(unseen: Unseen, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:

@@ -137,7 +137,12 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
             "tyres", "front and rear tyres",
             {"peak side force over load, front": ("-", _peak(0)),
              "cornering stiffness, front over rear": (
-                 "-", lambda p: _stiffness(0)(p) / _stiffness(1)(p))})}))
+                 "-", lambda p: _stiffness(0)(p) / _stiffness(1)(p))}),
+        # one row has the commands of both: its age is the same, their difference has none
+        frozenset({"steering timing", "throttle timing"}): (
+            "command timing", "time from command to wheel, of the steering or of the throttle",
+            {"steering later than throttle": (
+                "ms", lambda p: _late("steering")(p) - _late("throttle")(p))})}))
 """What two groups that cannot be told from each other are together: name, title, quantities."""
 
 

@@ -24,10 +24,11 @@ TERMS = {
     "p-value": "How often the best effect of the whole catalogue would lower the loss as much if "
                "nothing were there, by the disturbance of these very recordings: each effect is "
                "measured by what it gains itself in such data, and all of them are one family.",
-    "parameters that were wrong": "Groups of parameters without whose change the training data are "
-                                  "surely told worse: a posterior over sets of groups, each set "
-                                  "fitted anew, averaged over draws of recordings. In derived "
-                                  "quantities that can be checked on the car.",
+    "parameters that were wrong": "Groups of parameters that have changed rather than not, and "
+                                  "whose old values cost unseen recordings 3 %: a posterior "
+                                  "over sets of groups, each set fitted anew, averaged over draws "
+                                  "of recordings. In derived quantities that can be checked on "
+                                  "the car.",
     "probability": "Of a name: recordings (or stretches of one) are drawn at random, the size of "
                    "the effect is fitted to those drawn, and the others judge. The share of draws "
                    "in which they are predicted better with it than without. Below 0.8 a name is "

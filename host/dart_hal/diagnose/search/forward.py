@@ -9,28 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
+from ..evidence.ages import AGES, older
 from ..evidence.noise import WAIT, Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
-from ..evidence.space import Space, Timing, widest
+from ..evidence.space import Space, Timing
 from ..unexplained.driven import undriven
 from .confounders import confounders, correlated
 from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
 from .scan import Line, Progress, Trial, scan
 from .selection import Named, Rejected, Settings, fitted, rows_at, select
 
-AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
-             for share in ((0.0, 0.8) if a else (0.0,)))
-"""s, of commands before their message, and how far they spread around it."""
-OLDER = (-0.025, -0.008, 0.008, 0.025)
-"""s, by which commands are moved to see what their age does; a step does it at one instant."""
-WITHIN_FRAME = (-0.4 * FRAME, 0.4 * FRAME)
-"""s, the same where commands wait for a frame: nearly as far as that goes."""
 Before = tuple[Noise, Mapping[str, Sequence[Line]]] | None
 PASSES = 2  # the second with the sizes of the residuals of the first
 
@@ -213,21 +206,17 @@ class Search:
         model do, and once taken for such a one an error of the model would count for nothing.
         """
         seen = self._evidence.residuals(vehicle, timing)
-        age, stamped = timing.command_age, self._evidence.commands_stamped
-        r = undriven(self._evidence, vehicle, seen, self._settings.policy.unexplained) if (
+        stamped, policy = self._evidence.commands_stamped, self._settings.policy
+        r = undriven(self._evidence, vehicle, seen, policy.unexplained) if (
             stamped and not self._evidence.exact) else seen
-        if not stamped and widest(age) < self._settings.policy.noise.age_s:
-            return self._noise(r)
-        by = WITHIN_FRAME if stamped else OLDER
-        moved = [np.abs(self._evidence.residuals(vehicle, replace(timing, command_age=age + d))
-                        .motion - seen.motion) / abs(d) for d in by]
-        return self._noise(r, np.max(moved, axis=0), WAIT if stamped else None)
+        moved = older(self._evidence, vehicle, timing, seen, policy.noise.age_s)
+        return self._noise(r, moved, WAIT if stamped else None)
 
-    def _noise(self, r: Residuals, older: FloatArray | None = None,
+    def _noise(self, r: Residuals, moved: FloatArray | None = None,
                wait: float | None = None) -> Noise:
         policy = self._settings.policy
         return measure(r, self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
-                       older, policy.noise, wait)
+                       moved, policy.noise, wait)
 
     def _start(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the
