@@ -121,11 +121,25 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
     gained = Gained("vx", 0.5, 0.5, 0.4, 0.6, "")
-    found = shown(names.Grading(search, None, USUAL, 0, lambda *given: gained, True),
-                  ("", *"abcd"), "", None, "abcd")
+    found = shown(grading(search, gained), ("", *"abcd"), "", None, "abcd")
     assert found.names == ("a", "b")
     assert [found.grades[n].probability for n in "ab"] == [0.95, 0.9]
     assert {n: one.probability for n, one in found.left_out.items()} == {"c": 0.7, "d": 0.1}
+
+
+@pytest.mark.parametrize(("low", "left"), [(0.0, set()), (-1e-3, {"a"})])
+def test_a_gain_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
+    """Predictions that are the same, as of a delay within the age of commands, do not judge."""
+    monkeypatch.setattr(names, "secants", lambda *given: None)
+    monkeypatch.setattr(names, "grade", lambda *given: Grade(1.0, ()))
+    monkeypatch.setattr(names, "constancy", lambda *given: None)
+    search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
+    found = shown(grading(search, Gained("vx", 0.0, 0.0, low, 0.0, "")), ("", "a"), "", None, "a")
+    assert set(found.left_out) == left
+
+
+def grading(search, gained):
+    return names.Grading(search, None, USUAL, 0, lambda *given: gained, True)
 
 
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.types import FloatArray, IntArray
+from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
@@ -108,10 +109,11 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
     Whoever predicts from a log has its commands only when they stand there.
     """
-    p, age = point.vehicle, point.timing.command_age
-    if not q.refit:
-        return p
-    return with_values(p, {name: max(0.0, value(p, name) - age)
+    return _later(point.vehicle, -point.timing.command_age) if q.refit else point.vehicle
+
+
+def _later(p: Vehicle, by: float) -> Vehicle:
+    return with_values(p, {name: max(0.0, value(p, name) + by)
                            for name in ("delay.steering_s", "delay.throttle_s")})
 
 
@@ -192,9 +194,15 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
 
 
 def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
-    """Of one cause, from the fit before it to the fit with it."""
-    return gained(catalogue()[name], (as_logged(q, before), before), (as_logged(q, after), after),
-                  q.train, q.test, q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    """Of one cause, from the fit before it to the fit with it.
+
+    By the delay from the log, refitted or not: with the age of commands on top, one that is longer
+    than the model's seems to be worse.
+    """
+    sides = [(_later(settled(point.vehicle), -point.timing.command_age), point)
+             for point in (before, after)]
+    return gained(catalogue()[name], sides[0], sides[1], q.train, q.test, q.settings.seed,
+                  q.settings.policy.conclusion.gain_block_s)
 
 
 def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown

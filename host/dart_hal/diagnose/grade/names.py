@@ -76,7 +76,7 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
         gains = {name: with_.gain(name, points[i], points[i + 1])
                  for i, name in enumerate(kept.names)}
         worst = min(kept.names, key=lambda n: _least(gains[n], with_.several))
-        if _least(gains[worst], with_.several) > 0.0:
+        if _least(gains[worst], with_.several) >= 0.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
             return Shown(kept.names, tuple(points), kept.grades, gains,
                          {n: constancy(of, n, with_.policy.grade, with_.seed)
@@ -155,6 +155,10 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
 
 
 def _least(gain: Gained, several: bool) -> float:
-    """What is surely gained; where there are too few recordings for an interval, what is."""
+    """What is surely gained; where there are too few recordings for an interval, what is.
+
+    0 where the predictions are the same: a delay within the age of logged commands changes none,
+    so that they say nothing of it.
+    """
     least = gain.low if several and np.isfinite(gain.low) else gain.test
     return least if np.isfinite(least) else np.inf
