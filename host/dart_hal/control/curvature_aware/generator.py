@@ -21,7 +21,7 @@ from dart_hal.control.curvature_aware.lane import Bounds, beside, keep
 from dart_hal.control.curvature_aware.programme import RHO_INPUT, Programme, slopes
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage
 from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.problem import condensed
+from dart_hal.control.mpc.problem import GRIP, condensed
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.types import FloatArray
 
@@ -31,8 +31,8 @@ REACH = 1.2
 """Of the way at the set speed over all stages: how far the path ahead is known."""
 TURNS = 10.0
 """rad/s at most."""
-HOLD = 1.25
-"""Of ``Limits.lateral``, 0.8 of the tyres' end: the end itself; bends are driven at 0.9 of it."""
+HOLD = 1.0 / GRIP
+"""Of ``Limits.lateral``: all that the tyres hold; bends are driven at 0.9 of it."""
 X, Y, PSI, S, X_R, Y_R, PHI = range(7)
 
 

@@ -30,6 +30,8 @@ OVER = 1.05
 """Of the wanted speed."""
 RHO_INPUT, RHO_METRE, RHO_SPEED, RHO_ACROSS = 0.1, 10.0, 1.0, 0.1
 """Of the rows by their unit: with 0.1 for metres 40 iterations do not enforce a lane."""
+GRIP = 0.8
+"""``Limits.lateral``, of the most that the tyres hold across, by the model."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from dart_hal.control.mpc.driving import (
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
 from dart_hal.control.mpc.planner import Outcome, Plan, Planner
-from dart_hal.control.mpc.problem import Limits
+from dart_hal.control.mpc.problem import GRIP, Limits
 from dart_hal.control.mpc.spread import across
 from dart_hal.control.on_path import OnPath
 from dart_hal.control.paths import Path
@@ -48,9 +48,6 @@ SHOWN = 10
 """Plans from one that is kept to be drawn to the next: 1 s."""
 OUTCOMES = tuple(Outcome)
 """How a plan came about, by its place, as it is recorded."""
-GRIP = 0.8
-"""Of the most that the tyres hold across, by the model."""
-
 
 PlannerT = TypeVar("PlannerT", bound=Planner[Any])
 
