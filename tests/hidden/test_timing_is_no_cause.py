@@ -6,6 +6,7 @@ import pytest
 from campaign import run
 from campaign_cases import cases
 
+from dart_hal.diagnose import conclude
 from dart_hal.diagnose.evidence import ages, space
 from dart_hal.diagnose.search import forward as search
 
@@ -33,3 +34,16 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
         monkeypatch.setattr(module, "widest", lambda ahead: 0.0)
     monkeypatch.setattr(search, "AGES", tuple((a, 0.0) for a, _ in search.AGES))
     assert "steering_lag" in seen(whenever)
+
+
+@pytest.mark.more
+@pytest.mark.cpu(20)
+@pytest.mark.parametrize("aged", [True, False])
+def test_a_lag_beside_a_model_that_may_not_move_is_told_by_delays_from_the_log(aged, monkeypatch):
+    """Control: with the age of the commands on top of its delays, the lag is sure and seems to
+    raise the errors of the test recording."""
+    if not aged:
+        monkeypatch.setattr(conclude, "_from_log", lambda p, point: p)
+    told = run(next(c for c in cases(["fixed"], ["throttle_lag"], 1500)))
+    assert [c["effect"] for c in told["causes"]] == ["throttle_lag"] * aged
+    assert [c["effect"] for c in told["possible"]] == ["throttle_lag"] * (not aged)

@@ -109,11 +109,13 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
     Whoever predicts from a log has its commands only when they stand there.
     """
-    return _later(point.vehicle, -point.timing.command_age) if q.refit else point.vehicle
+    return _from_log(point.vehicle, point) if q.refit else point.vehicle
 
 
-def _later(p: Vehicle, by: float) -> Vehicle:
-    return with_values(p, {name: max(0.0, value(p, name) + by)
+def _from_log(p: Vehicle, point: Point) -> Vehicle:
+    """With the age of a point's commands taken off the delays."""
+    age = point.timing.command_age
+    return with_values(p, {name: max(0.0, value(p, name) - age)
                            for name in ("delay.steering_s", "delay.throttle_s")})
 
 
@@ -199,8 +201,7 @@ def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
     By the delay from the log, refitted or not: with the age of commands on top, one that is longer
     than the model's seems to be worse.
     """
-    sides = [(_later(settled(point.vehicle), -point.timing.command_age), point)
-             for point in (before, after)]
+    sides = [(_from_log(settled(point.vehicle), point), point) for point in (before, after)]
     return gained(catalogue()[name], sides[0], sides[1], q.train, q.test, q.settings.seed,
                   q.settings.policy.conclusion.gain_block_s)
 
