@@ -25,12 +25,15 @@ from dart_hal.control.tracks import track_named
 from dart_hal.links.base import open_backend
 from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import world_of
+from dart_hal.vehicle import UPSTREAM_2024
 
 TRACK = track_named("racetrack_vicon_2")
 ROLL, WALK = 2.0, 0.7
 """m at m/s."""
 AHEAD, BESIDE, RADIUS, PACE = 4.0, 0.15, 0.15, 0.5
 """m, m, m, m/s of the obstacle."""
+AXLE = UPSTREAM_2024.body.l_r
+"""m that the middle of the body is before the rear axle."""
 LANE, LOST = 0.3, 1.0
 """m to either side; m beside the path at which a drive ends."""
 
@@ -50,16 +53,15 @@ class Passing:
         return float(np.abs(np.array(self.rows)[:, 2]).max())
 
 
-def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc", lane: float = LOST,
-          each=None) -> Passing:
-    """One lap; each(car, follower, true) is asked after each answer."""
+def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc") -> Passing:
+    """One lap."""
     found, room = Passing(), hidden_mocap(seed)
     c, s = cos(room.yaw), sin(room.yaw)
     backend = open_backend(f"sim://?seed={seed}&nano=mock&mocap=1")
     with tempfile.TemporaryDirectory() as empty, Car.over(backend, cars=empty) as car:
         world, rolled = world_of(backend), False
         follower = Follower(TRACK, plant_of(car.files), speed, tracker,
-                            Rules(1.0, duration=60.0, lane=lane, here=True))
+                            Rules(1.0, duration=60.0, lane=LOST, here=True))
         car.arm()
         for state in car.states(duration=90.0):
             rolled = rolled or state.pose.x > ROLL
@@ -79,12 +81,10 @@ def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc", lane: float =
                     Obstacle(layers.s + AHEAD, BESIDE, RADIUS, PACE, motion.t),)
             x, y = room.x + c * true.x - s * true.y, room.y + s * true.x + c * true.y
             yaw, at = room.yaw + true.yaw, path.closest(x, y, layers.s)
-            middle = x + 0.0875 * cos(yaw), y + 0.0875 * sin(yaw)
+            middle = x + AXLE * cos(yaw), y + AXLE * sin(yaw)
             found.air = min(found.air, air(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t))
             found.rows.append((motion.t, at - follower.begun_at, path.offset(x, y, at), true.v_x,
                                *layers._learning.disturbance.value))
-            if each:
-                each(car, follower, motion, true, wanted)
         found.why = follower.why
     return found
 
