@@ -64,7 +64,8 @@ def cause(name, value, std, gain, like=()):
     return Cause(name, effect.title, effect.stage,
                  {parameter.name: Number(value, std, parameter.unit, parameter.null)}, 0.0004,
                  321.5, ("A sentence of <evidence> & more.",), gain, like, effect.experiment,
-                 0.9875, {"19/a.csv": (1.02, 0.04)}, CONSTANT)
+                 0.9875, {"19/a.csv": (1.02, 0.04)}, CONSTANT,
+                 (1.21, 1.14, 1.29))
 
 
 def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes):

@@ -150,15 +150,16 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
 
     def unseen(factor):
         r = Residuals(np.where(wild[:, None], 30.0, factor * motion), np.zeros((0, 4)))
-        of = SimpleNamespace(policy=USUAL, fit=lambda free: point)
-        out = Unseen(SimpleNamespace(residuals=lambda *model: r), of)
+        ten = np.repeat(np.arange(20), 10)
+        out = Unseen(SimpleNamespace(
+            residuals=lambda *model: r, blocks=lambda seconds: (ten, np.zeros(0, dtype=int)),
+            motion_drive=np.zeros(200, dtype=int), sensor_drive=np.zeros(0, dtype=int),
+            sensor_still=np.zeros(0, dtype=bool)), point, USUAL)
         out._noise, out._timing = point.noise, lambda *fit: None
-        out._block = np.repeat(np.arange(20), 20)
-        return out.losses(frozenset())
+        return out.motion(point)
 
     losses = {frozenset(): unseen(1.5), frozenset({"motor"}): unseen(1.0)}
-    ratio, low, _ = cost(SimpleNamespace(losses=losses.__getitem__), frozenset({"motor"}), "motor",
-                         0)
+    ratio, low, _ = cost(losses.__getitem__, frozenset({"motor"}), "motor", 0)
     assert ratio > USUAL.claims.worth
     assert low > 1.0
 
@@ -171,10 +172,10 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
     def lost(age, fitted=True):
         sizes = measure(evidence.residuals(PAPER, Timing()), evidence.blocks(2.0))
         point = SimpleNamespace(vehicle=PAPER, timing=Timing(command_age=age), noise=sizes)
-        out = Unseen(evidence, SimpleNamespace(policy=USUAL, full=point))
+        out = Unseen(evidence, point, USUAL)
         if not fitted:
             out._noise, out._timing = sizes, lambda *fit: point.timing
-        return out.of_point(point).sum()
+        return out.motion(point).sum()
 
     assert lost(0.06, fitted=False) > 2.0 * lost(0.0, fitted=False)
     assert lost(0.06) == pytest.approx(lost(0.0), rel=0.02)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,10 @@ from .grade.names import Grading, Shown, shown
 from .grade.secants import secants
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
+from .parameters.cost import Cost, ratio
 from .parameters.sets import Sets
-from .report.words import removes
+from .parameters.unseen import Unseen
+from .report.words import removes, times_as_large
 from .result import (
     Cause,
     Claim,
@@ -75,7 +78,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(_gain, q),
+                      partial(_costs, q, found.point),
                       len({d.recording.sha256 for d in q.test.evidence.drives})
                       >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
@@ -86,7 +89,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
+    causes = tuple(_cause(q, one, points[i:i + 2], last.vehicle, stds, sure)
+                   for i, one in enumerate(named))
     moved = _moved(q, points[-1])
     claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
@@ -206,9 +210,16 @@ def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
                   q.settings.policy.conclusion.gain_block_s)
 
 
-def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown
-           ) -> Cause:
-    """One cause, its numbers at the end."""
+def _costs(q: Question, last: Point, points: Sequence[Point]) -> list[Cost]:
+    """Errors of each fit over those of the next one, on the test recordings."""
+    unseen = Unseen(q.test.evidence, last, q.settings.policy)
+    losses = [unseen.everything(point) for point in points]
+    return [ratio(after, before, q.settings.seed) for before, after in pairwise(losses)]
+
+
+def _cause(q: Question, named: Named, points: Sequence[Point], final: Vehicle,
+           stds: Mapping[str, float], sure: Shown) -> Cause:
+    """One cause, its numbers at the end. points: before it, and with it."""
     effect = catalogue()[named.effect]
     numbers = {}
     for parameter in effect.parameters:
@@ -216,16 +227,16 @@ def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float],
         numbers[parameter.name] = Number(float(value(final, key)),
                                          stds[key], parameter.unit,
                                          parameter.null)
-    gain = sure.gains[effect.name]
+    gain, cost = _gain(q, named.effect, *points), sure.costs[effect.name]
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
-                 _evidence(q, named, numbers, gain), gain, named.confounders, effect.experiment,
-                 sure.grades[effect.name].probability,
+                 _evidence(q, named, numbers, gain, cost), gain, named.confounders,
+                 effect.experiment, sure.grades[effect.name].probability,
                  dict(zip(q.train.names, sure.grades[effect.name].sizes, strict=True)),
-                 sure.constancy[effect.name])
+                 sure.constancy[effect.name], cost)
 
 
-def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
-              gain: Gained) -> tuple[str, ...]:
+def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Gained,
+              cost: Cost) -> tuple[str, ...]:
     key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
                       / max(kn[1].std, 1e-12))
     away = abs(number.value - number.null) / max(number.std, 1e-12)
@@ -235,6 +246,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number],
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"loss {named.held_out:.0f} lower on parts left out from its size",
         f"{key} is {away:.0f} standard errors from its null",
+        f"without it, {times_as_large(cost)}",
         f"{gain.measure}: {removes(gain)}")
 
 

@@ -98,6 +98,8 @@ class Cause:
 
     enters: stage of the effect; loss: drop of the robust loss on the training
     recordings; experiment: the drive that would tell it from its like.
+    gain: of the channel where it shows most; cost: root of the robust loss of the test recordings
+    before it over that with it, at the timing that suits them, and its 90 % interval.
     probability: share of bags of recordings whose rest wants it; sizes: (size
     relative to the fitted one, standard error) by training recording.
     """
@@ -115,6 +117,7 @@ class Cause:
     probability: float
     sizes: Mapping[str, tuple[float, float]]
     constancy: Constancy
+    cost: tuple[float, float, float]
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``causes``."""
@@ -124,7 +127,7 @@ class Cause:
                 "constancy": self.constancy.to_json(),
                 "parameters": {k: n.to_json() for k, n in self.parameters.items()},
                 "p_value": self.p_value, "loss": self.loss, "evidence": list(self.evidence),
-                "gain": self.gain.to_json(),
+                "gain": self.gain.to_json(), "cost": _cost(self.cost),
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment}
 
@@ -165,11 +168,10 @@ class Claim:
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``parameters``."""
-        ratio, low, high = self.cost
         return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
                 "probability": self.probability,
                 "quantities": {k: c.to_json() for k, c in self.quantities.items()},
-                "cost": {"ratio": ratio, "ci90": [low, high]}, "share": self.share,
+                "cost": _cost(self.cost), "share": self.share,
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment, "constancy": self.constancy.to_json()}
 
@@ -228,6 +230,11 @@ class Unexplained:
         """As in the list ``unexplained``."""
         return {"channel": self.channel, "structure": self.structure, "with": list(self.along),
                 "p_value": self.p_value, "share": self.share}
+
+
+def _cost(cost: tuple[float, float, float]) -> dict[str, Any]:
+    ratio, low, high = cost
+    return {"ratio": ratio, "ci90": [low, high]}
 
 
 def added(effect: str) -> str:

@@ -77,7 +77,7 @@ def diagnosis(case, recordings):
     name, k = case.truth
     cause = Cause(name, "", catalogue()[name].stage, {"k": Number(k, 0.0, "")}, 0.0, 0.0, (),
                   Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,), "", 1.0, {},
-                  Constancy(1.0, "", (), 0.0, (0.0, 0.0)))
+                  Constancy(1.0, "", (), 0.0, (0.0, 0.0)), (1.0, 1.0, 1.0))
     moved = {n: Moved(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
     stage = Stage("", case.car, {}, evidence.residuals(case.car))
     return Diagnosis("explained", "paper", moved, (cause,), (), (), (stage,), evidence, {}, {}, {})

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
+from ..parameters.cost import Cost
 from ..policy import Policy
-from ..result import Constancy, Gained
+from ..result import Constancy
 from ..search.fit import Point
 from ..search.forward import Search
 from .bag import Grade, grade
@@ -29,7 +30,7 @@ class Shown:
     names: tuple[str, ...]
     points: tuple[Point, ...]
     grades: Mapping[str, Grade]
-    gains: Mapping[str, Gained]
+    costs: Mapping[str, Cost]
     constancy: Mapping[str, Constancy]
     left_out: Mapping[str, LeftOut]
 
@@ -46,15 +47,15 @@ class LeftOut:
 class Grading:
     """What it takes to grade: the search that made the fits, and the training evidence.
 
-    gain(effect, before, after): on recordings that no fit has seen; several: there are enough of
-    them for an interval.
+    costs(points): errors of each fit over those of the next one on recordings that no fit has seen;
+    several: there are enough of them for an interval.
     """
 
     search: Search
     evidence: Evidence
     policy: Policy
     seed: int
-    gain: Callable[[str, Point, Point], Gained]
+    costs: Callable[[Sequence[Point]], Sequence[Cost]]
     several: bool
 
 
@@ -73,12 +74,11 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     kept, left_out = fits.back(kept, left_out)
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
-        gains = {name: with_.gain(name, points[i], points[i + 1])
-                 for i, name in enumerate(kept.names)}
-        worst = min(kept.names, key=lambda n: _least(gains[n], with_.several))
-        if _least(gains[worst], with_.several) >= 0.0:
+        costs = dict(zip(kept.names, with_.costs(points), strict=True))
+        worst = min(kept.names, key=lambda n: _least(costs[n], with_.several))
+        if _least(costs[worst], with_.several) >= 1.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
-            return Shown(kept.names, tuple(points), kept.grades, gains,
+            return Shown(kept.names, tuple(points), kept.grades, costs,
                          {n: constancy(of, n, with_.policy.grade, with_.seed)
                           for n in kept.names}, left_out)
         left_out[worst] = LeftOut(kept.grades[worst].probability, NO_GAIN)
@@ -154,11 +154,7 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
 
 
-def _least(gain: Gained, several: bool) -> float:
-    """What is surely gained; where there are too few recordings for an interval, what is.
-
-    0 where the predictions are the same: a delay within the age of logged commands changes none,
-    so that they say nothing of it.
-    """
-    least = gain.low if several and np.isfinite(gain.low) else gain.test
-    return least if np.isfinite(least) else np.inf
+def _least(cost: Cost, several: bool) -> float:
+    """How many times as large errors are without it: surely, or where recordings are few, at all."""
+    value, low, _ = cost
+    return low if several and np.isfinite(low) else value

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
 from ..result import Change, Claim
 from ..search.fit import Point
-from .cost import cost, shapley
+from .cost import Cost, cost, shapley
 from .groups import GROUPS, MERGED, Quantity
 from .sets import Posterior, Set, Sets, posterior
 from .unseen import Unseen
@@ -53,17 +54,18 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     every = frozenset().union(*believed)
     if not every:
         return ()
-    unseen = Unseen(asked.test, of)
-    costs = {part: cost(unseen, every, part, asked.seed) for part in believed}
+    unseen = Unseen(asked.test, of.full, of.policy)
+    losses = cache(lambda free: unseen.motion(of.fit(free)))
+    costs = {part: cost(losses, every, part, asked.seed) for part in believed}
     held = [part for part, p in believed.items() if _costly(costs[part], p, policy)
             and _beyond_what_is_stated(of, part)]
-    shares = _shares(unseen, held, every)
+    shares = _shares(losses, held, every)
     out = [_claim(asked, part, believed[part], costs[part], shares[part],
                   found) for part in held]
     return tuple(sorted(out, key=lambda c: -c.share))
 
 
-def _costly(cost: tuple[float, float, float], probability: float, policy: ClaimPolicy) -> bool:
+def _costly(cost: Cost, probability: float, policy: ClaimPolicy) -> bool:
     """Whether errors on unseen recordings are larger without the group; surely so, where the
     group itself is not sure."""
     ratio, low, _ = cost
@@ -79,7 +81,8 @@ def _together(found: Posterior, by: float) -> list[Set]:
     return [pair for pair in MERGED if pair <= set(found.groups) and unsure(pair)]
 
 
-def _shares(unseen: Unseen, parts: Sequence[Set], every: Set) -> dict[Set, float]:
+def _shares(losses: Callable[[Set], FloatArray], parts: Sequence[Set], every: Set
+            ) -> dict[Set, float]:
     """Of what the claimed groups take away together, beside what else has moved."""
     rest = every - frozenset().union(*parts)
     names = [" + ".join(sorted(part)) for part in parts]
@@ -88,7 +91,7 @@ def _shares(unseen: Unseen, parts: Sequence[Set], every: Set) -> dict[Set, float
     def union(some: Sequence[str]) -> Set:
         return rest.union(*(of[n] for n in some))
 
-    value = {frozenset(some): -float(unseen.losses(union(some)).sum())
+    value = {frozenset(some): -float(losses(union(some)).sum())
              for k in range(len(names) + 1) for some in combinations(names, k)}
     found = shapley(value, names) if names else {}
     return {of[n]: share for n, share in found.items()}
@@ -103,7 +106,7 @@ def _beyond_what_is_stated(of: Sets, part: Set) -> bool:
     return any(abs(point.x[point.space.names.index(n)]) > of.policy.claims.stated for n in mine)
 
 
-def _claim(asked: Asked, part: Set, probability: float, costs: tuple[float, float, float],
+def _claim(asked: Asked, part: Set, probability: float, costs: Cost,
            share: float, found: Posterior) -> Claim:
     of, policy = asked.sets, asked.sets.policy
     names = tuple(n for g in sorted(part) for n in of.names(g))

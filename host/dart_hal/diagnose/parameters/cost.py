@@ -10,30 +10,37 @@ blocks (or recordings). All: the groups that are believed to have been wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from math import factorial
 
 import numpy as np
 
 from dart_hal.evaluate.compare import LEAST_BLOCKS, draws
+from dart_hal.types import FloatArray
 
 from .sets import Set
-from .unseen import Unseen
 
 LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
 
+Cost = tuple[float, float, float]
+"""A ratio of errors, and the ends of its interval."""
 
-def cost(unseen: Unseen, every: Set, group: str | Set, seed: int) -> tuple[float, float, float]:
-    """(l_g, its 90 % interval); NaN where the test recordings are too short for one."""
+
+def cost(losses: Callable[[Set], FloatArray], every: Set, group: str | Set, seed: int) -> Cost:
+    """(l_g, its 90 % interval); losses: by block (or recording) with some groups free."""
     left = frozenset({group}) if isinstance(group, str) else group
-    with_all, without = unseen.losses(every), unseen.losses(every - left)
+    return ratio(losses(every), losses(every - left), seed)
+
+
+def ratio(with_all: FloatArray, without: FloatArray, seed: int) -> Cost:
+    """Of the root of two losses by block, with its 90 % interval; NaN with too few blocks."""
     value = float(np.sqrt(without.sum() / max(with_all.sum(), 1e-12)))
     if len(with_all) < LEAST_BLOCKS:
         return value, np.nan, np.nan
     count = draws(np.arange(len(with_all)), seed=seed)
-    ratio = np.sqrt((count @ without) / np.maximum(count @ with_all, 1e-12))
-    low, high = np.quantile(ratio, LEVEL)
+    drawn = np.sqrt((count @ without) / np.maximum(count @ with_all, 1e-12))
+    low, high = np.quantile(drawn, LEVEL)
     return value, float(low), float(high)
 
 

@@ -13,48 +13,50 @@ from functools import cached_property
 
 import numpy as np
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.types import FloatArray
 
 from ..evidence.ages import AGES, older
 from ..evidence.noise import WAIT, Noise, measure
-from ..evidence.residuals import Evidence
+from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import rows_of
 from ..evidence.space import Space, Timing
+from ..policy import Policy
 from ..search.fit import QUICK, Point, loss_at, refit
-from .sets import Set, Sets
 
 
 class Unseen:
-    """The test recordings: loss of whitened errors by block of any fit, once each."""
+    """The test recordings: loss of whitened errors of any fit, by block (or whole recording)."""
 
-    def __init__(self, evidence: Evidence, of: Sets) -> None:
-        self._evidence, self._of, self.policy = evidence, of, of.policy.claims
-        self._kept: dict[Set, FloatArray] = {}
-        self._block: IntArray | None = None
+    def __init__(self, evidence: Evidence, last: Point, policy: Policy) -> None:
+        """last: the fit whose noise weighs the errors of all."""
+        self._evidence, self._last, self._policy = evidence, last, policy
 
-    def losses(self, free: Set) -> FloatArray:
-        """(blocks,) with some groups free."""
-        if free not in self._kept:
-            self._kept[free] = self.of_point(self._of.fit(free))
-        return self._kept[free]
+    def motion(self, point: Point) -> FloatArray:
+        """(blocks,) of the motion alone, every read-out alike."""
+        r = self._residuals(point)
+        return self._by_block(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
-    def of_point(self, point: Point) -> FloatArray:
-        """(blocks,) of a fit, at the timing that suits these recordings best."""
-        noise = self._noise
-        r = self._evidence.residuals(point.vehicle, self._timing(point, noise))
-        values = noise.loss(noise.whiten(r)[0].ravel())
-        if self._block is None:
-            rows = rows_of(self._evidence, r, self._of.policy.blocks)
-            many = int(rows.recording.max()) + 1 >= self._of.policy.blocks.units
-            motion = rows.channel >= 0
-            label = (rows.recording if many else rows.block)[motion]
-            self._block = np.unique(label, return_inverse=True)[1].ravel()
-        return np.asarray(np.bincount(self._block, values), dtype=np.float64)
+    def everything(self, point: Point) -> FloatArray:
+        """(blocks,) of motion and sensors, weighted as in the fits."""
+        r = self._residuals(point)
+        residual, weight = self._noise.stacked(r)
+        return self._by_block(r, weight * self._noise.loss(residual))
+
+    def _by_block(self, r: Residuals, losses: FloatArray) -> FloatArray:
+        rows = rows_of(self._evidence, r, self._policy.blocks)
+        many = int(rows.recording.max()) + 1 >= self._policy.blocks.units
+        label = (rows.recording if many else rows.block)[:len(losses)]
+        block = np.unique(label, return_inverse=True)[1].ravel()
+        return np.asarray(np.bincount(block, losses), dtype=np.float64)
+
+    def _residuals(self, point: Point) -> Residuals:
+        """At the timing that suits these recordings best."""
+        return self._evidence.residuals(point.vehicle, self._timing(point, self._noise))
 
     @cached_property
     def _noise(self) -> Noise:
         """That of the last fit, with the windows of these recordings."""
-        evidence, point, policy = self._evidence, self._of.full, self._of.policy
+        evidence, point, policy = self._evidence, self._last, self._policy
         noise = replace(point.noise, certain=1.0)
         timing = self._timing(point, noise)
         r = evidence.residuals(point.vehicle, timing)
@@ -66,7 +68,7 @@ class Unseen:
     def _timing(self, point: Point, noise: Noise) -> Timing:
         """Of these recordings, the parameters as they were fitted."""
         evidence, p = self._evidence, point.vehicle
-        space = Space(p, (), late=evidence.late, policy=self._of.policy.prior)
+        space = Space(p, (), late=evidence.late, policy=self._policy.prior)
         starts = [space.start(p, t) for t in (point.timing, *(
             replace(point.timing, command_age=age, spread=spread) for age, spread in AGES))]
         x = min(starts, key=lambda z: loss_at(evidence, noise, space, z))
