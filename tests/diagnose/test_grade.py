@@ -22,7 +22,6 @@ from dart_hal.diagnose.grade.constancy import constancy
 from dart_hal.diagnose.grade.names import _least, shown
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.result import Gained
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
@@ -120,47 +119,46 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
-    gained = Gained("vx", 0.5, 0.5, 0.4, 0.6, "")
-    found = shown(grading(search, gained), ("", *"abcd"), "", None, "abcd")
+    found = shown(grading(search, (1.5, 1.4, 1.6)), ("", *"abcd"), "", None, "abcd")
     assert found.names == ("a", "b")
     assert [found.grades[n].probability for n in "ab"] == [0.95, 0.9]
     assert {n: one.probability for n, one in found.left_out.items()} == {"c": 0.7, "d": 0.1}
 
 
-@pytest.mark.parametrize(("low", "left"), [(0.0, set()), (-1e-3, {"a"})])
-def test_a_gain_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
-    """Predictions that are the same, as of a delay within the age of commands, do not judge."""
+@pytest.mark.parametrize(("low", "left"), [(1.0, set()), (0.999, {"a"})])
+def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
+    """Predictions that are the same do not judge."""
     monkeypatch.setattr(names, "secants", lambda *given: None)
     monkeypatch.setattr(names, "grade", lambda *given: Grade(1.0, ()))
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
-    found = shown(grading(search, Gained("vx", 0.0, 0.0, low, 0.0, "")), ("", "a"), "", None, "a")
+    found = shown(grading(search, (1.0, low, 1.0)), ("", "a"), "", None, "a")
     assert set(found.left_out) == left
 
 
-def grading(search, gained):
-    return names.Grading(search, None, USUAL, 0, lambda *given: gained, True)
+def grading(search, cost):
+    return names.Grading(search, None, USUAL, 0,
+                         lambda points: [cost] * (len(points) - 1), True)
 
 
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():
-    """By its interval where there are recordings enough for one; else by what it gains."""
-    harms = Gained("vx", 0.2, -0.02, -0.03, -0.01, "")
-    unsure, helps = replace(harms, test=0.02, low=-0.01), replace(harms, test=0.2, low=0.1)
-    assert _least(harms, False) <= 0.0
-    assert _least(unsure, False) > 0.0 >= _least(unsure, True)
-    assert _least(helps, True) > 0.0
-    assert _least(replace(helps, test=np.nan, low=np.nan), True) > 0.0  # nothing to judge by
+    """By its interval where there are recordings enough for one; else by what it costs."""
+    harms, unsure, helps = (0.98, 0.97, 0.99), (1.02, 0.99, 1.05), (1.2, 1.1, 1.3)
+    assert _least(harms, False) <= 1.0
+    assert _least(unsure, False) > 1.0 >= _least(unsure, True)
+    assert _least(helps, True) > 1.0
+    assert _least((1.2, np.nan, np.nan), True) > 1.0  # too few blocks for an interval
 
 
 @pytest.mark.more
 @pytest.mark.cpu(30)
 @pytest.mark.parametrize("asked", [True, False])
-def test_where_its_gain_is_a_loss_a_name_is_only_possible(asked, monkeypatch, tmp_path):
-    """The same drives with the gain turned about: the negative control is the name itself."""
+def test_where_it_makes_errors_larger_a_name_is_only_possible(asked, monkeypatch, tmp_path):
+    """The same drives with the cost turned about: the negative control is the name itself."""
     if not asked:
-        real = conclusions.gained
-        monkeypatch.setattr(conclusions, "gained", lambda *a: replace(
-            real(*a), test=-0.1, low=-0.2))
+        real = conclusions.ratio
+        monkeypatch.setattr(conclusions, "ratio", lambda with_, without, seed: real(
+            without, with_, seed))
     train, test = (drive(("gyro_scale", 0.05), seconds=30.0, seed=s) for s in (3, 4))
     file, p = find_model("paper")
     found = diagnose(file, p, [train], [test], refit=False, only=("gyro_scale", "gyro_bias"))

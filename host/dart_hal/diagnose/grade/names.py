@@ -155,6 +155,6 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
 
 
 def _least(cost: Cost, several: bool) -> float:
-    """How many times as large errors are without it: surely, or where recordings are few, at all."""
+    """How many times as large errors are without it; surely so, where recordings are several."""
     value, low, _ = cost
     return low if several and np.isfinite(low) else value
