@@ -132,8 +132,8 @@ def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeyp
     monkeypatch.setattr(names, "grade", lambda *given: Grade(1.0, ()))
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
-    found = shown(grading(search, (1.0, low, 1.0)), ("", "a"), "", None, "a")
-    assert set(found.left_out) == left
+    for points in (("", "a"), ("", "a", "a, fitted again")):
+        assert set(shown(grading(search, (1.0, low, 1.0)), points, "", None, "a").left_out) == left
 
 
 def grading(search, cost):

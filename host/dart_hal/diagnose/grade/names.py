@@ -66,7 +66,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     Possible ones that went come back, the one that gains most first, where all are sure enough
     with it: what made them unsure may have gone after them. Then the one that gains least goes,
     until all lower the errors on recordings that no fit has seen.
-    points: the base, and with one effect more each; at: where the search has ended.
+    points: the base, with one effect more each, and perhaps with all fitted together; at: where the
+    search has ended.
     One at a time: a name that goes may have been what hid another.
     """
     fits = _Fits(with_, at, noise, names)
@@ -74,7 +75,7 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     kept, left_out = fits.back(kept, left_out)
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
-        costs = dict(zip(kept.names, with_.costs(points), strict=True))
+        costs = dict(zip(kept.names, with_.costs(points[:len(kept.names) + 1]), strict=True))
         worst = min(kept.names, key=lambda n: _least(costs[n], with_.several))
         if _least(costs[worst], with_.several) >= 1.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
