@@ -25,6 +25,7 @@ from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.words import claim
+from dart_hal.diagnose.result import Claim, Constancy
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
@@ -83,6 +84,16 @@ def test_the_new_value_is_that_of_the_car(folder):
     assert peak.after == pytest.approx(1.25 * peak.before, rel=0.03)
     assert abs(peak.after - 1.25 * peak.before) < 4.0 * peak.std
     assert "front tyres were wrong" in claim(c)
+
+
+def test_of_two_groups_that_stand_for_each_other_the_deciding_drive_is_said():
+    drive = "Coast down straight on. Steps of the throttle."
+    one = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), 1.0, (), drive,
+                Constancy(1.0, "", (), 0.0, (0.01, 0.1)))
+    assert "to decide" not in claim(one)
+    said = claim(replace(one, group="drive force"))
+    assert "whether it was friction or motor these data do not tell" in said
+    assert "to decide, drive: coast down straight on. Steps" in said
 
 
 def test_every_parameter_that_a_refit_moves_is_of_one_group():

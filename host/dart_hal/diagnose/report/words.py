@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
     Cause,
     Change,
@@ -74,11 +75,15 @@ def sentence(cause: Cause) -> str:
 
 def claim(c: Claim) -> str:
     """Parameters that were wrong: old and new values, and what leaving them would cost."""
+    stand_for = {name: sorted(part) for part, (name, *_) in MERGED.items()}
     parts = [f"The model's {c.title} {'were' if c.title.endswith('s') else 'was'} wrong: "
              + ", ".join(f"{name} {change(q)}" for name, q in c.quantities.items())
              + f" (probability {c.probability:.2f})", costs(c)]
     if c.cannot_be_told_from:
         parts.append(f"cannot be told from {listed(c.cannot_be_told_from, 'or')} with these data")
+    if c.group in stand_for:
+        parts.append(f"whether it was {listed(stand_for[c.group], 'or')} these data do not tell")
+    if c.cannot_be_told_from or c.group in stand_for:
         parts.append(f"to decide, drive: {_inside(c.experiment.rstrip('.'))}")
     if not c.constancy.constant:
         parts.append(f"its size changes with {variable(c.constancy.along)} "
