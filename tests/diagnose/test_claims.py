@@ -11,6 +11,7 @@ import pytest
 from hidden_drive import Plan, write
 
 from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.conclude import _verdict
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import Noise, measure
 from dart_hal.diagnose.evidence.residuals import Evidence, Residuals
@@ -220,3 +221,14 @@ def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
     point.space.low[1] = 0.0
     assert of.rise(frozenset()) == pytest.approx(4.0, abs=0.01)
     assert of.rise(of.every) == 0.0
+
+
+@pytest.mark.parametrize(("change", "verdict"), [(0.05, "parameters_only"), (0.4, "unexplained")])
+def test_a_parameter_whose_size_changes_does_not_explain(change, verdict):
+    """As of a motor that grows hot: one number of it is no number of the car."""
+    claimed = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), 1.0, (), "",
+                    Constancy(0.001, "time", (), change, (0.01, 0.1)))
+    assert _verdict(None, None, (), (), {}, (claimed,)) == verdict
+    constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
+    cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)
+    assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == (change < 0.1)

@@ -46,7 +46,8 @@ def score(case: Case, answer: Mapping[str, Any]) -> Score:
     """Of the JSON document of one diagnosis; one with "error" has named nothing."""
     causes = answer.get("causes", [])
     flagged = bool(answer.get("unexplained")) or any(
-        c.get("constancy", {}).get("changes_with") for c in causes)
+        c.get("constancy", {}).get("changes_with")
+        for c in (*causes, *answer.get("parameters", [])))
     named = causes[0]["effect"] if causes else "unexplained" if flagged else "nothing"
     kind = GROUPS[case.group].kind
     if kind == "null":

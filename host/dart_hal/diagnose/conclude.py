@@ -316,11 +316,12 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
+    sizes = (*(c.constancy for c in causes), *(c.constancy for c in claimed))
+    changes = not all(size.constant for size in sizes)
     if causes:  # one that surely makes predictions worse does not explain
         worse = any(c.gain.high < 0.0 for c in causes)
-        changes = any(not c.constancy.constant for c in causes)
         return "partly_explained" if left or worse or changes else "explained"
-    if left:
+    if left or changes:
         return "unexplained"
     if claimed:
         return "parameters_only"

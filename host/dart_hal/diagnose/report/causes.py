@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.diagnose.result import Cause, Diagnosis, Number, Unexplained
+from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis, Number, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
@@ -40,7 +40,7 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
         "section", el("h3", f"{i + 1}. {cause.effect}"),
         page.card(el("p", sentence(cause), class_="big"), good=cause.gain.low > 0.0, kind="cause"),
         el("p", f"Cannot be told from, with these data: {like}."), _decides(cause),
-        page.figures([*drawn[:AT_ONCE], *_constant(cause)]),
+        page.figures([*drawn[:AT_ONCE], *_constant(cause.effect, cause.constancy)]),
         KEY if drawn else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
             "became smaller."),
@@ -80,12 +80,17 @@ def claims_section(d: Diagnosis) -> Html:
              f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(max(c.share, 0.0)))
             for c in d.claims for name, q in c.quantities.items()]
     return join([*(join([page.card(el("p", claim(c)), good=True, kind="cause"),
-                         page.figures(list(pictures(c, d)))]) for c in d.claims), CLAIM_KEY,
-                 table(head, rows, 2),
+                         page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims),
+                 CLAIM_KEY, table(head, rows, 2),
                  page.soft("Errors without it: those of the motion on the test recordings with the "
                            "group at its old value over those with all fitted anew, each the root "
                            "of the robust loss that the fits lower. Share: its Shapley value in "
                            "what all of them take away there.")])
+
+
+def _changes(c: Claim) -> list[Html]:
+    """One that is no constant, drawn."""
+    return [] if c.constancy.constant else _constant(c.group, c.constancy)
 
 
 def possible_section(d: Diagnosis) -> Html:
@@ -100,17 +105,16 @@ def possible_section(d: Diagnosis) -> Html:
                                f"the car {p.title}", p.why) for p in d.possible], 1)])
 
 
-def _constant(cause: Cause) -> list[Html]:
+def _constant(of: str, found: Constancy) -> list[Html]:
     """Along what its size changes most, drawn; nothing of one that does nothing."""
-    found = cause.constancy
     if not found.curve:
         return []
     name, unit = variable(found.along), UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
     says = ("constant, it varies most with" if found.constant else "its size changes with")
     return [page.figure(
-        f"{cause.effect}: {says} {name} ({p_value(found.p_value)})",
-        charts.lines(f"{cause.effect}: size along {name}",
+        f"{of}: {says} {name} ({p_value(found.p_value)})",
+        charts.lines(f"{of}: size along {name}",
                      name if unit == "-" else f"{name} [{unit}]", "size, of the fitted one",
                      [charts.Series(x, y, WHISKER * error, "after")]))]
 
