@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from campaign_cases import GROUPS, Case
 from out_of_catalogue import FAMILY
+from scipy.stats import binomtest
 from wrong_parameters import WRONG, claimed
 
 SET = 3
@@ -18,11 +19,12 @@ OUTCOMES = ("right", "wrong", "missed")
 TARGETS: dict[str, dict[str, float]] = {
     "medium": {"right": 0.95, "wrong": 0.02}, "large": {"right": 1.00, "wrong": 0.02},
     "disturbed": {"right": 0.80}, "rough": {"right": 0.75}, "onboard": {"right": 0.60},
-    "onboard large": {"right": 0.85}, "null": {"wrong": 0.01}, "null fixed": {"wrong": 0.01},
-    "fixed": {"right": 0.95, "wrong": 0.02}, "pair": {"right": 0.85},
-    "pair fixed": {"right": 0.85}, "far": {"right": 0.95}, "far fixed": {"right": 0.95},
-    "near": {"right": 0.80}, "wrong": {"right": 0.80}}
-"""Least share that is right, largest share that is wrong."""
+    "onboard large": {"right": 0.85}, "null": {"right": 0.98, "wrong": 0.005},
+    "null fixed": {"right": 0.98, "wrong": 0.005},
+    "fixed": {"right": 0.97, "alone": 0.92, "wrong": 0.01}, "pair": {"right": 0.85},
+    "pair fixed": {"right": 0.85}, "far": {"right": 0.90}, "far fixed": {"right": 0.95},
+    "near": {"right": 0.90}, "wrong": {"right": 0.80}}
+"""Least share that is right, and right alone, largest share that is wrong."""
 PROTOTYPE = {"small": 0.76, "medium": 0.895, "large": 1.0, "disturbed": 0.71, "gentle": 0.71,
              "rough": 0.58, "onboard": 0.44, "onboard large": 0.67, "null": 1.0, "pair": 1.0,
              "far": 1.0}
@@ -108,14 +110,24 @@ def _off(cause: Mapping[str, Any], size: float) -> float:
 
 @dataclass(frozen=True)
 class Row:
-    """Shares of one group; sizes: median and 90th percentile of the error; time [s] per case."""
+    """Shares of one group; sizes: median and 90th percentile of the error; time [s] per case.
+
+    alone: right, and nothing named beside it.
+    """
 
     group: str
     n: int
     shares: dict[str, float]
     extra: float
+    alone: float
     sizes: tuple[float, float]
     seconds: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of the share that is right, 90 % (Wilson)."""
+        found = binomtest(round(self.shares["right"] * self.n), self.n)
+        return tuple(map(float, found.proportion_ci(0.9, "wilson")))
 
     @property
     def ok(self) -> bool | None:
@@ -124,6 +136,7 @@ class Row:
         if target is None:
             return None
         return (self.shares["right"] >= target.get("right", 0.0)
+                and self.alone >= target.get("alone", 0.0)
                 and self.shares["wrong"] <= target.get("wrong", 1.0))
 
 
@@ -139,7 +152,9 @@ def rows(results: Iterable[tuple[Case, Score, float]]) -> list[Row]:
         off = [s.off for s in scores if s.off is not None]
         sizes = (float(np.median(off)), float(np.quantile(off, 0.9))) if off else (np.nan, np.nan)
         out.append(Row(group, len(scores), {o: count[o] / len(scores) for o in OUTCOMES},
-                       sum(s.extra > 0 for s in scores) / len(scores), sizes,
+                       sum(s.extra > 0 for s in scores) / len(scores),
+                       sum(s.outcome == "right" and not s.extra for s in scores) / len(scores),
+                       sizes,
                        float(np.mean([t for *_, t in by_group[group]]))))
     return out
 

@@ -21,19 +21,22 @@ COLOURS = {"unexplained": "#9a9a9a", "nothing": "#e4e4e4"}
 def table(rows: Sequence[Row]) -> Table:
     """One line per group; "right" of null is silence, of far "unexplained", of near the family.
 
-    "and more": share of the cases with a cause named that is not hidden, besides or instead.
+    "alone": right and nothing beside it. "and more": share of the cases with a cause named that is
+    not hidden, besides or instead.
     """
     out = Table(title="Hidden causes, found from files")
-    for title in ("hidden", "n", "right", "target", "wrong", "missed", "and more", "size off",
-                  "s/case", "ok"):
+    for title in ("hidden", "n", "right", "90 %", "target", "wrong", "missed", "alone",
+                  "and more", "size off", "s/case", "ok"):
         out.add_column(title, justify="left" if title == "hidden" else "right")
     for r in rows:
         target = TARGETS.get(r.group, {})
         aim = ", ".join(([f">= {target['right']:.2f}"] if "right" in target else [])
                         + ([f"wrong <= {target['wrong']:.2f}"] if "wrong" in target else []))
         size = "" if math.isnan(r.sizes[0]) else f"{r.sizes[0]:.0%} ({r.sizes[1]:.0%})"
-        out.add_row(r.group, str(r.n), f"{r.shares['right']:.3f}", aim,
-                    f"{r.shares['wrong']:.3f}", f"{r.shares['missed']:.3f}", f"{r.extra:.3f}",
+        low, high = r.interval
+        out.add_row(r.group, str(r.n), f"{r.shares['right']:.3f}", f"{low:.2f}-{high:.2f}", aim,
+                    f"{r.shares['wrong']:.3f}", f"{r.shares['missed']:.3f}", f"{r.alone:.3f}",
+                    f"{r.extra:.3f}",
                     size, f"{r.seconds:.1f}", {True: "yes", False: "NO", None: ""}[r.ok])
     return out
 
@@ -103,6 +106,7 @@ def _plain(name: str) -> str:
 def document(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table for a script."""
     return [{"group": r.group, "n": r.n, **r.shares, "extra": r.extra,
+             "right_ci90": list(r.interval), "alone": r.alone,
              "size_off": [None if math.isnan(s) else s for s in r.sizes], "seconds": r.seconds,
              "targets": TARGETS.get(r.group, {}), "prototype": PROTOTYPE.get(r.group),
              "ok": r.ok} for r in rows]
