@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import campaign
+import claims_checked
 import numpy as np
 import pytest
 from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
@@ -199,3 +200,14 @@ def test_names_are_counted_by_their_stated_probability():
     assert grades([(case("grip"), sure)]) == [(0.99, True), (0.85, False)]
     assert grades([(case(group="null"), sure)]) == [(0.99, False), (0.85, False)]
     assert grades([(case("carpet", group="far"), sure)]) == []
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+def test_a_claim_says_the_truth_about_itself():
+    """Its cost on a recording five times as long, and its probability by all sets of groups."""
+    line = claims_checked.run(cases(["wrong"], (), 2000)[0], sets=True)
+    assert all(abs(search - every) < 0.05 for search, every in line["sets"].values())
+    (cost,) = line["costs"].values()
+    assert cost["shown"]
+    assert cost["ci90"][0] < cost["long"] < cost["ci90"][1]
