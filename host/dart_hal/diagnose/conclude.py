@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .gains import Side, gained, overall
-from .grade.names import Grading, Shown, shown
+from .grade.names import Grading, Judged, Shown, shown
 from .grade.secants import secants
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
@@ -78,7 +77,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(_costs, q, found.point),
+                      partial(_judged, q, found.point),
                       len({d.recording.sha256 for d in q.test.evidence.drives})
                       >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
@@ -89,8 +88,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, points[i:i + 2], last.vehicle, stds, sure)
-                   for i, one in enumerate(named))
+    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
     moved = _moved(q, points[-1])
     claimed = _claims(q, last) if q.refit else ()
     gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
@@ -210,16 +208,18 @@ def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
                   q.settings.policy.conclusion.gain_block_s)
 
 
-def _costs(q: Question, last: Point, points: Sequence[Point]) -> list[Cost]:
-    """Errors of each fit over those of the next one, on the test recordings."""
+def _judged(q: Question, last: Point, names: Sequence[str], points: Sequence[Point]
+            ) -> list[Judged]:
+    """Each name on the test recordings, by the fit before it and that with it."""
     unseen = Unseen(q.test.evidence, last, q.settings.policy)
-    losses = [unseen.everything(point) for point in points]
-    return [ratio(after, before, q.settings.seed) for before, after in pairwise(losses)]
+    losses = [unseen.everything(point) for point in points[:len(names) + 1]]
+    return [Judged(ratio(losses[i + 1], losses[i], q.settings.seed),
+                   _gain(q, name, points[i], points[i + 1])) for i, name in enumerate(names)]
 
 
-def _cause(q: Question, named: Named, points: Sequence[Point], final: Vehicle,
-           stds: Mapping[str, float], sure: Shown) -> Cause:
-    """One cause, its numbers at the end. points: before it, and with it."""
+def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown
+           ) -> Cause:
+    """One cause, its numbers at the end."""
     effect = catalogue()[named.effect]
     numbers = {}
     for parameter in effect.parameters:
@@ -227,7 +227,7 @@ def _cause(q: Question, named: Named, points: Sequence[Point], final: Vehicle,
         numbers[parameter.name] = Number(float(value(final, key)),
                                          stds[key], parameter.unit,
                                          parameter.null)
-    gain, cost = _gain(q, named.effect, *points), sure.costs[effect.name]
+    cost, gain = sure.judged[effect.name]
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
                  _evidence(q, named, numbers, gain, cost), gain, named.confounders,
                  effect.experiment, sure.grades[effect.name].probability,

@@ -149,11 +149,11 @@ def _residual_gain(name: str, column: int, before: Point, after: Point, train: S
 
 
 def _columns(effect: Effect, evidence: Evidence) -> dict[str, int]:
-    """Where an effect shows: in the sensors that it changes, else in the motion at its end."""
+    """Where an effect shows: in the sensors that it changes, else anywhere."""
     every = evidence.columns
     sensors = {s: every[s] for channel in effect.signals for s in SENSED.get(channel, ())
                if s in every}
-    return sensors or {name: at for name, at in every.items() if at >= 0}
+    return sensors or dict(every)
 
 
 def _pick(r: Residuals, column: int) -> FloatArray:

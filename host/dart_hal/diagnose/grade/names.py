@@ -12,7 +12,7 @@ from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..parameters.cost import Cost
 from ..policy import Policy
-from ..result import Constancy
+from ..result import Constancy, Gained
 from ..search.fit import Point
 from ..search.forward import Search
 from .bag import Grade, grade
@@ -30,7 +30,7 @@ class Shown:
     names: tuple[str, ...]
     points: tuple[Point, ...]
     grades: Mapping[str, Grade]
-    costs: Mapping[str, Cost]
+    judged: Mapping[str, Judged]
     constancy: Mapping[str, Constancy]
     left_out: Mapping[str, LeftOut]
 
@@ -43,19 +43,26 @@ class LeftOut:
     why: str
 
 
+class Judged(NamedTuple):
+    """cost: all errors without the name over those with it; gain: in the channel where it shows."""
+
+    cost: Cost
+    gain: Gained
+
+
 @dataclass(frozen=True, slots=True)
 class Grading:
     """What it takes to grade: the search that made the fits, and the training evidence.
 
-    costs(points): errors of each fit over those of the next one on recordings that no fit has seen;
-    several: there are enough of them for an interval.
+    judge(names, points): each on recordings that no fit has seen, by the fit before it and that
+    with it; several: there are enough of them for an interval.
     """
 
     search: Search
     evidence: Evidence
     policy: Policy
     seed: int
-    costs: Callable[[Sequence[Point]], Sequence[Cost]]
+    judge: Callable[[Sequence[str], Sequence[Point]], Sequence[Judged]]
     several: bool
 
 
@@ -73,13 +80,16 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     fits = _Fits(with_, at, noise, names)
     kept, left_out = fits.sure(fits.graded(names, points[-1]))
     kept, left_out = fits.back(kept, left_out)
+    surely = with_.policy.claims.sure
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
-        costs = dict(zip(kept.names, with_.costs(points[:len(kept.names) + 1]), strict=True))
-        worst = min(kept.names, key=lambda n: _least(costs[n], with_.several))
-        if _least(costs[worst], with_.several) >= 1.0:
+        judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
+        least = {n: _least(judged[n], with_.several, kept.grades[n].probability >= surely)
+                 for n in kept.names}
+        worst = min(kept.names, key=lambda n: least[n])
+        if least[worst] >= 1.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
-            return Shown(kept.names, tuple(points), kept.grades, costs,
+            return Shown(kept.names, tuple(points), kept.grades, judged,
                          {n: constancy(of, n, with_.policy.grade, with_.seed)
                           for n in kept.names}, left_out)
         left_out[worst] = LeftOut(kept.grades[worst].probability, NO_GAIN)
@@ -155,7 +165,15 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
 
 
-def _least(cost: Cost, several: bool) -> float:
-    """How many times as large errors are without it; surely so, where recordings are several."""
-    value, low, _ = cost
-    return low if several and np.isfinite(low) else value
+def _least(found: Judged, several: bool, sure: bool) -> float:
+    """How many times as large errors are without it; 0 where it shows most and surely raises them.
+
+    At least, by the interval, where recordings are several. Where they are few, a name that is sure
+    must not surely raise them; what is less sure must lower them.
+    """
+    if found.gain.high < 0.0:
+        return 0.0
+    value, low, high = found.cost
+    if not np.isfinite(low):
+        return value
+    return low if several else high if sure else value

@@ -19,9 +19,13 @@ from ..evidence.ages import AGES, older
 from ..evidence.noise import WAIT, Noise, measure
 from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import rows_of
-from ..evidence.space import Space, Timing
+from ..evidence.space import LATE_REACH, Space, Timing
 from ..policy import Policy
 from ..search.fit import QUICK, Point, loss_at, refit
+
+BEYOND = 0.010
+"""s, by which an age may leave its range here, where delays are held: what of both a fit takes for
+delay is uncertain by two of the 5 ms that files state of one."""
 
 
 class Unseen:
@@ -72,6 +76,8 @@ class Unseen:
         starts = [space.start(p, t) for t in (point.timing, *(
             replace(point.timing, command_age=age, spread=spread) for age, spread in AGES))]
         x = min(starts, key=lambda z: loss_at(evidence, noise, space, z))
-        held = slice(len(space.names))
+        held, age = slice(len(space.names)), len(space.names) + 1
         space.low[held] = space.high[held] = x[held]
+        space.low[age] -= BEYOND / LATE_REACH
+        space.high[age] += BEYOND / LATE_REACH
         return refit(evidence, noise, space, x, rounds=QUICK).timing
