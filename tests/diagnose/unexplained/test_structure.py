@@ -9,6 +9,7 @@ import pytest
 
 from dart_hal.diagnose.evidence.readings import SENSORS
 from dart_hal.diagnose.evidence.residuals import MOTION
+from dart_hal.diagnose.unexplained import crossfit
 from dart_hal.diagnose.unexplained.structure import Group, shares, structure
 
 SECONDS = 120.0
@@ -182,3 +183,16 @@ def test_same_seed_same_answer_and_too_little_says_nothing():
                   features={k: v[short] for k, v in of.features.items()})
     assert structure([few]) == ()
     assert set(shares([few]).values()) == {0.0}
+
+
+def test_both_ways_to_turn_signs_say_the_same():
+    draw = np.random.default_rng(2)
+    block, signs = np.repeat(np.arange(12), 5), draw.choice([-1.0, 1.0], (40, 12))
+    sums, fold = draw.standard_normal((2, 12, 3)), np.arange(12) % 4
+    columns = draw.standard_normal((len(block), 3))
+    grams = [columns[fold[block] == k].T @ columns[fold[block] == k] for k in range(4)]
+    folds = [(a, np.linalg.inv(sum(grams) - a + np.eye(3)), fold == k)
+             for k, a in enumerate(grams)]
+    one, other = (way(sums, folds, signs) for way in (crossfit._by_form, crossfit._by_fold))
+    assert one == pytest.approx(other, rel=1e-9)
+    assert np.ptp(one) > 0.1

@@ -69,12 +69,13 @@ def _by_form(sums: FloatArray, folds: Sequence[Fold], signs: FloatArray) -> Floa
 
 
 def _by_fold(sums: FloatArray, folds: Sequence[Fold], signs: FloatArray) -> FloatArray:
-    """The same fold by fold, without Q."""
-    turned = [signs[:, here] @ sums[:, here] for *_, here in folds]
+    """The same fold by fold, without Q; signs run along rows, so that sums over d are of rows."""
+    turned = [sums[:, here].swapaxes(1, 2) @ np.ascontiguousarray(signs[:, here].T)
+              for *_, here in folds]
     whole, explained = sum(turned), np.zeros((len(sums), len(signs)))
     for (a, g, _), part in zip(folds, turned, strict=True):
-        beta = (whole - part) @ g
-        explained += np.einsum("csd,csd->cs", beta, 2.0 * part - beta @ a)
+        beta = g @ (whole - part)
+        explained += np.einsum("cds,cds->cs", beta, 2.0 * part - a @ beta)
     return explained
 
 
