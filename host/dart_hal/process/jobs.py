@@ -8,6 +8,7 @@ backend="dask")``: what is fanned out below it runs on that cluster
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -36,6 +37,9 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
     jobs: processes; 1 = none but this one, unless joblib was given a backend.
     parts: packets into which the items are divided; their results arrive together.
     """
+    if jobs == 1 and "joblib" not in sys.modules:  # nobody has given it a backend
+        yield from map(work, items)
+        return
     from joblib import Parallel, delayed, effective_n_jobs
 
     n_jobs = None if jobs == 1 else jobs  # None: what joblib.parallel_config says, else 1
