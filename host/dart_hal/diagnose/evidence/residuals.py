@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -41,6 +42,7 @@ ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
 POSE, THROTTLE, SERVO, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering",), ("steering", "angle")))
 KEPT = 48  # parts of models
+FEW = 2  # evidences of which a process keeps parts: to learn from, and to judge by
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
 OFFSETS = np.arange(-HALF, HALF + 1)
@@ -58,6 +60,10 @@ class Residuals:
     sensors: FloatArray
 
 
+HAD: OrderedDict[str, Evidence] = OrderedDict()
+"""By name, evidence that came from another process."""
+
+
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
 
@@ -68,13 +74,17 @@ class Evidence:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self._name = uuid4().hex
         self.told: Callable[[], None] | None = None  # of each evaluation
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
         self.sensor_drive = np.repeat(np.arange(len(drives)), [len(d.at) for d in drives])
 
-    def __getstate__(self) -> dict[str, Any]:
-        """For another process: what is kept is larger than what it takes to make it."""
-        return {**self.__dict__, "_kept": OrderedDict(), "told": None}
+    def __reduce__(self) -> tuple[Callable[..., Evidence], tuple[Any, ...]]:
+        """For another process: what is kept is larger than what it takes to make it.
+
+        A process that has had this evidence before goes on with its own, and what it kept.
+        """
+        return _had, (type(self), {**self.__dict__, "_kept": OrderedDict(), "told": None})
 
     @property
     def commands_stamped(self) -> bool:
@@ -162,11 +172,11 @@ class Evidence:
         p, behind = late_last(p, "pose")
         timing = replace(timing, late=timing.late - behind, command_age=timing.command_age - behind)
         p, late = timing.advanced(p), (timing.late, timing.gyro)
-        moves = _moves(p)
+        moves, q = _moves(p), settled(p)
         return Residuals(
             self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
-            np.concatenate([self._once(_reads(p, signal, *late),
-                                       partial(self._sensor, p, signal, *late))
+            np.concatenate([self._once(_reads(p, q, signal, *late),
+                                       partial(self._sensor, p, q, signal, *late))
                             for signal in SENSED], axis=1))
 
     def tell(self) -> None:
@@ -196,7 +206,7 @@ class Evidence:
 
     def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
         """Of all windows: start (6, n) and motion seen (len(READ_OUTS), 3, n)."""
-        parts: Parts = [(self._grid(drive, p, q), drive.starts) for drive in self.drives]
+        parts: Parts = [(g, d.starts) for g, d in zip(self._grids(p, q), self.drives, strict=True)]
         states = measured_states(parts, (0, *READ_OUTS))
         return states[0], states[1:, 3:]
 
@@ -235,12 +245,14 @@ class Evidence:
             out.append(first_order_lag(command, lag, "mean"))
         return out
 
-    def _sensor(self, p: Vehicle, signal: str, late: float, apart: float) -> FloatArray:
-        """(m, channels of a signal that is only read), what it should read minus what it did."""
-        q = settled(p)
+    def _sensor(self, p: Vehicle, q: Vehicle, signal: str, late: float, apart: float
+                ) -> FloatArray:
+        """(m, channels of a signal that is only read), what it should read minus what it did.
+
+        q: p settled.
+        """
         key = q.body.l_r, _on(p, POSE)
-        seen = self._once(("measured", *key),
-                          lambda: [measured(self._grid(drive, p, q)) for drive in self.drives])
+        seen = self._once(("measured", *key), lambda: [measured(g) for g in self._grids(p, q)])
         if _on(p, frozenset({signal})):  # it may know the force
             seen = self._once(("pulled", *key, q.motor, q.friction, *pulled_by(p, q)), lambda: [
                 pulled(p, m, behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True))
@@ -254,10 +266,27 @@ class Evidence:
                                for part in (driven(p, m, drive, signal, age)
                                             - drive.read[~drive.still][:, mine], read[:, mine])])
 
+    def _grids(self, p: Vehicle, q: Vehicle) -> list[Grid]:
+        """The motion of each drive, without what p does to poses; q: p settled."""
+        grids: list[Grid] = self._once(("grids", q.body.l_r, _on(p, POSE)),
+                                       lambda: [self._grid(d, p, q) for d in self.drives])
+        return grids
+
     def _grid(self, drive: Drive, p: Vehicle, q: Vehicle) -> Grid:
         g = drive.without_mocap_effects(p, self.l_r)
         moved = q.body.l_r - self.l_r
         return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
+
+
+def _had(kind: type[Evidence], state: dict[str, Any]) -> Evidence:
+    """The evidence that this process has had by that name, or that of the state."""
+    name = state["_name"]
+    if name not in HAD:
+        HAD[name] = kind.__new__(kind)
+        HAD[name].__dict__.update(state)
+        if len(HAD) > FEW:
+            HAD.popitem(last=False)
+    return HAD[name]
 
 
 def only_read(effect: Effect) -> bool:
@@ -270,9 +299,9 @@ def _moves(p: Vehicle) -> Vehicle:
     return replace(p, effects=tuple(a for a in p.effects if not only_read(a.effect)))
 
 
-def _reads(p: Vehicle, signal: str, late: float, apart: float) -> tuple[Hashable, ...]:
-    """What readings of a signal depend on, of a vehicle and a measured motion."""
-    q, on = settled(p), _on(p, frozenset({signal}))
+def _reads(p: Vehicle, q: Vehicle, signal: str, late: float, apart: float) -> tuple[Hashable, ...]:
+    """What readings of a signal depend on, of a vehicle, settled: q, and a measured motion."""
+    on = _on(p, frozenset({signal}))
     drive = (q.motor, q.friction, pulled_by(p, q)) if on else ()
     return (signal, q.body, _on(p, POSE), on, drive, late, apart if signal == "gyro" else 0.0)
 
