@@ -115,8 +115,8 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     sure = {"abcd": (0.7, 0.6, 0.75, 0.1), "abc": (0.7, 0.6, 0.75), "ac": (0.65, 0.75),
             "c": (0.7,), "a": (0.99,), "ab": (0.95, 0.9)}
     monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
-    monkeypatch.setattr(names, "grade", lambda of, name, *rest: Grade(
-        sure.get(of, (0.5,) * len(of))[of.index(name)], ()))
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: {
+        name: Grade(p, ()) for name, p in zip(kept, sure.get(of, (0.5,) * len(of)), strict=True)})
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
@@ -130,7 +130,8 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
 def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
     """Predictions that are the same do not judge."""
     monkeypatch.setattr(names, "secants", lambda *given: None)
-    monkeypatch.setattr(names, "grade", lambda *given: Grade(1.0, ()))
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(
+        kept, Grade(1.0, ())))
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
     for points in (("", "a"), ("", "a", "a, fitted again")):

@@ -16,13 +16,13 @@ family of the first explains is no second cause.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dart_hal.evaluate.compare import draws as drawn
-from dart_hal.types import FloatArray
+from dart_hal.types import FloatArray, IntArray
 
 from ..policy import GradePolicy
 from .secants import Secants, modulations
@@ -52,10 +52,11 @@ class Problem:
     start: FloatArray
 
 
-def grade(of: Secants, name: str, above: Sequence[str], policy: GradePolicy, seed: int) -> Grade:
-    """Of one named effect; above: named effects that gained more."""
-    problem = _problem(of, name, above, policy)
-    return Grade(probability(problem, ABSENT, policy.draws, seed), sizes(of, name))
+def grades(of: Secants, names: Sequence[str], policy: GradePolicy, seed: int) -> dict[str, Grade]:
+    """Of each named effect, given with the largest gain first."""
+    every = _every(of, names, policy)
+    return {name: Grade(probability(_problem(of, every, name, names[:i]), ABSENT, policy.draws,
+                                    seed), sizes(of, name)) for i, name in enumerate(names)}
 
 
 def probability(problem: Problem, absent: float, draws: int, seed: int) -> float:
@@ -65,18 +66,18 @@ def probability(problem: Problem, absent: float, draws: int, seed: int) -> float
     out = (counts == 0.0).astype(np.float64)
     keep = out.sum(axis=1) > 0.0
     counts, out = counts[keep], out[keep]
-    normal = np.einsum("du,uij->dij", counts, problem.normal) + np.diag(problem.pull + 1e-9)
+    normal = np.tensordot(counts, problem.normal, 1) + np.diag(problem.pull + 1e-9)
     slope = counts @ problem.slope + problem.pull * problem.start
     with_it = -np.linalg.solve(normal, slope[..., None])[..., 0]
     with_it = np.where(with_it[:, -1:] < absent, np.nan, with_it)
     rest = slope[:, :-1] + absent * normal[:, :-1, -1]
     without = np.full_like(with_it, absent)
     without[:, :-1] = -np.linalg.solve(normal[:, :-1, :-1], rest[..., None])[..., 0]
-    judge_normal, judge_slope = np.einsum("du,uij->dij", out, problem.normal), out @ problem.slope
+    judge_normal, judge_slope = np.tensordot(out, problem.normal, 1), out @ problem.slope
 
     def loss(x: FloatArray) -> FloatArray:
-        return np.asarray(2.0 * (judge_slope * x).sum(axis=1)
-                          + np.einsum("di,dij,dj->d", x, judge_normal, x))
+        curved = (judge_normal @ x[..., None])[..., 0]
+        return np.asarray((x * (2.0 * judge_slope + curved)).sum(axis=1))
 
     return float(np.mean(loss(with_it) < loss(without)))  # NaN, an effect of the wrong sign: False
 
@@ -102,18 +103,45 @@ def sizes(of: Secants, name: str) -> tuple[tuple[float, float], ...]:
                  for p, s, k in zip(pulls, spread, known, strict=True))
 
 
-def _problem(of: Secants, name: str, above: Sequence[str], policy: GradePolicy) -> Problem:
+@dataclass(frozen=True, slots=True)
+class _Every:
+    """H (u, k, k), h (u, k) and prior pull (k,) of all columns that any problem has.
+
+    family, secant: by effect, where its columns are.
+    """
+
+    normal: FloatArray
+    slope: FloatArray
+    pull: FloatArray
+    family: Mapping[str, IntArray]
+    secant: Mapping[str, int]
+
+
+def _every(of: Secants, names: Sequence[str], policy: GradePolicy) -> _Every:
+    """All that is free, the families of all but the last, and the secants."""
     point = of.point
-    free = np.setdiff1d(np.arange(len(point.x)), of.coordinates[name])
-    family = [part for f in above for part in (
-        of.variants[f], policy.family * of.of[f][:, None] * modulations(of, policy.tail))]
-    columns = np.concatenate([point.jacobian[:, free], *family, of.of[name][:, None]], axis=1)
-    beside = columns.shape[1] - len(free) - 1
-    pull = np.concatenate([point.space.pull[free], np.ones(beside), [0.0]])
-    start = np.concatenate([point.x[free], np.zeros(beside + 1)])
-    weighted = columns * point.irls_weight[:, None]
-    units = int(of.unit.max()) + 1
-    normal = np.stack([weighted[of.unit == u].T @ columns[of.unit == u] for u in range(units)])
-    slope = np.stack([weighted[of.unit == u].T @ point.residual[of.unit == u]
-                      for u in range(units)])
-    return Problem(normal, slope, pull, start)
+    states = policy.family * (modulations(of, policy.tail) if names[1:] else np.zeros((1, 0)))
+    parts, family, k = [point.jacobian], dict[str, IntArray](), len(point.x)
+    for name in names[:-1]:
+        parts += [of.variants[name], of.of[name][:, None] * states]
+        family[name] = np.arange(k, k + parts[-2].shape[1] + parts[-1].shape[1])
+        k += len(family[name])
+    parts += [of.of[name][:, None] for name in names]
+    root = np.sqrt(point.irls_weight)
+    columns = np.concatenate(parts, axis=1) * root[:, None]
+    residual = root * point.residual
+    inside = [columns[here] for here in (of.unit == u for u in range(int(of.unit.max()) + 1))]
+    pull = np.concatenate([point.space.pull, np.ones(k - len(point.x)), np.zeros(len(names))])
+    return _Every(np.stack([x.T @ x for x in inside]),
+                  np.stack([x.T @ residual[of.unit == u] for u, x in enumerate(inside)]),
+                  pull, family, {name: k + i for i, name in enumerate(names)})
+
+
+def _problem(of: Secants, every: _Every, name: str, above: Sequence[str]) -> Problem:
+    """Of one effect; above: named effects that gained more."""
+    x = of.point.x
+    free = np.setdiff1d(np.arange(len(x)), of.coordinates[name])
+    at = np.concatenate([free, *(every.family[f] for f in above), [every.secant[name]]])
+    start = np.zeros(len(at))
+    start[:len(free)] = x[free]
+    return Problem(every.normal[:, at[:, None], at], every.slope[:, at], every.pull[at], start)

@@ -15,7 +15,7 @@ from ..policy import Policy
 from ..result import Constancy, Gained
 from ..search.fit import Point
 from ..search.forward import Search
-from .bag import Grade, grade
+from .bag import Grade, grades
 from .constancy import constancy
 from .secants import secants
 
@@ -120,8 +120,7 @@ class _Fits:
             return _Graded((), fit, {})
         policy, seed = self.with_.policy, self.with_.seed
         of = secants(self.with_.evidence, fit, names, policy)
-        return _Graded(tuple(names), fit, {
-            name: grade(of, name, names[:i], policy.grade, seed) for i, name in enumerate(names)})
+        return _Graded(tuple(names), fit, grades(of, names, policy.grade, seed))
 
     def of(self, names: Collection[str], near: Point) -> _Graded:
         """Of these, in the order in which they gain."""
