@@ -22,9 +22,6 @@ import numpy as np
 
 from dart_hal.types import BoolArray, FloatArray, IntArray
 
-FEW_BLOCKS = 100
-"""Up to as many Q is quicker, 4 to 15 times for the 15 of a minute; its cost is by their square."""
-
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
@@ -49,10 +46,16 @@ def predicted_share(columns: FloatArray, rows: Blocked, signs: FloatArray, ridge
     parts = [(phi[fold == k].T @ phi[fold == k], fold[first] == k) for k in np.unique(fold)]
     gram = sum(a for a, _ in parts) + ridge * np.eye(phi.shape[1])
     inverse = [np.linalg.inv(gram - a) for a, _ in parts]
-    explain = _by_form if len(first) <= FEW_BLOCKS else _by_fold
+    explain = _by_form if _quicker(len(first), phi.shape[1], len(parts), len(signs)) else _by_fold
     explained = explain(sums, [(a, g, here) for (a, here), g in zip(parts, inverse, strict=True)],
                         signs)
     return np.asarray(explained.T / np.maximum((y**2).sum(axis=0), 1e-12))
+
+
+def _quicker(blocks: int, columns: int, folds: int, turns: int) -> bool:
+    """Whether Q, made once, takes fewer multiplications than every fold at every turn."""
+    form = folds * (2 * blocks * columns**2 + blocks**2 * columns) + turns * blocks**2
+    return form < turns * (2 * folds * columns**2 + blocks * columns)
 
 
 Fold = tuple[FloatArray, FloatArray, BoolArray]
