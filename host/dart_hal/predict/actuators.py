@@ -7,6 +7,7 @@ came before it.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -62,12 +63,9 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     In blocks, each a product with the same triangle. (scipy's ``lfilter`` does the same;
     its module alone takes longer to import than a recording to evaluate.)
     """
-    n, ahead = u.shape[-1], np.arange(BLOCK)
+    n, (left, answer) = u.shape[-1], _block(keep)
     padded = np.concatenate([u, np.repeat(u[..., -1:], -n % BLOCK, axis=-1)], axis=-1)
     blocks = padded.reshape(*u.shape[:-1], -1, BLOCK)
-    since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
-    left = keep**ahead
-    answer = np.where(since >= 0, (1.0 - keep) * left[np.maximum(since, 0)], 0.0)
     forced = blocks @ answer
     last = keep * forced[..., -1] + (1.0 - keep) * blocks[..., -1]
     begin, over = [u[..., 0]], keep**BLOCK
@@ -76,6 +74,15 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
         begin.append(over * begin[-1] + one)
     out = forced + np.stack(begin[:-1], axis=-1)[..., None] * left
     return np.asarray(out.reshape(padded.shape)[..., :n])
+
+
+@lru_cache(maxsize=8)
+def _block(keep: float) -> tuple[FloatArray, FloatArray]:
+    """Of a lag: what is left of y_0 after each sample of a block, and y (j) by u (i), (i, j)."""
+    ahead = np.arange(BLOCK)
+    since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
+    left = np.asarray(keep**ahead, dtype=np.float64)
+    return left, np.where(since >= 0, (1.0 - keep) * left[np.maximum(since, 0)], 0.0)
 
 
 def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
