@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ QUIET = ", one of a standing car counted by how much less it shakes"
 ROLLOUT = "open-loop prediction over 1 s from the measured state, logged commands alone"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Side:
     """Recordings of one side, train or test: evidence, and cases where mocap saw them."""
 
@@ -53,10 +54,7 @@ class Side:
 
     def errors(self, p: Vehicle) -> FloatArray | None:
         """As ``evaluate.errors``; None without motion capture."""
-        if self.prepared is None:
-            return None
-        cases = self.prepared.cases
-        return errors(predict(settled(p), cases), measured(cases))
+        return None if self.prepared is None else _predicted(self, settled(p))
 
     def horizons(self, p: Vehicle | None, residuals: Residuals | None = None) -> dict[str, Any]:
         """Errors as ``evaluate`` gives them, of a model or (None) of constant velocity.
@@ -80,6 +78,13 @@ class Side:
             out[name] = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else None
             out["n"] = len(error)
         return out
+
+
+@lru_cache(maxsize=4)
+def _predicted(side: Side, p: Vehicle) -> FloatArray:
+    """Kept for a while: what is before one cause is after the one that gains more."""
+    cases = side.prepared.cases if side.prepared else ()
+    return errors(predict(p, cases), measured(cases))
 
 
 def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
