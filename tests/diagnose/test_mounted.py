@@ -11,10 +11,13 @@ import pytest
 import searched
 
 from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.evidence.noise import measure
+from dart_hal.diagnose.evidence.space import LATE, LATE_REACH, Space, Timing
 from dart_hal.diagnose.mounted import mounted, of_the_imu
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.result import Number
 from dart_hal.diagnose.run import evidence_of
+from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.diagnose.write import extended_model
@@ -33,10 +36,13 @@ def beside(seen, p=PAPER):
 
 @pytest.mark.more
 def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
-    askew = apply(apply(PAPER, "imu_yaw", k=0.04), "imu_lever_arm", k=0.02)
+    places = (("imu_yaw", 0.04), ("imu_lever_arm", 0.02), ("imu_offset_y", 0.02))
+    askew = PAPER
+    for name, true in places:
+        askew = apply(askew, name, k=true)
     seen = onboard_files.evidence(onboard_files.recorded(tmp_path, askew))
     _, told = beside(seen)
-    for name, true in (("imu_yaw", 0.04), ("imu_lever_arm", 0.02)):
+    for name, true in places:
         number = told[name]["k"]
         assert 0.0 < number.std < 0.5 * true
         assert number.value == pytest.approx(true, abs=3.0 * number.std)
@@ -91,6 +97,25 @@ def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
     number = told["gyro_scale"]["k"]
     assert 0.0 < number.std < 0.004
     assert number.value == pytest.approx(0.008, abs=3.0 * number.std)
+
+
+@pytest.mark.more
+def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path):
+    late = apply(PAPER, "mocap_latency", k=0.02)
+    path = hidden_drive.write(tmp_path / "car_1_a.csv", late, 1, hidden_drive.Plan(seconds=30.0))
+    published = evidence_of([read(path)], PAPER.body.l_r)[0]
+    own = type(published)([replace(d, recording=replace(d.recording, schema=RUN))
+                           for d in published.drives], PAPER.body.l_r)
+
+    def fitted(seen):
+        space = Space(PAPER, (), late=seen.late)
+        start = Timing(seen.late)
+        noise = measure(seen.residuals(PAPER, start), seen.blocks(2.0))
+        return refit(seen, noise, space, space.point(start)).timing.late
+
+    age = 0.0035  # a message is heard 1 to 6 ms late
+    assert fitted(own) == pytest.approx(age - 0.02, abs=0.001)
+    assert fitted(published) == pytest.approx(LATE - LATE_REACH, abs=1e-6)
 
 
 def test_the_extended_model_carries_it_with_its_error():

@@ -84,6 +84,7 @@ CHANGES = {
     "encoder_scale": ("wheel", 0.014), "encoder_slip": ("wheel", 0.009),
     "front_grip": ("omega", 0.06), "grip": ("omega", 0.05), "gyro_bias": ("gyro", 0.019),
     "gyro_latency": ("gyro", 0.2), "gyro_scale": ("gyro", 0.02), "imu_lever_arm": ("a_y", 0.2),
+    "imu_offset_y": ("a_y", 0.02),
     "imu_pitch": ("a_x", 0.19), "imu_roll": ("a_y", 0.19), "imu_yaw": ("a_x", 0.05),
     "lateral_pull": ("omega", 0.02), "load_transfer": ("omega", 0.02), "mass": ("omega", 0.04),
     "mocap_latency": ("x", 0.02), "mocap_offset_x": ("x", 0.003), "mocap_offset_y": ("y", 0.003),

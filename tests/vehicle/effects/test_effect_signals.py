@@ -231,17 +231,20 @@ def test_a_turned_imu_sees_force_along_its_own_axes(text, axes):
     assert [float(v[0]) for v in got] == pytest.approx([float(felt @ np.array(a)) for a in axes])
 
 
-def test_an_imu_ahead_feels_the_motion_of_its_own_place():
+@pytest.mark.parametrize(("name", "ahead", "left"), [
+    ("imu_lever_arm", 0.1, 0.0), ("imu_offset_y", 0.0, 0.1)])
+def test_an_imu_feels_the_motion_of_its_own_place(name, ahead, left):
     """Acceleration of a point on a turning car, by differences of its path."""
     t = np.arange(0.0, 1.0, 1e-4)
-    yaw, ahead = 0.8 * t + 0.6 * np.sin(2.0 * t), 0.1
-    path = ahead * np.stack([np.cos(yaw), np.sin(yaw)])
+    yaw = 0.8 * t + 0.6 * np.sin(2.0 * t)
+    path = np.stack([ahead * np.cos(yaw) - left * np.sin(yaw),
+                     ahead * np.sin(yaw) + left * np.cos(yaw)])
     world = np.gradient(np.gradient(path, t, axis=1), t, axis=1)
     body = np.stack([np.cos(yaw) * world[0] + np.sin(yaw) * world[1],
                      np.cos(yaw) * world[1] - np.sin(yaw) * world[0]])
     omega = 0.8 + 1.2 * np.cos(2.0 * t)
     still = np.zeros(len(t))
-    got = through(apply(PAPER, "imu_lever_arm", k=ahead), "accel", (still, still),
+    got = through(apply(PAPER, name, k=ahead + left), "accel", (still, still),
                   Now(omega=omega, omega_dot=-2.4 * np.sin(2.0 * t)), DT)
     assert np.abs(np.array(got) - body)[:, 5:-5].max() < 1e-5
 

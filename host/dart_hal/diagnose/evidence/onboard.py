@@ -50,7 +50,6 @@ class OnboardEvidence(Evidence):
     and, in units of its noise then, at rest; gyro at rest; encoder never.
     """
 
-    late = 0.0  # everything is on the clock of the messages
     exact = False  # a window starts from what sensors guess of its state
     drives: tuple[Session, ...]
 
@@ -58,10 +57,16 @@ class OnboardEvidence(Evidence):
         super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING)
 
     @property
+    def late(self) -> float:
+        """Everything is on the clock of the messages."""
+        return 0.0
+
+    @property
     def mounting(self) -> tuple[str, ...]:
         """How the IMU sits: no car is built truer than 3 degrees and a centimetre, and with nothing
         but this IMU to go by the search asks more of a name than to be visible."""
-        return ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "gyro_bias", "gyro_scale")
+        return ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "imu_offset_y", "gyro_bias",
+                "gyro_scale")
 
     @property
     def columns(self) -> dict[str, int]:

@@ -32,7 +32,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .drive import HALF, READ_OUTS, Drive
 from .readings import SENSORS, at_rest, driven, measured, pulled, resting
-from .space import EXACT, LATE, Timing
+from .space import EXACT, LATE, POSES_LATE, Timing
 
 MOTION = ("v_x", "v_y", "omega")
 SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
@@ -67,7 +67,6 @@ HAD: OrderedDict[str, Evidence] = OrderedDict()
 class Evidence:
     """Drives and how the residuals of any model on them are computed."""
 
-    late = LATE
     exact = True  # but for noise, with the right model nothing is left
 
     def __init__(self, drives: Sequence[Drive], l_r: float, overlap: float = 2.0) -> None:
@@ -85,6 +84,11 @@ class Evidence:
         A process that has had this evidence before goes on with its own, and what it kept.
         """
         return _had, (type(self), {**self.__dict__, "_kept": OrderedDict(), "told": None})
+
+    @property
+    def late(self) -> float:
+        """What age of a message is expected [s], on the clock of the poses."""
+        return POSES_LATE if self.commands_stamped else LATE
 
     @property
     def commands_stamped(self) -> bool:

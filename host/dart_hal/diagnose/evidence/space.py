@@ -26,6 +26,9 @@ from ..policy import USUAL, PriorPolicy
 LATE, LATE_REACH, LATE_SPREAD = 0.007, 0.0115, 0.008
 """s; age of a message at its stamp, beside mocap: the promptest arrival still waits for its line
 and for the next row, up to 10 ms. At most LATE_REACH from LATE, usually LATE_SPREAD."""
+POSES_LATE = -0.007
+"""s; the same in a run of our own, whose messages have no age: there poses are late instead, 3 to
+15 ms by an optical system, and not at all where that was calibrated. As far to both sides."""
 APART_REACH, APART_SPREAD = 0.008, 0.004
 """s; between gyro and encoder, at most and usually: half of what the smoothing reaches."""
 MAX_COMMAND_AGE = 0.100  # s; commands are logged with the next message, up to this late

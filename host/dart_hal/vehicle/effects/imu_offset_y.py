@@ -1,0 +1,37 @@
+"""Offset of the IMU across the car: it sits to the left of the centre of mass.
+
+    a_x - k d(omega)/dt, a_y - k omega^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    def signal(v: Any, now: Now) -> Any:
+        return v[0] - k * now.omega_dot, v[1] - k * now.omega * now.omega
+
+    return signal
+
+
+EFFECT = Effect(
+    name="imu_offset_y",
+    title="has an IMU to the left or right of its middle",
+    physics=(
+        "Off the middle of the car an accelerometer feels the turning sideways with the square "
+        "of its rate, to the same side in either turn. k is positive to the left."),
+    stage="measurement",
+    parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05)),),
+    confused_with=("imu_roll", "imu_lever_arm"),
+    experiment=(
+        "Measure the place with a ruler. Or steady fast circles to both sides: a side "
+        "acceleration of the same sign in both, which grows with the square of the turning "
+        "rate, where that of a tilted IMU stays when the car stands."),
+    signals={"accel": Static(accel)},
+)
