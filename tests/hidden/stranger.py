@@ -82,6 +82,7 @@ class Car:
     counted: list[Any] = field(default_factory=list)
     age: dict[str, float] = field(default_factory=dict)
     imu_at: float = 0.0945  # m ahead of the rear axle
+    imu_left: float = 0.0  # m to the left of its middle
     marks: int = 10
     lost_marks: int = 0
 

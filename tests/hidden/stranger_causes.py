@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from stranger import FRONT, MOMENT, REAR, SIDE_FRONT, SIDE_REAR, Car, G, H, Now, X
-from stranger_causes_sensors import SENSORS
+from stranger_causes_sensors import ALONE, SENSORS
 
 Cause = Callable[[Car, float], None]
 
@@ -247,7 +247,7 @@ FORCES: dict[str, Cause] = {f.__name__: f for f in (
     rolling_resistance, quadratic_drag, cornering_drag, differential_drag, grip, front_grip,
     rear_saturation, combined_slip, load_transfer, roll_compliance, yaw_damping, lateral_pull,
     road_slope_x, road_slope_y, mass, yaw_inertia, centre_of_mass)}
-CAUSES: dict[str, Cause] = ACTUATORS | FORCES | SENSORS
+CAUSES: dict[str, Cause] = ACTUATORS | FORCES | SENSORS | ALONE
 
 SIZES: dict[str, tuple[float, float, float]] = {
     "steering_delay": (0.02, 0.04, 0.08), "steering_lag": (0.03, 0.06, 0.12),
@@ -271,7 +271,7 @@ SIZES: dict[str, tuple[float, float, float]] = {
     "gyro_scale": (0.01, 0.03, 0.06), "gyro_latency": (0.02, 0.04, 0.08),
     "imu_pitch": (0.01, 0.02, 0.05), "imu_roll": (0.01, 0.02, 0.05),
     "imu_yaw": (0.02, 0.05, 0.1), "imu_lever_arm": (0.02, 0.05, 0.1),
-    "mocap_latency": (0.01, 0.03, 0.06),
+    "imu_offset_y": (0.02, 0.05, 0.1), "mocap_latency": (0.01, 0.03, 0.06),
     "mocap_offset_x": (0.003, 0.008, 0.02), "mocap_offset_y": (0.003, 0.008, 0.02),
     "mocap_yaw": (0.005, 0.01, 0.03), "clock_offset": (0.01, 0.03, 0.06),
 }
@@ -279,7 +279,7 @@ EITHER_SIGN = frozenset((
     "steering_trim", "steering_gain", "motor_gain", "motor_deadband", "pwm_clock", "grip",
     "front_grip", "lateral_pull", "road_slope_x", "road_slope_y", "centre_of_mass",
     "encoder_scale", "gyro_bias", "gyro_scale", "imu_pitch", "imu_roll", "imu_yaw", "imu_lever_arm",
-    "mocap_offset_x", "mocap_offset_y", "mocap_yaw"))
+    "imu_offset_y", "mocap_offset_x", "mocap_offset_y", "mocap_yaw"))
 NEGATIVE = frozenset(("battery_fade",))
 
 

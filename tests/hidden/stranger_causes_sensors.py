@@ -77,6 +77,10 @@ def imu_lever_arm(car: Car, k: float) -> None:
     car.imu_at += k
 
 
+def imu_offset_y(car: Car, k: float) -> None:
+    car.imu_left += k
+
+
 def mocap_latency(car: Car, k: float) -> None:
     car.age["pose"] = car.age.get("pose", 0.0) + k
 
@@ -103,3 +107,6 @@ SENSORS: dict[str, Callable[[Car, float], None]] = {f.__name__: f for f in (
     encoder_scale, encoder_slip, encoder_latency, encoder_ring, gyro_bias, gyro_scale,
     gyro_latency, imu_pitch, imu_roll, imu_yaw, imu_lever_arm, mocap_latency, mocap_offset_x,
     mocap_offset_y, mocap_yaw, clock_offset)}
+
+ALONE: dict[str, Callable[[Car, float], None]] = {"imu_offset_y": imu_offset_y}
+"""Known later than the others: not in pairs, whose draws were counted without."""

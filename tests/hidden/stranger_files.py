@@ -135,7 +135,9 @@ def _felt(truth: Truth, car: Car) -> tuple[np.ndarray, np.ndarray]:
     """Acceleration at the place of the IMU, by the rigid body."""
     arm = car.imu_at - car.lr
     spin = np.gradient(truth.turn, H)
-    return truth.ax - arm * truth.turn**2, truth.ay + arm * spin
+    beside = car.imu_left
+    return (truth.ax - arm * truth.turn**2 - beside * spin,
+            truth.ay + arm * spin - beside * truth.turn**2)
 
 
 def _encoder(truth: Truth, car: Car, habits: Habits, when: np.ndarray) -> np.ndarray:
