@@ -236,7 +236,8 @@ def test_what_all_recordings_have_is_one():
 
 # 7: the threshold belongs to the noise
 
-SOME = tuple(catalogue())[::3]
+SOME = tuple(n for n in catalogue() if n != "imu_offset_y")[::3]
+"""Every third, as they were chosen: what is gained by chance depends on which."""
 
 
 @pytest.mark.parametrize("push", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
