@@ -166,6 +166,7 @@ def test_where_recordings_are_few_a_sure_name_must_not_surely_raise_errors():
 def test_a_name_that_surely_raises_the_error_where_it_shows_is_left_out():
     helps, not_there = (judged(1.2, 1.1, 1.3, gain=g) for g in ((0.1, 0.3), (-0.3, -0.1)))
     assert _least(not_there, True, True) < 1.0 < _least(helps, True, True)
+    assert _least(not_there, False, True) > 1.0  # few recordings have no interval to go by
 
 
 @pytest.mark.more

@@ -68,6 +68,7 @@ def test_delay_shifts_by_whole_samples_and_holds_the_first_value(delay, samples)
     u = np.arange(1.0, 31.0)
     expected = np.concatenate([np.full(samples, 1.0), u])[:30]
     assert np.array_equal(delayed(u, delay), expected)
+    assert np.array_equal(delayed(u[::-1], -delay), expected[::-1])
 
 
 def test_delay_then_lag_then_map(empty):

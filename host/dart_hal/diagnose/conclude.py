@@ -19,7 +19,8 @@ from dart_hal.vehicle.parameters import Vehicle
 from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
-from .gains import Side, gained, overall
+from .evidence.space import Timing
+from .gains import Fitted, Side, gained, overall
 from .grade.names import Grading, Judged, Shown, shown
 from .grade.secants import secants
 from .mounted import Mounted, mounted, of_the_imu
@@ -91,8 +92,10 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
     moved = _moved(q, points[-1])
     claimed = _claims(q, last) if q.refit else ()
-    gain = overall((q.base, found.given), (as_logged(q, points[-1]), points[-1]), q.train, q.test,
-                   q.settings.seed, q.settings.policy.conclusion.gain_block_s)
+    given, fitted = (Fitted(point.vehicle, (p, p), (point.timing, point.timing))
+                     for point, p in ((found.given, q.base), (last, as_logged(q, last))))
+    gain = overall(given, fitted, q.train, q.test, q.settings.seed,
+                   q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
     return Diagnosis(
         verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
@@ -111,13 +114,12 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
     Whoever predicts from a log has its commands only when they stand there.
     """
-    return _from_log(point.vehicle, point) if q.refit else point.vehicle
+    return _from_log(point.vehicle, point.timing) if q.refit else point.vehicle
 
 
-def _from_log(p: Vehicle, point: Point) -> Vehicle:
-    """With the age of a point's commands taken off the delays."""
-    age = point.timing.command_age
-    return with_values(p, {name: max(0.0, value(p, name) - age)
+def _from_log(p: Vehicle, timing: Timing) -> Vehicle:
+    """With the age of commands taken off the delays."""
+    return with_values(p, {name: max(0.0, value(p, name) - timing.command_age)
                            for name in ("delay.steering_s", "delay.throttle_s")})
 
 
@@ -197,14 +199,9 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
 
 
-def _gain(q: Question, name: str, before: Point, after: Point) -> Gained:
-    """Of one cause, from the fit before it to the fit with it.
-
-    By the delay from the log, refitted or not: with the age of commands on top, one that is longer
-    than the model's seems to be worse.
-    """
-    sides = [(_from_log(settled(point.vehicle), point), point) for point in (before, after)]
-    return gained(catalogue()[name], sides[0], sides[1], q.train, q.test, q.settings.seed,
+def _gain(q: Question, name: str, before: Fitted, after: Fitted) -> Gained:
+    """Of one cause, from the fit before it to the fit with it."""
+    return gained(catalogue()[name], before, after, q.train, q.test, q.settings.seed,
                   q.settings.policy.conclusion.gain_block_s)
 
 
@@ -212,9 +209,27 @@ def _judged(q: Question, last: Point, names: Sequence[str], points: Sequence[Poi
             ) -> list[Judged]:
     """Each name on the test recordings, by the fit before it and that with it."""
     unseen = Unseen(q.test.evidence, last, q.settings.policy)
-    losses = [unseen.everything(point) for point in points[:len(names) + 1]]
-    return [Judged(ratio(losses[i + 1], losses[i], q.settings.seed),
-                   _gain(q, name, points[i], points[i + 1])) for i, name in enumerate(names)]
+    some = points[:len(names) + 1]
+    timings = [unseen.timing(point) for point in some]
+    losses = [unseen.everything(*one) for one in zip(some, timings, strict=True)]
+    judged = []
+    for i, name in enumerate(names):
+        ages = points[i + 1].timing, timings[i + 1]
+        fits = [_fitted(points[j], timings[j], ages) for j in (i, i + 1)]
+        judged.append(Judged(ratio(losses[i + 1], losses[i], q.settings.seed),
+                             _gain(q, name, *fits)))
+    return judged
+
+
+def _fitted(point: Point, test: Timing, ages: tuple[Timing, Timing]) -> Fitted:
+    """As it predicts by delays from the log, refitted or not: with the age of commands on top, one
+    that is longer than the model's seems to be worse.
+
+    test: timing of those recordings. ages: how old commands are in the logs of train and test; that
+    is of the logs, and the same for a fit without an effect and one with it.
+    """
+    train, other = (age.advanced(settled(point.vehicle)) for age in ages)
+    return Fitted(point.vehicle, (train, other), (point.timing, test))
 
 
 def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown

@@ -28,12 +28,13 @@ from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.residuals import SENSED, Evidence, Residuals
+from .evidence.space import Timing
 from .result import Gained
-from .search.fit import Point
 
 AT = HORIZONS.index(1.0)
 QUIET = ", one of a standing car counted by how much less it shakes"
-ROLLOUT = "open-loop prediction over 1 s from the measured state, logged commands alone"
+ROLLOUT = "open-loop prediction over 1 s from the measured state, "
+LOGGED, AGED = "logged commands alone", "logged commands at the age that suits the log"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,52 +97,69 @@ def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
         return Side(evidence, None)
 
 
-def gained(effect: Effect, before: tuple[Vehicle, Point], after: tuple[Vehicle, Point],
-           train: Side, test: Side, seed: int, block_s: float) -> Gained:
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A fit as it predicts. logged: its vehicle with delays counted from the logs of train and
+    test; timings: of their windows and messages."""
+
+    vehicle: Vehicle
+    logged: tuple[Vehicle, Vehicle]
+    timings: tuple[Timing, Timing]
+
+
+def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Side, seed: int,
+           block_s: float) -> Gained:
     """What an effect takes away where it shows; the channel is chosen on the training side.
 
-    before, after: the vehicle as it predicts from a log, and the fitted point; block_s: of the
-    bootstrap over residuals.
+    block_s: of the bootstrap over residuals.
     """
     if effect.stage != "measurement" and train.prepared and test.prepared:
-        channels = rollout_gains(before[0], after[0], train, train, seed)
+        channels = rollout_gains(before.logged[0], after.logged[0], train, train, seed)
         best = max(channels, key=lambda c: channels[c].test)
-        return rollout_gains(before[0], after[0], train, test, seed)[best]
+        return _rollout_gains(before.logged, after.logged, train, test, seed, AGED)[best]
     found = {}
     for name, column in _columns(effect, train.evidence).items():
-        found[name] = _residual_gain(name, column, before[1], after[1], train, test, seed, block_s)
+        found[name] = _residual_gain(name, column, before, after, train, test, seed, block_s)
     return max(found.values(), key=lambda g: g.train)
 
 
 def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
                   seed: int) -> dict[str, Gained]:
     """By channel at 1 s; empty without motion capture."""
+    return _rollout_gains((before, before), (after, after), train, test, seed)
+
+
+def _rollout_gains(before: tuple[Vehicle, Vehicle], after: tuple[Vehicle, Vehicle], train: Side,
+                   test: Side, seed: int, commands: str = LOGGED) -> dict[str, Gained]:
+    """The same with vehicles of their own on each side."""
     if train.prepared is None or test.prepared is None:
         return {}
-    sides = [(side.errors(before), side.errors(after)) for side in (train, test)]
+    sides = [(side.errors(p), side.errors(q))
+             for side, p, q in zip((train, test), before, after, strict=True)]
     block = _blocks(test.prepared.cases)
     out = {}
     for i, name in enumerate(CHANNELS):
         (a, b), (c, d) = ((x[AT, i], y[AT, i]) for x, y in sides)  # type: ignore[index]
         interval = gain(c, d, block, seed=seed)
-        out[name] = Gained(name, _share(a, b), interval.value, interval.low, interval.high, ROLLOUT)
+        out[name] = Gained(name, _share(a, b), interval.value, interval.low, interval.high,
+                           ROLLOUT + commands)
     return out
 
 
-def overall(before: tuple[Vehicle, Point], after: tuple[Vehicle, Point], train: Side, test: Side,
-            seed: int, block_s: float) -> dict[str, Gained]:
-    """``rollout_gains``, or what sensors tell of it; before and after as in ``gained``."""
+def overall(before: Fitted, after: Fitted, train: Side, test: Side, seed: int, block_s: float
+            ) -> dict[str, Gained]:
+    """``rollout_gains``, or what sensors tell of it."""
     if train.prepared and test.prepared:
-        return rollout_gains(before[0], after[0], train, test, seed)
-    return {name: _residual_gain(name, column, before[1], after[1], train, test, seed, block_s)
+        return _rollout_gains(before.logged, after.logged, train, test, seed)
+    return {name: _residual_gain(name, column, before, after, train, test, seed, block_s)
             for name, column in test.evidence.columns_at(1.0).items()}
 
 
-def _residual_gain(name: str, column: int, before: Point, after: Point, train: Side, test: Side,
+def _residual_gain(name: str, column: int, before: Fitted, after: Fitted, train: Side, test: Side,
                    seed: int, block_s: float) -> Gained:
     pairs = []
-    for side in (train, test):
-        a, b = (_pick(side.evidence.residuals(p.vehicle, p.timing), column)
+    for i, side in enumerate((train, test)):
+        a, b = (_pick(side.evidence.residuals(p.vehicle, p.timings[i]), column)
                 for p in (before, after))
         good = np.isfinite(a) & np.isfinite(b)
         labels = side.evidence.blocks(block_s)[0 if column >= 0 else 1]

@@ -29,7 +29,7 @@ Sampled = Literal["start", "middle", "mean"]
 
 
 def delayed(command: FloatArray, delay: float, smooth: bool = False) -> FloatArray:
-    """The series (n,) ``delay`` [s] later; before: its first value.
+    """The series (n,) ``delay`` [s] later, or below 0 earlier; beyond its ends what stands there.
 
     By whole samples, as open-loop evaluation is defined; smooth: linear
     between samples, so that a fit can find a delay below the grid's step.
@@ -37,7 +37,9 @@ def delayed(command: FloatArray, delay: float, smooth: bool = False) -> FloatArr
     if smooth:
         at = np.arange(len(command))
         return np.asarray(np.interp(at - delay / SAMPLE, at, command))
-    by = min(round(delay / SAMPLE), len(command))
+    by = max(-len(command), min(round(delay / SAMPLE), len(command)))
+    if by < 0:
+        return np.concatenate([command[-by:], np.repeat(command[-1:], -by)])
     return np.concatenate([np.repeat(command[:1], by), command[:len(command) - by]])
 
 

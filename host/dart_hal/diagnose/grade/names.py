@@ -165,14 +165,15 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
 
 
 def _least(found: Judged, several: bool, sure: bool) -> float:
-    """How many times as large errors are without it; 0 where it shows most and surely raises them.
+    """How many times as large errors are without it.
 
-    At least, by the interval, where recordings are several. Where they are few, a name that is sure
-    must not surely raise them; what is less sure must lower them.
+    At least, by the interval, where recordings are several; and 0 of one that surely raises them
+    where it shows. Where they are few, a name that is sure must not surely raise them; what is less
+    sure must lower them.
     """
-    if found.gain.high < 0.0:
-        return 0.0
     value, low, high = found.cost
+    if several and found.gain.high < 0.0:
+        return 0.0
     if not np.isfinite(low):
         return value
     return low if several else high if sure else value

@@ -37,14 +37,18 @@ class Unseen:
 
     def motion(self, point: Point) -> FloatArray:
         """(blocks,) of the motion alone, every read-out alike."""
-        r = self._residuals(point)
+        r = self._evidence.residuals(point.vehicle, self.timing(point))
         return self._by_block(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
-    def everything(self, point: Point) -> FloatArray:
-        """(blocks,) of motion and sensors, weighted as in the fits."""
-        r = self._residuals(point)
+    def everything(self, point: Point, timing: Timing) -> FloatArray:
+        """(blocks,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
+        r = self._evidence.residuals(point.vehicle, timing)
         residual, weight = self._noise.stacked(r)
         return self._by_block(r, weight * self._noise.loss(residual))
+
+    def timing(self, point: Point) -> Timing:
+        """That which suits these recordings best."""
+        return self._timing(point, self._noise)
 
     def _by_block(self, r: Residuals, losses: FloatArray) -> FloatArray:
         rows = rows_of(self._evidence, r, self._policy.blocks)
@@ -52,10 +56,6 @@ class Unseen:
         label = (rows.recording if many else rows.block)[:len(losses)]
         block = np.unique(label, return_inverse=True)[1].ravel()
         return np.asarray(np.bincount(block, losses), dtype=np.float64)
-
-    def _residuals(self, point: Point) -> Residuals:
-        """At the timing that suits these recordings best."""
-        return self._evidence.residuals(point.vehicle, self._timing(point, self._noise))
 
     @cached_property
     def _noise(self) -> Noise:
