@@ -84,7 +84,7 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
         judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-        least = {n: _least(judged[n], with_.several, kept.grades[n].probability >= surely)
+        least = {n: _least(judged[n].cost, with_.several, kept.grades[n].probability >= surely)
                  for n in kept.names}
         worst = min(kept.names, key=lambda n: least[n])
         if least[worst] >= 1.0:
@@ -164,16 +164,13 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
 
 
-def _least(found: Judged, several: bool, sure: bool) -> float:
+def _least(cost: Cost, several: bool, sure: bool) -> float:
     """How many times as large errors are without it.
 
-    At least, by the interval, where recordings are several; and 0 of one that surely raises them
-    where it shows. Where they are few, a name that is sure must not surely raise them; what is less
-    sure must lower them.
+    At least, by the interval, where recordings are several. Where they are few, a name that is sure
+    must not surely raise them; what is less sure must lower them.
     """
-    value, low, high = found.cost
-    if several and found.gain.high < 0.0:
-        return 0.0
+    value, low, high = cost
     if not np.isfinite(low):
         return value
     return low if several else high if sure else value
