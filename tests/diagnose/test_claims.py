@@ -26,7 +26,7 @@ from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.words import claim
-from dart_hal.diagnose.result import Claim, Constancy
+from dart_hal.diagnose.result import Change, Claim, Constancy
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
@@ -223,12 +223,18 @@ def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
     assert of.rise(of.every) == 0.0
 
 
-@pytest.mark.parametrize(("change", "verdict"), [(0.05, "parameters_only"), (0.4, "unexplained")])
-def test_a_parameter_whose_size_changes_does_not_explain(change, verdict):
-    """As of a motor that grows hot: one number of it is no number of the car."""
-    claimed = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), 1.0, (), "",
+@pytest.mark.parametrize(("change", "after", "verdict"), [
+    (0.05, 2.0, "parameters_only"), (0.4, 2.0, "unexplained"), (0.4, 1.02, "parameters_only")])
+def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict):
+    """As of a motor that grows hot: one number of it is no number of the car. Of what moved by 2 %
+    a part is next to nothing."""
+    claimed = Claim("motor", "motor", (), 1.0, {"pull": Change(1.0, after, 0.01, "N")},
+                    (1.2, 1.1, 1.3), 1.0, (), "",
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
+    explains = verdict == "parameters_only"
     assert _verdict(None, None, (), (), {}, (claimed,)) == verdict
+    assert ("its size changes with" in claim(claimed)) != explains
+    assert (claimed.to_json()["constancy"]["changes_with"] is None) == explains
     constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
     cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)
-    assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == (change < 0.1)
+    assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == explains

@@ -331,8 +331,7 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
              gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
-    sizes = (*(c.constancy for c in causes), *(c.constancy for c in claimed))
-    changes = not all(size.constant for size in sizes)
+    changes = not (all(c.constancy.constant for c in causes) and all(c.constant for c in claimed))
     if causes:  # one that surely makes predictions worse does not explain
         worse = any(c.gain.high < 0.0 for c in causes)
         return "partly_explained" if left or worse or changes else "explained"

@@ -166,6 +166,14 @@ class Claim:
     experiment: str
     constancy: Constancy
 
+    @property
+    def constant(self) -> bool:
+        """Whether its quantities may well be the same throughout, to a tenth of themselves: what a
+        number moved by may vary by several times where that is next to nothing."""
+        moved = min((abs(q.after - q.before) / max(abs(q.after), abs(q.before), 1e-12)
+                     for q in self.quantities.values()), default=1.0)
+        return self.constancy.constant or self.constancy.change * moved < self.constancy.least[1]
+
     def to_json(self) -> dict[str, Any]:
         """As in the list ``parameters``."""
         return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
@@ -173,7 +181,9 @@ class Claim:
                 "quantities": {k: c.to_json() for k, c in self.quantities.items()},
                 "cost": _cost(self.cost), "share": self.share,
                 "cannot_be_told_from": list(self.cannot_be_told_from),
-                "experiment": self.experiment, "constancy": self.constancy.to_json()}
+                "experiment": self.experiment,
+                "constancy": {**self.constancy.to_json(), "constant": self.constant,
+                              "changes_with": None if self.constant else self.constancy.along}}
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,7 +90,7 @@ def claims_section(d: Diagnosis) -> Html:
 
 def _changes(c: Claim) -> list[Html]:
     """One that is no constant, drawn."""
-    return [] if c.constancy.constant else _constant(c.group, c.constancy)
+    return [] if c.constant else _constant(c.group, c.constancy)
 
 
 def possible_section(d: Diagnosis) -> Html:

@@ -85,7 +85,7 @@ def claim(c: Claim) -> str:
         parts.append(f"whether it was {listed(stand_for[c.group], 'or')} these data do not tell")
     if c.cannot_be_told_from or c.group in stand_for:
         parts.append(f"to decide, drive: {_inside(c.experiment.rstrip('.'))}")
-    if not c.constancy.constant:
+    if not c.constant:
         parts.append(f"its size changes with {variable(c.constancy.along)} "
                      f"({p_value(c.constancy.p_value)})")
     return "; ".join(parts) + "."
