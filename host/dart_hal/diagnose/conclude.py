@@ -28,7 +28,7 @@ from .parameters.claims import Asked, claims
 from .parameters.cost import Cost, ratio
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
-from .report.words import removes, times_as_large
+from .report.words import removes, times
 from .result import (
     Cause,
     Claim,
@@ -261,7 +261,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"loss {named.held_out:.0f} lower on parts left out from its size",
         f"{key} is {away:.0f} standard errors from its null",
-        f"without it, {times_as_large(cost)}",
+        f"errors on recordings it has not seen are {times(cost)} without it",
         f"{gain.measure}: {removes(gain)}")
 
 

@@ -61,7 +61,7 @@ def verdict(d: Diagnosis) -> str:
 def sentence(cause: Cause) -> str:
     """What the car does, how much, what it is worth, and what it cannot be told from."""
     parts = [f"The car {cause.title}: {amount(cause)} (probability {cause.probability:.2f})",
-             removes(cause.gain), f"without it, {times_as_large(cause.cost)}"]
+             removes(cause.gain), f"all errors there are {times(cause.cost)} without it"]
     if not cause.constancy.constant:
         parts.append(f"its size changes with {variable(cause.constancy.along)} "
                      f"({p_value(cause.constancy.p_value)})")
@@ -100,14 +100,15 @@ def costs(c: Claim) -> str:
     """What becomes of the errors where these parameters are left as they were."""
     if not math.isfinite(c.cost[0]):
         return "what leaving it costs could not be measured"
-    return f"with it left as it was, and all else estimated anew, {times_as_large(c.cost)}"
+    return ("with it left as it was, and all else estimated anew, errors on recordings it has not "
+            f"seen are {times(c.cost)}")
 
 
-def times_as_large(cost: tuple[float, float, float]) -> str:
-    """"errors on recordings it has not seen are 1.07 [1.05, 1.09] times as large"."""
+def times(cost: tuple[float, float, float]) -> str:
+    """"1.07 [1.05, 1.09] times as large"."""
     ratio, low, high = cost
     between = f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else f" ({NO_INTERVAL})"
-    return f"errors on recordings it has not seen are {ratio:.2f}{between} times as large"
+    return f"{ratio:.2f}{between} times as large"
 
 
 def possible(p: Possible) -> str:
