@@ -10,8 +10,7 @@ import pytest
 from hidden_drive import Plan, write
 from searched import drive
 
-from dart_hal.diagnose import conclude as conclusions
-from dart_hal.diagnose import diagnose
+from dart_hal.diagnose import diagnose, judge
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Evidence
@@ -164,8 +163,8 @@ def test_where_recordings_are_few_a_sure_name_must_not_surely_raise_errors():
 def test_where_it_makes_errors_larger_a_name_is_only_possible(asked, monkeypatch, tmp_path):
     """The same drives with the cost turned about: the negative control is the name itself."""
     if not asked:
-        real = conclusions.ratio
-        monkeypatch.setattr(conclusions, "ratio", lambda with_, without, seed: real(
+        real = judge.ratio
+        monkeypatch.setattr(judge, "ratio", lambda with_, without, seed: real(
             without, with_, seed))
     train, test = (drive(("gyro_scale", 0.05), seconds=30.0, seed=s) for s in (3, 4))
     file, p = find_model("paper")

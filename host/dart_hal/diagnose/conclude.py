@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from dart_hal.types import FloatArray, IntArray
-from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
@@ -20,14 +19,14 @@ from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
-from .gains import Fitted, Side, gained, overall
-from .grade.names import Grading, Judged, Shown, shown
+from .gains import Fitted, Side, overall
+from .grade.names import Grading, Shown, shown
 from .grade.secants import secants
+from .judge import judge
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
-from .parameters.cost import Cost, ratio
+from .parameters.cost import Cost
 from .parameters.sets import Sets
-from .parameters.unseen import Unseen
 from .report.words import removes, times
 from .result import (
     Cause,
@@ -78,7 +77,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(_judged, q, found.point),
+                      partial(judge, q.train, q.test, q.settings, found.point),
                       len({d.recording.sha256 for d in q.test.evidence.drives})
                       >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
@@ -197,39 +196,6 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
     r = q.test.evidence.residuals(fitted, timing)
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
-
-
-def _gain(q: Question, name: str, before: Fitted, after: Fitted) -> Gained:
-    """Of one cause, from the fit before it to the fit with it."""
-    return gained(catalogue()[name], before, after, q.train, q.test, q.settings.seed,
-                  q.settings.policy.conclusion.gain_block_s)
-
-
-def _judged(q: Question, last: Point, names: Sequence[str], points: Sequence[Point]
-            ) -> list[Judged]:
-    """Each name on the test recordings, by the fit before it and that with it."""
-    unseen = Unseen(q.test.evidence, last, q.settings.policy)
-    some = points[:len(names) + 1]
-    timings = [unseen.timing(point) for point in some]
-    losses = [unseen.everything(*one) for one in zip(some, timings, strict=True)]
-    judged = []
-    for i, name in enumerate(names):
-        ages = points[i + 1].timing, timings[i + 1]
-        fits = [_fitted(points[j], timings[j], ages) for j in (i, i + 1)]
-        judged.append(Judged(ratio(losses[i + 1], losses[i], q.settings.seed),
-                             _gain(q, name, *fits)))
-    return judged
-
-
-def _fitted(point: Point, test: Timing, ages: tuple[Timing, Timing]) -> Fitted:
-    """As it predicts by delays from the log, refitted or not: with the age of commands on top, one
-    that is longer than the model's seems to be worse.
-
-    test: timing of those recordings. ages: how old commands are in the logs of train and test; that
-    is of the logs, and the same for a fit without an effect and one with it.
-    """
-    train, other = (age.advanced(settled(point.vehicle)) for age in ages)
-    return Fitted(point.vehicle, (train, other), (point.timing, test))
 
 
 def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown
