@@ -18,7 +18,7 @@ from dart_hal.diagnose.evidence.residuals import Evidence, Residuals
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.parameters.claims import _costly, _together
-from dart_hal.diagnose.parameters.cost import cost, shapley
+from dart_hal.diagnose.parameters.cost import cost, ratio, shapley
 from dart_hal.diagnose.parameters.groups import GROUPS, quantities_of, steady_speed
 from dart_hal.diagnose.parameters.sets import Posterior, Sets
 from dart_hal.diagnose.parameters.unseen import Unseen
@@ -171,7 +171,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
         return out.motion(point)
 
     losses = {frozenset(): unseen(1.5), frozenset({"motor"}): unseen(1.0)}
-    ratio, low, _ = cost(losses.__getitem__, frozenset({"motor"}), "motor", 0)
+    ratio, low, _ = cost(losses.__getitem__, frozenset({"motor"}), "motor")
     assert ratio > USUAL.claims.worth
     assert low > 1.0
 
@@ -238,3 +238,20 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
     constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
     cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)
     assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == explains
+
+
+def test_the_interval_of_a_cost_knows_how_few_its_stretches_are():
+    """Four stretches of a random ratio: within the interval in 0.9 of 2000 draws, and too narrow
+    by the bootstrap quantiles of so few, which is the control."""
+    rng = np.random.default_rng(3)
+    inside = narrow = 0
+    for _ in range(2000):
+        base = rng.normal(100.0, 5.0, 4)
+        more = base * rng.normal(1.3, 0.1, 4)
+        _, low, high = ratio(base, more)
+        inside += low <= np.sqrt(1.3) <= high
+        picks = rng.integers(0, 4, (200, 4))
+        drawn = np.sqrt(more[picks].sum(axis=1) / base[picks].sum(axis=1))
+        narrow += np.quantile(drawn, 0.05) <= np.sqrt(1.3) <= np.quantile(drawn, 0.95)
+    assert inside / 2000 == pytest.approx(0.9, abs=0.03)
+    assert narrow / 2000 < 0.8

@@ -35,7 +35,7 @@ def judge(train: Side, test: Side, settings: Settings, last: Point, names: Seque
         ages = points[i + 1].timing, timings[i + 1]
         before, after = (_fitted(points[j], timings[j], ages) for j in (i, i + 1))
         judged.append(Judged(
-            ratio(losses[i + 1], losses[i], settings.seed),
+            ratio(losses[i + 1], losses[i]),
             gained(catalogue()[name], before, after, train, test, settings.seed,
                    settings.policy.conclusion.gain_block_s)))
     return judged

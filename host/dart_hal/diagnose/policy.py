@@ -182,6 +182,7 @@ class ClaimPolicy:
     worth: float = 1.03  # ... if errors on unseen recordings are so many times as large without it,
     # (of 41 of the campaign 33 are exact, 30 at 1.01; 32 with a P of 0.8) ...
     sure: float = 0.97  # ... below this probability by the lower end of a 90 % interval
+    stretch_s: float = 15.0  # s, of an unseen recording, for the interval of what is lost in it
     stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
     instead: float = 0.1  # probability of another group without this one, to be its confounder
     unsure: float = 0.05  # probability by which a pair is surer than either of it: one claim

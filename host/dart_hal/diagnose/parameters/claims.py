@@ -56,7 +56,7 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
         return ()
     unseen = Unseen(asked.test, of.full, of.policy)
     losses = cache(lambda free: unseen.motion(of.fit(free)))
-    costs = {part: cost(losses, every, part, asked.seed) for part in believed}
+    costs = {part: cost(losses, every, part) for part in believed}
     held = [part for part, p in believed.items() if _costly(costs[part], p, policy)
             and _beyond_what_is_stated(of, part)]
     shares = _shares(losses, held, every)

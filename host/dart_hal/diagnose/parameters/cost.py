@@ -4,8 +4,13 @@
     share_g = Shapley value of g in -sum rho(r) over subsets of the claimed groups, of all of it
 
 r: whitened errors of the motion in the test recordings, rho: the loss of the fits, for a spin that
-no model follows must not outweigh all the rest; the 90 % interval of l_g is a bootstrap over
-blocks (or recordings). All: the groups that are believed to have been wrong.
+no model follows must not outweigh all the rest. All: the groups that are believed to have been
+wrong. The 90 % interval of l_g is Student's, by batch means over n stretches u (or recordings):
+
+    ln l_g +- t_(n-1) se / 2        se^2 = n / (n - 1) sum_u (A_u - R B_u)^2 / A^2,  R = A / B
+
+with A, B the losses without g and with all. Neighbours within a stretch have much in common, so few
+long ones say more truly how far other driving may be off than many short ones.
 """
 
 from __future__ import annotations
@@ -15,33 +20,36 @@ from itertools import combinations
 from math import factorial
 
 import numpy as np
+from scipy.special import stdtrit
 
-from dart_hal.evaluate.compare import LEAST_BLOCKS, draws
+from dart_hal.evaluate.compare import LEAST_BLOCKS
 from dart_hal.types import FloatArray
 
 from .sets import Set
 
-LEVEL = (0.05, 0.95)  # quantiles of a 90 % interval
+LEVEL = 0.95  # quantile at the upper end of a 90 % interval
 
 Cost = tuple[float, float, float]
 """A ratio of errors, and the ends of its interval."""
 
 
-def cost(losses: Callable[[Set], FloatArray], every: Set, group: str | Set, seed: int) -> Cost:
-    """(l_g, its 90 % interval); losses: by block (or recording) with some groups free."""
+def cost(losses: Callable[[Set], FloatArray], every: Set, group: str | Set) -> Cost:
+    """(l_g, its 90 % interval); losses: by stretch (or recording) with some groups free."""
     left = frozenset({group}) if isinstance(group, str) else group
-    return ratio(losses(every), losses(every - left), seed)
+    return ratio(losses(every), losses(every - left))
 
 
-def ratio(with_all: FloatArray, without: FloatArray, seed: int) -> Cost:
-    """Of the root of two losses by block, with its 90 % interval; NaN with too few blocks."""
-    value = float(np.sqrt(without.sum() / max(with_all.sum(), 1e-12)))
-    if len(with_all) < LEAST_BLOCKS:
+def ratio(with_all: FloatArray, without: FloatArray) -> Cost:
+    """Of the root of two losses by stretch, with its 90 % interval; NaN with too few of them."""
+    total = max(float(with_all.sum()), 1e-12)
+    of_losses, n = float(without.sum()) / total, len(with_all)
+    value = float(np.sqrt(of_losses))
+    if n < LEAST_BLOCKS:
         return value, np.nan, np.nan
-    count = draws(np.arange(len(with_all)), seed=seed)
-    drawn = np.sqrt((count @ without) / np.maximum(count @ with_all, 1e-12))
-    low, high = np.quantile(drawn, LEVEL)
-    return value, float(low), float(high)
+    rest = without - of_losses * with_all
+    error = float(np.sqrt(n / (n - 1) * (rest @ rest))) / max(without.sum(), 1e-12)
+    reach = np.exp(0.5 * float(stdtrit(n - 1, LEVEL)) * error)
+    return value, value / float(reach), value * float(reach)
 
 
 def shapley(value: Mapping[Set, float], groups: Sequence[str]) -> dict[str, float]:

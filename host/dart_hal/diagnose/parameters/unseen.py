@@ -29,19 +29,19 @@ delay is uncertain by two of the 5 ms that files state of one."""
 
 
 class Unseen:
-    """The test recordings: loss of whitened errors of any fit, by block (or whole recording)."""
+    """The test recordings: loss of whitened errors of any fit, by stretch (or whole recording)."""
 
     def __init__(self, evidence: Evidence, last: Point, policy: Policy) -> None:
         """last: the fit whose noise weighs the errors of all."""
         self._evidence, self._last, self._policy = evidence, last, policy
 
     def motion(self, point: Point) -> FloatArray:
-        """(blocks,) of the motion alone, every read-out alike."""
+        """(stretches,) of the motion alone, every read-out alike."""
         r = self._evidence.residuals(point.vehicle, self.timing(point))
         return self._by_block(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
     def everything(self, point: Point, timing: Timing) -> FloatArray:
-        """(blocks,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
+        """(stretches,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
         r = self._evidence.residuals(point.vehicle, timing)
         residual, weight = self._noise.stacked(r)
         return self._by_block(r, weight * self._noise.loss(residual))
@@ -51,7 +51,8 @@ class Unseen:
         return self._timing(point, self._noise)
 
     def _by_block(self, r: Residuals, losses: FloatArray) -> FloatArray:
-        rows = rows_of(self._evidence, r, self._policy.blocks)
+        stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
+        rows = rows_of(self._evidence, r, stretches)
         many = int(rows.recording.max()) + 1 >= self._policy.blocks.units
         label = (rows.recording if many else rows.block)[:len(losses)]
         block = np.unique(label, return_inverse=True)[1].ravel()
