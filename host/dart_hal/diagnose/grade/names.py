@@ -80,12 +80,10 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     fits = _Fits(with_, at, noise, names)
     kept, left_out = fits.sure(fits.graded(names, points[-1]))
     kept, left_out = fits.back(kept, left_out)
-    surely = with_.policy.claims.sure
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
         judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-        least = {n: _least(judged[n].cost, with_.several, kept.grades[n].probability >= surely)
-                 for n in kept.names}
+        least = {n: _least(judged[n].cost, with_.several) for n in kept.names}
         worst = min(kept.names, key=lambda n: least[n])
         if least[worst] >= 1.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
@@ -164,13 +162,7 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
 
 
-def _least(cost: Cost, several: bool, sure: bool) -> float:
-    """How many times as large errors are without it.
-
-    At least, by the interval, where recordings are several. Where they are few, a name that is sure
-    must not surely raise them; what is less sure must lower them.
-    """
-    value, low, high = cost
-    if not np.isfinite(low):
-        return value
-    return low if several else high if sure else value
+def _least(cost: Cost, several: bool) -> float:
+    """How many times as large errors are without it; surely so, where recordings are several."""
+    value, low, _ = cost
+    return low if several and np.isfinite(low) else value
