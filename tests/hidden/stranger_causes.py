@@ -271,7 +271,7 @@ SIZES: dict[str, tuple[float, float, float]] = {
     "gyro_scale": (0.01, 0.03, 0.06), "gyro_latency": (0.02, 0.04, 0.08),
     "imu_pitch": (0.01, 0.02, 0.05), "imu_roll": (0.01, 0.02, 0.05),
     "imu_yaw": (0.02, 0.05, 0.1), "imu_lever_arm": (0.02, 0.05, 0.1),
-    "imu_offset_y": (0.02, 0.05, 0.1), "mocap_latency": (0.01, 0.03, 0.06),
+    "imu_offset_y": (0.01, 0.02, 0.05), "mocap_latency": (0.01, 0.03, 0.06),
     "mocap_offset_x": (0.003, 0.008, 0.02), "mocap_offset_y": (0.003, 0.008, 0.02),
     "mocap_yaw": (0.005, 0.01, 0.03), "clock_offset": (0.01, 0.03, 0.06),
 }
