@@ -88,6 +88,8 @@ def report(found: Mapping[str, Any]) -> None:
     """Print shares with their intervals."""
     costs = [c for line in found.values() for c in line["costs"].values()]
     for what, some in (("believed", costs), ("shown", [c for c in costs if c["shown"]])):
+        if not some:
+            continue
         inside = [c["ci90"][0] <= c["long"] <= c["ci90"][1] for c in some]
         above = sum(c["long"] > c["ci90"][1] for c in some)
         low, high = binomtest(sum(inside), len(inside)).proportion_ci(0.9, "wilson")
