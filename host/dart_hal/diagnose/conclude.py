@@ -18,20 +18,19 @@ from dart_hal.vehicle.parameters import Vehicle
 from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
-from .evidence.space import Timing
 from .gains import Fitted, Side, overall
 from .grade.names import Grading, Shown, shown
 from .grade.secants import secants
 from .judge import judge
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
-from .parameters.cost import Cost
 from .parameters.sets import Sets
 from .report.words import removes, times
 from .result import (
     Cause,
     Claim,
     Considered,
+    Cost,
     Diagnosis,
     Gained,
     Moved,
@@ -113,13 +112,9 @@ def as_logged(q: Question, point: Point) -> Vehicle:
 
     Whoever predicts from a log has its commands only when they stand there.
     """
-    return _from_log(point.vehicle, point.timing) if q.refit else point.vehicle
-
-
-def _from_log(p: Vehicle, timing: Timing) -> Vehicle:
-    """With the age of commands taken off the delays."""
-    return with_values(p, {name: max(0.0, value(p, name) - timing.command_age)
-                           for name in ("delay.steering_s", "delay.throttle_s")})
+    p, age = point.vehicle, point.timing.command_age
+    return p if not q.refit else with_values(p, {
+        name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
 
 
 def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:

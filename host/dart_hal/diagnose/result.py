@@ -10,6 +10,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.residuals import Evidence, Residuals
 
+Cost = tuple[float, float, float]
+"""A ratio of errors, and the ends of its 90 % interval; those are NaN with too few data for one."""
 VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "parameters_only")
 
 
@@ -117,7 +119,7 @@ class Cause:
     probability: float
     sizes: Mapping[str, tuple[float, float]]
     constancy: Constancy
-    cost: tuple[float, float, float]
+    cost: Cost
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``causes``."""
@@ -160,7 +162,7 @@ class Claim:
     parameters: tuple[str, ...]
     probability: float
     quantities: Mapping[str, Change]
-    cost: tuple[float, float, float]
+    cost: Cost
     share: float
     cannot_be_told_from: tuple[str, ...]
     experiment: str
@@ -242,7 +244,7 @@ class Unexplained:
                 "p_value": self.p_value, "share": self.share}
 
 
-def _cost(cost: tuple[float, float, float]) -> dict[str, Any]:
+def _cost(cost: Cost) -> dict[str, Any]:
     ratio, low, high = cost
     return {"ratio": ratio, "ci90": [low, high]}
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
-from ..parameters.cost import Cost
 from ..policy import Policy
-from ..result import Constancy, Gained
+from ..result import Constancy, Cost, Gained
 from ..search.fit import Point
 from ..search.forward import Search
 from .bag import Grade, grades

@@ -17,9 +17,9 @@ from ..evidence.residuals import Evidence
 from ..grade.constancy import constancy
 from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
-from ..result import Change, Claim
+from ..result import Change, Claim, Cost
 from ..search.fit import Point
-from .cost import Cost, cost, shapley
+from .cost import cost, shapley
 from .groups import GROUPS, MERGED, Quantity
 from .sets import Posterior, Set, Sets, posterior
 from .unseen import Unseen

@@ -25,12 +25,10 @@ from scipy.special import stdtrit
 from dart_hal.evaluate.compare import LEAST_BLOCKS
 from dart_hal.types import FloatArray
 
+from ..result import Cost
 from .sets import Set
 
 LEVEL = 0.95  # quantile at the upper end of a 90 % interval
-
-Cost = tuple[float, float, float]
-"""A ratio of errors, and the ends of its interval."""
 
 
 def cost(losses: Callable[[Set], FloatArray], every: Set, group: str | Set) -> Cost:

@@ -24,8 +24,8 @@ from ..policy import Policy
 from ..search.fit import QUICK, Point, loss_at, refit
 
 BEYOND = 0.010
-"""s, by which an age may leave its range here, where delays are held: what of both a fit takes for
-delay is uncertain by two of the 5 ms that files state of one."""
+"""s, by which an age may leave its range here, where delays are held: how a fit divides a time into
+delay and age is uncertain, by two standard errors of the 5 ms that files state of a delay."""
 
 
 class Unseen:
@@ -38,19 +38,19 @@ class Unseen:
     def motion(self, point: Point) -> FloatArray:
         """(stretches,) of the motion alone, every read-out alike."""
         r = self._evidence.residuals(point.vehicle, self.timing(point))
-        return self._by_block(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
+        return self._by_stretch(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
     def everything(self, point: Point, timing: Timing) -> FloatArray:
         """(stretches,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
         r = self._evidence.residuals(point.vehicle, timing)
         residual, weight = self._noise.stacked(r)
-        return self._by_block(r, weight * self._noise.loss(residual))
+        return self._by_stretch(r, weight * self._noise.loss(residual))
 
     def timing(self, point: Point) -> Timing:
         """That which suits these recordings best."""
         return self._timing(point, self._noise)
 
-    def _by_block(self, r: Residuals, losses: FloatArray) -> FloatArray:
+    def _by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
         stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
         rows = rows_of(self._evidence, r, stretches)
         many = int(rows.recording.max()) + 1 >= self._policy.blocks.units

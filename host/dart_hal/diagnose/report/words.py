@@ -11,6 +11,7 @@ from dart_hal.diagnose.result import (
     Cause,
     Change,
     Claim,
+    Cost,
     Diagnosis,
     Gained,
     Moved,
@@ -104,7 +105,7 @@ def costs(c: Claim) -> str:
             f"seen are {times(c.cost)}")
 
 
-def times(cost: tuple[float, float, float]) -> str:
+def times(cost: Cost) -> str:
     """"1.07 [1.05, 1.09] times as large"."""
     ratio, low, high = cost
     between = f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else f" ({NO_INTERVAL})"
