@@ -35,11 +35,6 @@ def linear_drag(car: Car, k: float) -> None:
     car.force.append(act)
 
 
-def loose_centre(car: Car, k: float) -> None:
-    """Play about the middle only: within k/2 of straight ahead the wheels do not answer."""
-    car.angle.append(lambda u, now: math.copysign(max(abs(u) - 0.5 * k, 0.0), u))
-
-
 def hard_rear(car: Car, k: float) -> None:
     """The rear axle slides at 1/k [N] and holds as ever below."""
     def act(f: list[float], now: Now) -> None:
@@ -153,8 +148,8 @@ def _low_pass(v: np.ndarray, seconds: float) -> np.ndarray:
 
 NEAR: dict[str, tuple[Cause, float]] = {
     "ringing_servo": (ringing_servo, 0.05), "cubic_drag": (cubic_drag, 0.08),
-    "linear_drag": (linear_drag, 0.15), "loose_centre": (loose_centre, 0.05),
-    "hard_rear": (hard_rear, 0.43), "slow_load_transfer": (slow_load_transfer, 1.2),
+    "linear_drag": (linear_drag, 0.15), "hard_rear": (hard_rear, 0.43),
+    "slow_load_transfer": (slow_load_transfer, 1.2),
     "square_damping": (square_damping, 0.006), "rubber_linkage": (rubber_linkage, 0.02),
     "throttle_slew": (throttle_slew, 1.0), "sagging_battery": (sagging_battery, 0.12),
     "falling_cell": (falling_cell, 0.12), "one_sided_gyro": (one_sided_gyro, 0.05),
@@ -166,7 +161,6 @@ FAMILY: dict[str, frozenset[str]] = {name: frozenset(family.split()) for name, f
     "ringing_servo": "steering_lag steering_delay steering_rate_limit",
     "cubic_drag": "quadratic_drag rolling_resistance motor_gain",
     "linear_drag": "quadratic_drag rolling_resistance motor_gain",
-    "loose_centre": "steering_backlash steering_gain pwm_quantisation steering_trim",
     "hard_rear": "rear_saturation roll_compliance combined_slip grip",
     "slow_load_transfer": "load_transfer combined_slip",
     "square_damping": "yaw_damping differential_drag",

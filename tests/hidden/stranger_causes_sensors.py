@@ -107,6 +107,3 @@ SENSORS: dict[str, Callable[[Car, float], None]] = {f.__name__: f for f in (
     encoder_scale, encoder_slip, encoder_latency, encoder_ring, gyro_bias, gyro_scale,
     gyro_latency, imu_pitch, imu_roll, imu_yaw, imu_lever_arm, mocap_latency, mocap_offset_x,
     mocap_offset_y, mocap_yaw, clock_offset)}
-
-ALONE: dict[str, Callable[[Car, float], None]] = {"imu_offset_y": imu_offset_y}
-"""Known later than the others: not in pairs, whose draws were counted without."""

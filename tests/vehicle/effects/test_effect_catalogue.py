@@ -28,7 +28,7 @@ mass yaw_inertia centre_of_mass
 encoder_scale encoder_slip encoder_latency encoder_ring gyro_bias gyro_scale gyro_latency imu_pitch
 imu_roll imu_lever_arm mocap_latency mocap_offset_x mocap_offset_y mocap_yaw clock_offset
 """.split())  # noqa: SIM905
-ADDED = {"encoder_axle", "imu_offset_y", "imu_yaw"}
+ADDED = {"encoder_axle", "imu_offset_y", "imu_yaw", "steering_dead_zone"}
 EVERY = pytest.mark.parametrize("of", catalogue().values(), ids=catalogue())
 
 

@@ -134,6 +134,12 @@ def test_play_is_a_loop_of_its_width():
     assert (got - u)[settled][(~up & crossing)[settled]] == pytest.approx(0.03, abs=1e-9)
 
 
+def test_a_dead_zone_is_straight_in_the_middle_whichever_side_it_came_from():
+    u = np.array([0.2, 0.031, 0.02, -0.02, -0.031, -0.2, -0.02, 0.02])
+    got = through(apply(PAPER, "steering_dead_zone", k=0.06), "angle", u, Now(), DT)
+    assert got == pytest.approx([0.17, 0.001, 0.0, 0.0, -0.001, -0.17, 0.0, 0.0], abs=1e-12)
+
+
 def test_a_rate_limit_takes_its_time_per_unit_of_command():
     u = np.where(np.arange(200) < 10, -0.4, 0.4)
     got = through(apply(PAPER, "steering_rate_limit", k=0.5), "steering", u, Now(), DT)

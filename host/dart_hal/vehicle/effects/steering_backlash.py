@@ -37,7 +37,8 @@ EFFECT = Effect(
         "left than coming from the right. k is the whole width."),
     stage="actuator",
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10)),),
-    confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay"),
+    confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",
+                   "steering_dead_zone"),
     experiment=(
         "Circles of the same command reached from the left and from the right at "
         "constant low speed: play gives two radii, a trim gives one."),

@@ -1,0 +1,39 @@
+"""Steering dead zone: the wheels stay straight until the linkage has left the middle.
+
+    delta - clip(delta, -k/2, k/2)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
+from dart_hal.vehicle.namespace import Namespace, Value
+from dart_hal.vehicle.parameters import Vehicle
+
+
+def angle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
+    half = 0.5 * k
+
+    def signal(v: Any, now: Now) -> Any:
+        return v - f.fmax(-half, f.fmin(half, v))
+
+    return signal
+
+
+EFFECT = Effect(
+    name="steering_dead_zone",
+    title="does not steer for small commands about straight ahead",
+    physics=(
+        "Play in the linkage, with wheels that run after their steering axis: rolling pulls "
+        "them to the middle of what the play leaves them, whichever side they come from, so that "
+        "they stand straight within it. k is the whole width."),
+    stage="actuator",
+    parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10)),),
+    confused_with=("steering_backlash", "steering_gain", "steering_compliance"),
+    experiment=(
+        "Small commands to either side of straight ahead, coming from left and from right: the "
+        "car goes straight for all of them, where backlash leaves the angle it had before."),
+    signals={"angle": Static(angle)},
+)
