@@ -4,10 +4,10 @@
     python tests/hidden/any_car.py --calibrate --keep DRIVES --out FILE     resumed where it was
 
 With ``--calibrate`` the car is measured as ``dart-hal calibrate all`` does. A first drive gives
-each car its model, as ``dart-hal diagnose --out`` does; two more, by other draws, are diagnosed
-with it. ``--poses``: motion capture sees the drives. Right is silence, or parameters alone. One
-line a car. ``--keep``: drives are filmed and stay below that folder; asked again, with or without
-``--poses``, they are not driven again.
+each car its model, as ``dart-hal diagnose --out`` does, from ``--model measured`` if it is; two
+more, by other draws, are diagnosed with it. ``--poses``: motion capture sees the drives. Right is
+silence, or parameters alone. One line a car. ``--keep``: drives are filmed and stay below that
+folder; asked again, with or without ``--poses``, they are not driven again.
 """
 
 from __future__ import annotations
@@ -31,17 +31,19 @@ from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
 from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
-from dart_hal.config import save_model
+from dart_hal.config import ModelFile, save_model
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.diagnose.write import extended_model
+from dart_hal.identify.measured import MEASURED, named_model
 from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.process.jobs import each
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.parameters import Vehicle
 
 SILENT = ("nothing_wrong", "parameters_only")
 DRIVES = {"first": 80.0, "train": 60.0, "test": 40.0}  # s
@@ -77,7 +79,7 @@ def asked(seed: int, options: str = "", calibrate: bool = False, poses: bool = F
     with tempfile.TemporaryDirectory() as folder:
         home = (keep or Path(folder)) / f"{seed}{'_calibrated' * calibrate}{options}"
         runs = driven(home, seed, options, calibrate, poses or keep is not None)
-        model = own_model(runs["first"], Path(folder) / "own.toml", poses)
+        model = own_model(runs["first"], Path(folder) / "own.toml", poses, calibrate)
         began = time.process_time()
         file, p = find_model(model)
         sides = checked([read_run(runs["train"], poses=poses)],
@@ -131,17 +133,22 @@ def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: f
             car.drive(steering=steering, throttle=throttle)
 
 
-def own_model(run: Path, target: Path, poses: bool = True) -> Path:
-    """The paper's model with what data sheets say, extended by a diagnosis of one drive."""
-    file, p = find_model("paper")
-    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)),
-              "steering_rate_limit", k=SERVO_S)
-    sheet = model_of(p, file)
+def own_model(run: Path, target: Path, poses: bool = True, measured: bool = False) -> Path:
+    """The paper's model with what was measured, or data sheets say, extended by a diagnosis."""
+    sheet, p = named_model(MEASURED, [run]) if measured else of_data_sheets()
     sides = checked([read_run(run, poses=poses)], [], p)
     found = diagnose(sheet, p, sides.train, sides.test)
     save_model(msgspec.structs.replace(extended_model(found, sheet, sides.train, "any car"),
                                        name="own"), target)
     return target
+
+
+def of_data_sheets() -> tuple[ModelFile, Vehicle]:
+    """The paper's model with waits for a frame of the PWM, and the slew of the servo."""
+    file, p = find_model("paper")
+    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)),
+              "steering_rate_limit", k=SERVO_S)
+    return model_of(p, file), p
 
 
 def main() -> int:

@@ -6,8 +6,13 @@ import sys
 from types import SimpleNamespace
 
 import any_car
+import numpy as np
 import pytest
 from any_car import asked
+
+from dart_hal.cli.main import main
+from dart_hal.sim.hidden import hidden_car
+from dart_hal.vehicle.load import find_model
 
 
 @pytest.mark.more
@@ -25,6 +30,26 @@ def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
         named = {c.effect for c in answer.found.causes} | {c.group for c in answer.found.claims}
         assert named & {"motor_gain", "motor", "drive force"}
         assert gained > 0.5
+
+
+@pytest.mark.more
+@pytest.mark.cpu(120)
+def test_a_first_drive_that_starts_from_what_was_measured_knows_the_steering(tmp_path):
+    """From data sheets its play of 0.0138 rad was taken for a lag of 17 ms."""
+    any_car.calibrated("sim://?seed=1143&nano=mock", tmp_path)
+    run, model = tmp_path / "first.mcap", tmp_path / "model.toml"
+    any_car.drive("sim://?seed=1143&nano=mock", run, 80.0, np.random.default_rng([0, 7]),
+                  cars=tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", "--model", "measured", "--train", str(run), "--out", str(model)])
+    assert ended.value.code == 0
+    p, true = find_model(model)[1], hidden_car(1143)
+    play = next(e.values[0] for e in p.effects if e.name == "steering_backlash")
+    assert play == pytest.approx(true.servo.backlash, abs=0.002)
+    for key in ("a_left_rad", "a_right_rad"):
+        assert getattr(p.steering, key) == pytest.approx(getattr(true.servo.curve, key), rel=0.015)
+    assert p.tyres.rear_cornering_stiffness / p.body.mass == pytest.approx(
+        true.vehicle.tyres.rear_cornering_stiffness / true.vehicle.body.mass, rel=0.05)
 
 
 def test_a_count_is_resumed_with_the_cars_that_are_left(tmp_path, monkeypatch, capsys):

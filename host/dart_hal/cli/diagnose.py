@@ -27,10 +27,10 @@ from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
+from dart_hal.identify.measured import named_model
 from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
-from dart_hal.vehicle.load import find_model
 
 READ = 0.05
 """Share of the progress bar for reading."""
@@ -43,7 +43,8 @@ Skipped = list[tuple[str, str]]
 
 @click.command("diagnose")
 @click.option("--model", default="paper", show_default=True, metavar="M",
-              help="a model.toml, or paper, paper-printed, upstream-2024")
+              help="a model.toml, or paper, paper-printed, upstream-2024; measured: the paper's "
+                   "with what calibration says of the car of the runs")
 @click.option("--train", cls=PathsOption, metavar="FILES..",
               help="recordings to find causes in (files or folders, up to the next option)")
 @click.option("--test", cls=PathsOption, metavar="FILES..",
@@ -86,7 +87,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     _check(loose, train, test)
     names = effects_named(only, exclude)
     typed = _typed(locals())
-    file, vehicle = find_model(model)
+    file, vehicle = named_model(model, (*train, *test))
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
         number = count(1)

@@ -14,6 +14,7 @@ from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
+from dart_hal.identify.measured import named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Reference
@@ -45,7 +46,8 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
                    "to compare with its published values; writes only with --out")
 @click.option("--base", default=None, metavar="MODEL",
               help="source of all that is not identified: a model.toml or paper, paper-printed, "
-                   "upstream-2024 (default: the file of --out if it exists, then paper)")
+                   "upstream-2024; measured: the paper's with what calibration says of the "
+                   "car of the runs (default: the file of --out if it exists, then paper)")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="file to write the model to (default: model.toml; an older one goes to "
                    "history/)")
@@ -74,7 +76,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
-    start, origin = _base(base, target)
+    start, origin = _base(base, target, files)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None})
     outcome: Identification
@@ -152,10 +154,11 @@ def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str
     return shlex.join(words)
 
 
-def _base(base: str | None, target: Path | None) -> tuple[ModelFile, str]:
+def _base(base: str | None, target: Path | None, files: Sequence[Path]
+          ) -> tuple[ModelFile, str]:
     """The model whose values stay where nothing is identified, and where it is from."""
     if base is not None:
-        return find_model(base)[0], base
+        return named_model(base, files)[0], base
     if target is not None and target.exists():
         return find_model(target)[0], str(target)
     return find_model("paper")[0], "paper"

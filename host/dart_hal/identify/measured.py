@@ -1,0 +1,166 @@
+"""The model of a car that has been measured and not yet identified.
+
+The paper's set, with what car.toml and calibration.toml say of this car in its place, and with its
+standard error: size, mass, steering map, play and slew of the steering, delays, dead band of the
+ESC. What nobody has measured keeps the paper's value, and no error is stated of it. A fit that
+starts here need not guess from the tyres' slip what a procedure has measured by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from dart_hal.car import Car
+from dart_hal.config import CarFiles, ModelFile, Quantity
+from dart_hal.config.calibration import LatencyCalibration, SteeringTable
+from dart_hal.config.car import Geometry
+from dart_hal.config.model import Parameters
+from dart_hal.errors import UsageError
+from dart_hal.identify import curves
+from dart_hal.identify.submodels.samples import Samples
+from dart_hal.identify.submodels.steering_map import NOISE, fit_map
+from dart_hal.types import FloatArray
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import find_model, vehicle_of
+from dart_hal.vehicle.parameters import Body, Steering, Vehicle
+from dart_hal.vehicle.sets import PAPER
+
+MEASURED = "measured"
+"""How verbs that take the name of a model call this one."""
+HELD_US = 0.5
+"""us; a tenth of a count of the PCA9685 is what dithering holds in the mean."""
+Errors = dict[str, float]
+"""Standard errors by "section.key"."""
+
+
+def named_model(name: str | Path, paths: Sequence[str | Path]) -> tuple[ModelFile, Vehicle]:
+    """As ``find_model``; "measured": that of the car of which the runs ``paths`` are.
+
+    Of runs with several calibrations the newest counts. Errors: as ``find_model``; RecordingError
+    for a file that is no run; UsageError where no run has one, or they are of several cars.
+    """
+    if str(name) != MEASURED:
+        return find_model(name)
+    runs = [run for path in map(Path, paths)
+            for run in (sorted(path.rglob("*.mcap")) if path.is_dir() else [path])
+            if run.suffix == ".mcap"]
+    known = [files for files in map(_files_of, runs) if files.calibration is not None]
+    if not known:
+        raise UsageError("nothing that was measured of this car is known",
+                         found=f"{len(runs)} run(s) (*.mcap), none with a calibration",
+                         expected="a run that was recorded after dart-hal calibrate",
+                         remedy="dart-hal calibrate all, then drive and record; or start from "
+                                "paper")
+    cars = sorted({files.config.name for files in known})
+    if len(cars) > 1:
+        raise UsageError("these runs are of several cars, each measured by itself",
+                         found=", ".join(cars), expected="runs of one car",
+                         remedy=f"leave out all but those of {cars[0]}")
+    model = measured_model(max(known, key=_when))
+    return model, vehicle_of(model)
+
+
+def measured_model(files: CarFiles) -> ModelFile:
+    """The paper's model with all that ``files`` say was measured of the car."""
+    p = replace(PAPER, name=files.config.name, body=_body(files.config.geometry))
+    errors: Errors = {}
+    calibration = files.calibration
+    if calibration is not None:
+        p = _with_steering(p, files, errors)
+        p = _with_delays(p, calibration.latency, errors)
+        band = calibration.throttle.deadband_forward_us
+        if band is not None:
+            span = files.config.throttle.span_us
+            p = replace(p, motor=replace(p.motor, g=-band.value / span))
+            errors["motor.g"] = math.hypot(band.std, HELD_US) / span
+    return _stated(model_of(p), errors)
+
+
+def _files_of(run: Path) -> CarFiles:
+    with Car.open(f"replay://{run}") as car:
+        return car.files
+
+
+def _when(files: CarFiles) -> str:
+    """When its calibration was written, so that later ones sort behind earlier ones."""
+    return str(files.calibration.provenance.get("when", "")) if files.calibration else ""
+
+
+def _body(size: Geometry) -> Body:
+    """yaw_inertia: where car.toml has none, that of the paper's car, by the mass."""
+    paper = PAPER.body
+    return replace(paper, wheelbase=size.wheelbase, l_f=size.l_f, l_r=size.l_r, mass=size.mass,
+                   yaw_inertia=size.yaw_inertia or paper.yaw_inertia * size.mass / paper.mass)
+
+
+def _with_steering(p: Vehicle, files: CarFiles, errors: Errors) -> Vehicle:
+    """Map, slew and play of the steering."""
+    assert files.calibration is not None
+    measured, servo = files.calibration.steering, files.config.steering
+    if measured.map is not None:
+        command = ((np.array(measured.map.pulse_us) - servo.center_us)
+                   / (servo.direction * servo.span_us))
+        steering, std = paper_form(command, measured.map)
+        p = replace(p, steering=steering)
+        errors |= {f"steering.{key}": s
+                   for key, s in zip(asdict(steering), std.tolist(), strict=True)}
+    slew, play = measured.slew_us_s, measured.backlash
+    if slew is not None:
+        per_unit = servo.span_us / slew.value
+        p = apply(p, "steering_rate_limit", k=per_unit)
+        errors["steering_rate_limit.k"] = per_unit * slew.std / slew.value
+    if play is not None and play.value > 0.0:
+        p = apply(p, "steering_backlash", k=play.value)
+        errors["steering_backlash.k"] = play.std
+    return p
+
+
+def paper_form(command: FloatArray, table: SteeringTable) -> tuple[Steering, FloatArray]:
+    """The map in the paper's form, and the standard errors (5,) of its parameters.
+
+    command (n,) of the points of the table. Errors of the table, which are taken as independent,
+    and what the form cannot follow of it add up.
+    """
+    angle, std = np.array(table.angle_rad), np.array(table.std_rad)
+    zeros = np.zeros(len(angle))
+    form = fit_map(Samples(command, angle, zeros, zeros, (NOISE / std)**2, np.arange(len(angle))))
+    slopes = curves.steering(form.parameters, command)[1] / std[:, None]
+    covariance = form.covariance + np.linalg.pinv(slopes.T @ slopes)
+    return Steering(**form.as_dict()), np.asarray(np.sqrt(np.diag(covariance)))
+
+
+def _with_delays(p: Vehicle, measured: LatencyCalibration, errors: Errors) -> Vehicle:
+    """From a command to the wheels, and to the force of the motor, with the lags behind."""
+    found, pulse = {}, measured.command_to_pulse
+    for name, delay, lag in (
+            ("steering", measured.pulse_to_yaw, measured.pulse_to_yaw_lag),
+            ("throttle", measured.pulse_to_wheel, measured.pulse_to_wheel_lag)):
+        if pulse is not None and delay is not None:
+            found[f"{name}_s"] = max(pulse.value + delay.value, 0.0)
+            errors[f"delay.{name}_s"] = math.hypot(pulse.std, delay.std)
+        if lag is not None:
+            found[f"{name}_lag_s"] = max(lag.value, 0.0)
+            errors[f"delay.{name}_lag_s"] = lag.std
+    return replace(p, delay=replace(p.delay, **found))
+
+
+def _stated(model: ModelFile, errors: Errors) -> ModelFile:
+    """With the standard errors of what was measured."""
+    def entries(section: str, table: Parameters) -> Parameters:
+        named = {key: errors.get(f"{section}.{key}") for key in table}
+        return {key: value if (std := named[key]) is None or isinstance(value, Quantity)
+                else Quantity(value, std, "calibration") for key, value in table.items()}
+
+    sections: Mapping[str, Parameters] = {
+        name: entries(name, getattr(model, name)) for name in ("motor", "steering", "delay")}
+    return msgspec.structs.replace(
+        model, **sections, provenance={"base": PAPER.name, "method": "calibration"},
+        effects=tuple(msgspec.structs.replace(e, parameters=entries(e.name, e.parameters))
+                      for e in model.effects))
