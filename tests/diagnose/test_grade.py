@@ -136,9 +136,25 @@ def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeyp
         assert set(shown(grading(search, (1.0, low, 1.0)), points, "", None, "a").left_out) == left
 
 
-def grading(search, cost):
+@pytest.mark.parametrize(("p", "low", "left"), [
+    ((1.0, 0.9), 0.9999, {"b"}), ((1.0, 0.9), 1.0001, set()), ((1.0, 0.98), 0.9999, set()),
+    ((0.9,), 0.9999, set()), ((0.9, 0.9), 0.9999, set())])
+def test_a_name_beside_a_surer_one_must_surely_lower_errors(p, low, left, monkeypatch):
+    """Unless it is sure itself, or alone: what it explains may be of the first's kind."""
+    monkeypatch.setattr(names, "secants", lambda *given: None)
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: {
+        name: Grade(p["ab".index(name)], ()) for name in kept})
+    monkeypatch.setattr(names, "constancy", lambda *given: None)
+    search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
+                             steps=lambda base, at, noise, kept: (base, *kept))
+    every = "ab"[:len(p)]
+    found = shown(grading(search, (1.01, low, 1.02), several=False), ("", *every), "", None, every)
+    assert set(found.left_out) == left
+
+
+def grading(search, cost, several=True):
     return names.Grading(search, None, USUAL, 0,
-                         lambda kept, points: [Judged(cost, None) for _ in kept], True)
+                         lambda kept, points: [Judged(cost, None) for _ in kept], several)
 
 
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():

@@ -71,7 +71,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
 
     Possible ones that went come back, the one that gains most first, where all are sure enough
     with it: what made them unsure may have gone after them. Then the one that gains least goes,
-    until all lower the errors on recordings that no fit has seen.
+    until all lower the errors on recordings that no fit has seen; surely, where recordings are
+    several, and where a name is not sure beside a surer one.
     points: the base, with one effect more each, and perhaps with all fitted together; at: where the
     search has ended.
     One at a time: a name that goes may have been what hid another.
@@ -82,7 +83,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     while kept.names:
         points = _steps(with_, points, at, noise, kept.names, kept.fit)
         judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-        least = {n: _least(judged[n].cost, with_.several) for n in kept.names}
+        least = {n: _least(judged[n].cost, with_.several or fits.second(n, kept))
+                 for n in kept.names}
         worst = min(kept.names, key=lambda n: least[n])
         if least[worst] >= 1.0:
             of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
@@ -149,6 +151,12 @@ class _Fits:
                 del away[name]
         return those, away
 
+    def second(self, name: str, those: _Graded) -> bool:
+        """Whether a name that is not sure stands beside a surer one: perhaps its companion."""
+        p = those.grades[name].probability
+        return p < self.with_.policy.grade.sure and any(
+            g.probability > p for g in those.grades.values())
+
     def _are(self, those: _Graded) -> bool:
         return all(g.probability >= self.with_.policy.grade.shown for g in those.grades.values())
 
@@ -161,7 +169,7 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
 
 
-def _least(cost: Cost, several: bool) -> float:
-    """How many times as large errors are without it; surely so, where recordings are several."""
+def _least(cost: Cost, surely: bool) -> float:
+    """How many times as large errors are without it, or surely are."""
     value, low, _ = cost
-    return low if several and np.isfinite(low) else value
+    return low if surely and np.isfinite(low) else value
