@@ -28,10 +28,12 @@ def test_the_second_packet_finds_what_the_first_has_kept(seen):
     first = pickle.loads(packet)
     assert first is not seen
     assert not first._kept
+    assert not first._said
     p = apply(PAPER, "motor_gain", k=0.1)
     assert np.array_equal(first.residuals(p).motion, seen.residuals(p).motion)
     assert pickle.loads(packet) is first
     assert first._kept
+    assert first._said
 
 
 def test_another_evidence_of_the_same_recordings_is_another(seen):

@@ -113,6 +113,11 @@ class OnboardEvidence(Evidence):
         """Of the model p with its effects, as ``Evidence.residuals``."""
         self.tell()
         p = timing.advanced(p)
+        # no reading has an age of its own here: encoder and gyro set the state that is predicted on
+        return self._again((p, timing.late, timing.spread), lambda: self._residuals(p, timing))
+
+    def _residuals(self, p: Vehicle, timing: Timing) -> Residuals:
+        """Of p with its delays counted from the messages of its commands."""
         q = settled(p)
         throttle = self._once(("throttle", *pulled_by(p, q), timing.late, timing.spread),
                               lambda: [pulled(d, q, timing) for d in self.drives])

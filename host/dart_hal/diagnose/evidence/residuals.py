@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -41,13 +41,14 @@ SENSED = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
 ALL, IMU = frozenset(SENSED), frozenset({"gyro", "accel"})
 POSE, THROTTLE, SERVO, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering",), ("steering", "angle")))
-KEPT = 48  # parts of models
+KEPT, SAID = 48, 256  # parts of models, long ones; residuals, of which a fit asks for old ones
 FEW = 2  # evidences of which a process keeps parts: to learn from, and to judge by
 ALONE, MANY_BLOCKS = 50_000, 1_000_000  # labels of blocks: of messages alone, of the next drive
 AT = [r + j for r in READ_OUTS for j in range(-HALF, HALF + 1)]
 OFFSETS = np.arange(-HALF, HALF + 1)
 SLOPE = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
 """Weights by which POINTS poses give a derivative [1/s]."""
+T = TypeVar("T")
 Read = Callable[[FloatArray, IntArray], FloatArray]
 
 
@@ -73,6 +74,7 @@ class Evidence:
         """overlap: how often the windows predict every sample."""
         self.drives, self.l_r, self.overlap = tuple(drives), l_r, overlap
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self._said: OrderedDict[Hashable, Any] = OrderedDict()
         self._name = uuid4().hex
         self.told: Callable[[], None] | None = None  # of each evaluation
         self.motion_drive = np.repeat(np.arange(len(drives)), [len(d.starts) for d in drives])
@@ -83,7 +85,8 @@ class Evidence:
 
         A process that has had this evidence before goes on with its own, and what it kept.
         """
-        return _had, (type(self), {**self.__dict__, "_kept": OrderedDict(), "told": None})
+        return _had, (type(self), {**self.__dict__, "_kept": OrderedDict(),
+                                  "_said": OrderedDict(), "told": None})
 
     @property
     def late(self) -> float:
@@ -178,9 +181,9 @@ class Evidence:
         p, late = timing.advanced(p), (timing.late, timing.gyro)
         moves, q = _moves(p), settled(p)
         return Residuals(
-            self._once((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
-            np.concatenate([self._once(_reads(p, q, signal, *late),
-                                       partial(self._sensor, p, q, signal, *late))
+            self._again((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
+            np.concatenate([self._again(_reads(p, q, signal, *late),
+                                        partial(self._sensor, p, q, signal, *late))
                             for signal in SENSED], axis=1))
 
     def tell(self) -> None:
@@ -189,13 +192,13 @@ class Evidence:
             self.told()
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Kept for a while: effects on sensors leave the motion as it is, and the reverse."""
-        if key not in self._kept:
-            self._kept[key] = make()
-            if len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
+        """A part, kept for a while."""
+        return _kept(self._kept, KEPT, key, make)
+
+    def _again(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Residuals, kept for longer: effects on sensors leave the motion as it is, and
+        the reverse; and one phase ends where the next one begins."""
+        return _kept(self._said, SAID, key, make)
 
     def _motion(self, p: Vehicle, spread: float) -> FloatArray:
         q = settled(p)
@@ -280,6 +283,18 @@ class Evidence:
         g = drive.without_mocap_effects(p, self.l_r)
         moved = q.body.l_r - self.l_r
         return replace(g, v_y=g.v_y + moved * g.omega) if moved else g
+
+
+def _kept(memory: OrderedDict[Hashable, Any], most: int, key: Hashable,
+          make: Callable[[], T]) -> T:
+    """What is in the memory by that key, the oldest of too many forgotten."""
+    if key not in memory:
+        memory[key] = make()
+        if len(memory) > most:
+            memory.popitem(last=False)
+    memory.move_to_end(key)
+    value: T = memory[key]
+    return value
 
 
 def _had(kind: type[Evidence], state: dict[str, Any]) -> Evidence:

@@ -92,8 +92,8 @@ def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Timing,
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
     if needs == ONBOARD and not any(drive.still.any() for drive in evidence.drives):
         quiet = policy.suggest.gyro_noise * np.random.default_rng(0).normal(size=len(r.sensors))
-        for residuals in (r, lacking):
-            residuals.sensors[:, 1] = quiet
+        r, lacking = (replace(x, sensors=np.column_stack(
+            [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, lacking))
     blocks = evidence.blocks(policy.blocks.seconds)
     return Setting(needs, evidence.l_r, reference, r, lacking, blocks,
                    measure(lacking, blocks, policy=policy.noise), _noise_scale(evidence), policy)
