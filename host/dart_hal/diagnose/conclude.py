@@ -25,6 +25,7 @@ from .judge import judge
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
+from .parameters.unseen import Unseen
 from .report.words import removes, times
 from .result import (
     Cause,
@@ -75,8 +76,9 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
+    unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(judge, q.train, q.test, q.settings, found.point),
+                      partial(judge, q.train, q.test, q.settings, unseen),
                       len({d.recording.sha256 for d in q.test.evidence.drives})
                       >= q.settings.policy.blocks.units)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
@@ -89,7 +91,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
     causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
     moved = _moved(q, points[-1])
-    claimed = _claims(q, last) if q.refit else ()
+    claimed = _claims(q, last, unseen) if q.refit else ()
     given, fitted = (Fitted(point.vehicle, (p, p), (point.timing, point.timing))
                      for point, p in ((found.given, q.base), (last, as_logged(q, last))))
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
@@ -226,12 +228,14 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"{gain.measure}: {removes(gain)}")
 
 
-def _claims(q: Question, last: Point) -> tuple[Claim, ...]:
+def _claims(q: Question, last: Point, unseen: Unseen) -> tuple[Claim, ...]:
     """Parameters of the base that were wrong, at the final model."""
     settings = q.settings
+    if unseen.last is not last:
+        unseen = Unseen(q.test.evidence, last, settings.policy)
     of = secants(q.train.evidence, last, (), settings.policy)
     sets = Sets(q.train.evidence, q.base, last, of.unit, settings.known, settings.policy)
-    return claims(Asked(sets, q.test.evidence, of, covariance(last, _blocks(q, last)),
+    return claims(Asked(sets, unseen, of, covariance(last, _blocks(q, last)),
                         as_logged(q, last), settings.seed))
 
 

@@ -20,13 +20,12 @@ from .search.fit import Point
 from .search.selection import Settings
 
 
-def judge(train: Side, test: Side, settings: Settings, last: Point, names: Sequence[str],
+def judge(train: Side, test: Side, settings: Settings, unseen: Unseen, names: Sequence[str],
           points: Sequence[Point]) -> list[Judged]:
     """Each name by the fit before it and that with it.
 
-    last: the fit whose noise weighs all; points: the base, then with one name more each.
+    unseen: the test recordings; points: the base, then with one name more each.
     """
-    unseen = Unseen(test.evidence, last, settings.policy)
     some = points[:len(names) + 1]
     timings = [unseen.timing(point) for point in some]
     losses = [unseen.everything(*one) for one in zip(some, timings, strict=True)]

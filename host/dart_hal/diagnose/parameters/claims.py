@@ -13,7 +13,6 @@ import numpy as np
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.residuals import Evidence
 from ..grade.constancy import constancy
 from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
@@ -29,13 +28,14 @@ SAMPLES = 200  # of the fitted parameters, for the standard error of a quantity
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What claims are made from. secants: of the last fit, with its units and features.
+    """What claims are made from. unseen: the test recordings, by the last fit; secants: of that
+    fit, with its units and features.
 
     covariance (k, k) of the last fit; logged: its vehicle with delays counted from the log.
     """
 
     sets: Sets
-    test: Evidence
+    unseen: Unseen
     secants: Secants
     covariance: FloatArray
     logged: Vehicle
@@ -54,8 +54,7 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     every = frozenset().union(*believed)
     if not every:
         return ()
-    unseen = Unseen(asked.test, of.full, of.policy)
-    losses = cache(lambda free: unseen.motion(of.fit(free)))
+    losses = cache(lambda free: asked.unseen.motion(of.fit(free)))
     costs = {part: cost(losses, every, part) for part in believed}
     held = [part for part, p in believed.items() if _costly(costs[part], p, policy)
             and _beyond_what_is_stated(of, part)]

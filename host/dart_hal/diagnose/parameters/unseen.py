@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from dart_hal.types import FloatArray
+from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older
 from ..evidence.noise import WAIT, Noise, measure
@@ -33,7 +34,8 @@ class Unseen:
 
     def __init__(self, evidence: Evidence, last: Point, policy: Policy) -> None:
         """last: the fit whose noise weighs the errors of all."""
-        self._evidence, self._last, self._policy = evidence, last, policy
+        self._evidence, self._policy, self.last = evidence, policy, last
+        self._timings: dict[tuple[Vehicle, Timing], Timing] = {}
 
     def motion(self, point: Point) -> FloatArray:
         """(stretches,) of the motion alone, every read-out alike."""
@@ -47,8 +49,11 @@ class Unseen:
         return self._by_stretch(r, weight * self._noise.loss(residual))
 
     def timing(self, point: Point) -> Timing:
-        """That which suits these recordings best."""
-        return self._timing(point, self._noise)
+        """That which suits these recordings best; of each fit found once."""
+        key = point.vehicle, point.timing
+        if key not in self._timings:
+            self._timings[key] = self._timing(point, self._noise)
+        return self._timings[key]
 
     def _by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
         stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
@@ -61,7 +66,7 @@ class Unseen:
     @cached_property
     def _noise(self) -> Noise:
         """That of the last fit, with the windows of these recordings."""
-        evidence, point, policy = self._evidence, self._last, self._policy
+        evidence, point, policy = self._evidence, self.last, self._policy
         noise = replace(point.noise, certain=1.0)
         timing = self._timing(point, noise)
         r = evidence.residuals(point.vehicle, timing)
