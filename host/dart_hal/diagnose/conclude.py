@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
@@ -89,7 +90,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stages = _stages(q, found.given, points, named)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in named)
+    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in _told_apart(q, found, named))
     moved = _moved(q, points[-1])
     claimed = _claims(q, last, unseen) if q.refit else ()
     given, fitted = (Fitted(point.vehicle, (p, p), (point.timing, point.timing))
@@ -193,6 +194,13 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
     timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
     r = q.test.evidence.residuals(fitted, timing)
     return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
+
+
+def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> list[Named]:
+    """Names with what each cannot be told from: of those that are shown alone, for it takes long.
+    """
+    alike = {one.effect: one for one in each(found.alike, named, q.settings.jobs)}
+    return [alike[one.effect] for one in named]
 
 
 def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown

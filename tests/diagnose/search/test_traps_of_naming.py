@@ -181,7 +181,7 @@ def test_one_that_explains_much_less_is_not_alike():
 def test_relatives_stay_alike_beside_another_cause(twins):
     found = search(drive(("grip", -0.2), ("gyro_bias", 0.03)),
                    names=("grip", "twin", "gyro_bias", "gyro_scale"))
-    like = {n.effect: set(n.confounders) for n in found.named}
+    like = {n.effect: set(found.alike(n).confounders) for n in found.named}
     assert len(like) == 2
     assert like.pop("gyro_bias") == set()
     (name, relatives), = like.items()

@@ -39,6 +39,8 @@ class SearchResult:
     noise: that of the motion as the base left it. The search measures it anew with
     every cause, to see smaller ones; but to weigh by what a fit has left makes the
     next one follow what fits already, and a cause in a sensor would move the car.
+
+    alike: a name with what it cannot be told from beside all others that were found.
     """
 
     given: Point
@@ -47,6 +49,7 @@ class SearchResult:
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
+    alike: Callable[[Named], Named]
 
     @property
     def refit_loss(self) -> float:
@@ -121,13 +124,16 @@ class Search:
             fitted = self._union([candidate for _, candidate in new])
             point, noise = self._settle(*fitted)
             point, noise, named = self._pruned(point, noise, named, [one for one, _ in new])
-        named = self._with_confounders(point, noise, named)
+        alike: Callable[[Named], Named] = _as_it_is
+        if len(named) > 1 or self._dropped:
+            named = self._weighed(point, noise, named)
+            alike = partial(self._alike, point, noise, self._before)
         if not named:
-            return SearchResult(given, (base,), noise, (), rejected, first)
+            return SearchResult(given, (base,), noise, (), rejected, first, alike)
         noise = noise.with_motion(sizes)
         points = self.steps(base, point, noise, [one.effect for one in named])
         return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
-                     tuple(named), rejected, first)
+                     tuple(named), rejected, first, alike)
 
     def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:
@@ -285,15 +291,17 @@ class Search:
         space = self._space(vehicle)
         return refit_near(self._evidence, noise, space, space.start(vehicle, point.timing), point)
 
-    def _with_confounders(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
-        """What each cause cannot be told from, beside all the others that were found."""
-        if len(named) < 2 and not self._dropped:
-            return named
-        found = each(partial(self._confounded, point, noise, self._before), named,
-                     self._settings.jobs)
+    def _weighed(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
+        """Each with what it gains beside all the others that were found, the largest first."""
+        found = each(partial(self._weigh, point, noise), named, self._settings.jobs)
         return sorted(found, key=lambda n: (-n.gain, n.effect))
 
-    def _confounded(self, point: Point, noise: Noise, before: Before, one: Named) -> Named:
+    def _weigh(self, point: Point, noise: Noise, one: Named) -> Named:
+        if not one.alternatives:
+            return one
+        return replace(one, gain=self._without(point, noise, one.effect).loss() - point.loss())
+
+    def _alike(self, point: Point, noise: Noise, before: Before, one: Named) -> Named:
         if not one.alternatives:
             return one
         without = self._without(point, noise, one.effect)
@@ -305,9 +313,14 @@ class Search:
                  if t.gain > policy.naming.close * mine.gain]
         fits = fitted(partial(self._with, noise, without), close, 1)
         rows = rows_at(self._evidence, without, policy)
-        return replace(one, gain=without.loss() - point.loss(), confounders=confounders(
+        return replace(one, confounders=confounders(
             without, mine, trials, rows, fits, policy.confounders))
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which cannot show progress here."""
         return {**self.__dict__, "_progress": None, "_fitted": None, "_before": None}
+
+
+def _as_it_is(one: Named) -> Named:
+    """A name that was found alone: its round has told what it is alike."""
+    return one
