@@ -16,7 +16,7 @@ from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.grade import names
-from dart_hal.diagnose.grade.bag import Grade, Problem, probability, sizes
+from dart_hal.diagnose.grade.bag import Problem, probability, sizes
 from dart_hal.diagnose.grade.constancy import constancy
 from dart_hal.diagnose.grade.names import Judged, _least, shown
 from dart_hal.diagnose.grade.secants import secants
@@ -113,8 +113,9 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     sure = {"abcd": (0.7, 0.6, 0.75, 0.1), "abc": (0.7, 0.6, 0.75), "ac": (0.65, 0.75),
             "c": (0.7,), "a": (0.99,), "ab": (0.95, 0.9)}
     monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
-    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: {
-        name: Grade(p, ()) for name, p in zip(kept, sure.get(of, (0.5,) * len(of)), strict=True)})
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict(
+        zip(kept, sure.get(of, (0.5,) * len(of)), strict=True)))
+    monkeypatch.setattr(names, "sizes", lambda *given: ())
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
@@ -128,8 +129,8 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
 def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
     """Predictions that are the same do not judge."""
     monkeypatch.setattr(names, "secants", lambda *given: None)
-    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(
-        kept, Grade(1.0, ())))
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(kept, 1.0))
+    monkeypatch.setattr(names, "sizes", lambda *given: ())
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
     for points in (("", "a"), ("", "a", "a, fitted again")):
@@ -143,7 +144,8 @@ def test_a_name_beside_a_surer_one_must_surely_lower_errors(p, low, left, monkey
     """Unless it is sure itself, or alone: what it explains may be of the first's kind."""
     monkeypatch.setattr(names, "secants", lambda *given: None)
     monkeypatch.setattr(names, "grades", lambda of, kept, *rest: {
-        name: Grade(p["ab".index(name)], ()) for name in kept})
+        name: p["ab".index(name)] for name in kept})
+    monkeypatch.setattr(names, "sizes", lambda *given: ())
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))

@@ -31,17 +31,6 @@ ABSENT = -1.0  # step along a secant at which its effect is gone
 
 
 @dataclass(frozen=True, slots=True)
-class Grade:
-    """P: share of draws in which data left out want the effect.
-
-    sizes: by recording, (size relative to the fitted one, its standard error).
-    """
-
-    probability: float
-    sizes: tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Problem:
     """Normal matrices H (u, k, k) and slopes h (u, k) by unit, prior pull (k,) and where it is
     from, x0 (k,); the last coordinate is the step along the secant."""
@@ -52,15 +41,19 @@ class Problem:
     start: FloatArray
 
 
-def grades(of: Secants, names: Sequence[str], policy: GradePolicy, seed: int) -> dict[str, Grade]:
-    """Of each named effect, given with the largest gain first."""
+def grades(of: Secants, names: Sequence[str], policy: GradePolicy, seed: int) -> dict[str, float]:
+    """P of each named effect, given with the largest gain first."""
     every = _every(of, names, policy)
-    return {name: Grade(probability(_problem(of, every, name, names[:i]), ABSENT, policy.draws,
-                                    seed), sizes(of, name)) for i, name in enumerate(names)}
+    return {name: probability(_problem(of, every, name, names[:i]), ABSENT, policy.draws, seed)
+            for i, name in enumerate(names)}
 
 
 def probability(problem: Problem, absent: float, draws: int, seed: int) -> float:
-    """Share of draws in which the units left out are better told with the effect than without."""
+    """Share of draws in which the units left out are better told with the effect than without.
+
+    With the normal matrix in blocks, (A b; b^T c), and slopes (s, t): all else follows a step z
+    along the secant by -A^-1 s - z A^-1 b, and the best z is -(t - b^T A^-1 s) / (c - b^T A^-1 b).
+    """
     units = len(problem.normal)
     counts = drawn(np.arange(units), draws, seed)
     out = (counts == 0.0).astype(np.float64)
@@ -68,11 +61,13 @@ def probability(problem: Problem, absent: float, draws: int, seed: int) -> float
     counts, out = counts[keep], out[keep]
     normal = np.tensordot(counts, problem.normal, 1) + np.diag(problem.pull + 1e-9)
     slope = counts @ problem.slope + problem.pull * problem.start
-    with_it = -np.linalg.solve(normal, slope[..., None])[..., 0]
-    with_it = np.where(with_it[:, -1:] < absent, np.nan, with_it)
-    rest = slope[:, :-1] + absent * normal[:, :-1, -1]
-    without = np.full_like(with_it, absent)
-    without[:, :-1] = -np.linalg.solve(normal[:, :-1, :-1], rest[..., None])[..., 0]
+    beside, own = normal[:, :-1, -1], normal[:, -1, -1]
+    rest, along = np.moveaxis(np.linalg.solve(
+        normal[:, :-1, :-1], np.stack([slope[:, :-1], beside], axis=2)), 2, 0)
+    best = -((slope[:, -1] - (beside * rest).sum(axis=1))
+             / (own - (beside * along).sum(axis=1)))
+    with_it, without = (np.column_stack([-rest - z[:, None] * along, z]) for z in (
+        np.where(best < absent, np.nan, best), np.full(len(best), absent)))
     judge_normal, judge_slope = np.tensordot(out, problem.normal, 1), out @ problem.slope
 
     def loss(x: FloatArray) -> FloatArray:

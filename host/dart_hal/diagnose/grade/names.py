@@ -14,12 +14,23 @@ from ..policy import Policy
 from ..result import Constancy, Cost, Gained
 from ..search.fit import Point
 from ..search.forward import Search
-from .bag import Grade, grades
+from .bag import grades, sizes
 from .constancy import constancy
-from .secants import secants
+from .secants import Secants, secants
 
 NOT_SURE = "too few of the data left out from its size want it beside the others"
 NO_GAIN = "it does not surely lower the errors on recordings that no fit has seen"
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """Share of draws in which data left out from its size want a name.
+
+    sizes: by recording, (size relative to the fitted one, its standard error).
+    """
+
+    probability: float
+    sizes: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +88,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     search has ended.
     One at a time: a name that goes may have been what hid another.
     """
+    if not names:
+        return Shown((), (points[0],), {}, {}, {}, {})
     fits = _Fits(with_, at, noise, names)
     kept, left_out = fits.sure(fits.graded(names, points[-1]))
     kept, left_out = fits.back(kept, left_out)
@@ -87,22 +100,23 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
                  for n in kept.names}
         worst = min(kept.names, key=lambda n: least[n])
         if least[worst] >= 1.0:
-            of = secants(with_.evidence, kept.fit, kept.names, with_.policy)
-            return Shown(kept.names, tuple(points), kept.grades, judged,
-                         {n: constancy(of, n, with_.policy.grade, with_.seed)
+            return Shown(kept.names, tuple(points),
+                         {n: Grade(p, sizes(kept.of, n)) for n, p in kept.sure.items()}, judged,
+                         {n: constancy(kept.of, n, with_.policy.grade, with_.seed)
                           for n in kept.names}, left_out)
-        left_out[worst] = LeftOut(kept.grades[worst].probability, NO_GAIN)
+        left_out[worst] = LeftOut(kept.sure[worst], NO_GAIN)
         kept, unsure = fits.sure(fits.without(kept, worst))
         left_out |= unsure
     return Shown((), (points[0],), {}, {}, {}, left_out)
 
 
 class _Graded(NamedTuple):
-    """Names, the fit with them, and how sure each is in it."""
+    """Names, the fit with them, what each did in it, and how sure each is."""
 
     names: tuple[str, ...]
     fit: Point
-    grades: Mapping[str, Grade]
+    of: Secants
+    sure: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +129,10 @@ class _Fits:
     names: Sequence[str]
 
     def graded(self, names: Sequence[str], fit: Point) -> _Graded:
-        if not names:
-            return _Graded((), fit, {})
         policy, seed = self.with_.policy, self.with_.seed
         of = secants(self.with_.evidence, fit, names, policy)
-        return _Graded(tuple(names), fit, grades(of, names, policy.grade, seed))
+        return _Graded(tuple(names), fit, of,
+                       grades(of, names, policy.grade, seed) if names else {})
 
     def of(self, names: Collection[str], near: Point) -> _Graded:
         """Of these, in the order in which they gain."""
@@ -133,8 +146,8 @@ class _Fits:
         """The least sure leaves until all are sure enough; and those that left."""
         left_out: dict[str, LeftOut] = {}
         while those.names and not self._are(those):
-            worst = min(those.names, key=lambda n: those.grades[n].probability)
-            left_out[worst] = LeftOut(those.grades[worst].probability, NOT_SURE)
+            worst = min(those.names, key=lambda n: those.sure[n])
+            left_out[worst] = LeftOut(those.sure[worst], NOT_SURE)
             those = self.without(those, worst)
         return those, left_out
 
@@ -153,12 +166,11 @@ class _Fits:
 
     def second(self, name: str, those: _Graded) -> bool:
         """Whether a name that is not sure stands beside a surer one: perhaps its companion."""
-        p = those.grades[name].probability
-        return p < self.with_.policy.grade.sure and any(
-            g.probability > p for g in those.grades.values())
+        p = those.sure[name]
+        return p < self.with_.policy.grade.sure and any(q > p for q in those.sure.values())
 
     def _are(self, those: _Graded) -> bool:
-        return all(g.probability >= self.with_.policy.grade.shown for g in those.grades.values())
+        return all(p >= self.with_.policy.grade.shown for p in those.sure.values())
 
 
 def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kept: Sequence[str],
