@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 from uuid import uuid4
@@ -83,10 +84,15 @@ class Evidence:
     def __reduce__(self) -> tuple[Callable[..., Evidence], tuple[Any, ...]]:
         """For another process: what is kept is larger than what it takes to make it.
 
-        A process that has had this evidence before goes on with its own, and what it kept.
+        A process that has had this evidence before goes on with its own, and what it kept. So the
+        recordings are pickled once, and opened where they have not been.
         """
-        return _had, (type(self), {**self.__dict__, "_kept": OrderedDict(),
-                                  "_said": OrderedDict(), "told": None})
+        return _had, (type(self), self._name, self._packed)
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return pickle.dumps({**self.__dict__, "_kept": OrderedDict(), "_said": OrderedDict(),
+                             "told": None}, protocol=pickle.HIGHEST_PROTOCOL)
 
     @property
     def late(self) -> float:
@@ -261,9 +267,11 @@ class Evidence:
         key = q.body.l_r, _on(p, POSE)
         seen = self._once(("measured", *key), lambda: [measured(g) for g in self._grids(p, q)])
         if _on(p, frozenset({signal})):  # it may know the force
+            throttle = partial(self._once, ("whole throttle", *pulled_by(p, q)), lambda: [
+                behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
+                for d in self.drives])
             seen = self._once(("pulled", *key, q.motor, q.friction, *pulled_by(p, q)), lambda: [
-                pulled(p, m, behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True))
-                for d, m in zip(self.drives, seen, strict=True)])
+                pulled(p, m, one) for m, one in zip(seen, throttle(), strict=True)])
         still = self._once("resting", lambda: [resting(d) for d in self.drives])
         rest = self._once(("rest", q.body, _on(p, IMU)), lambda: [
             at_rest(d, p, True, r) for d, r in zip(self.drives, still, strict=True)])
@@ -297,12 +305,11 @@ def _kept(memory: OrderedDict[Hashable, Any], most: int, key: Hashable,
     return value
 
 
-def _had(kind: type[Evidence], state: dict[str, Any]) -> Evidence:
-    """The evidence that this process has had by that name, or that of the state."""
-    name = state["_name"]
+def _had(kind: type[Evidence], name: str, packed: bytes) -> Evidence:
+    """The evidence that this process has had by that name, or what is packed."""
     if name not in HAD:
         HAD[name] = kind.__new__(kind)
-        HAD[name].__dict__.update(state)
+        HAD[name].__dict__.update(pickle.loads(packed))
         if len(HAD) > FEW:
             HAD.popitem(last=False)
     return HAD[name]
