@@ -111,7 +111,9 @@ def normal_scores(share: FloatArray) -> FloatArray:
     what is found competes with chance on equal terms, and none hides itself.
     """
     x = share - share.mean(axis=0)
-    first, second, third = ((np.sum(x**k, axis=0) - x**k) / (len(x) - 1) for k in (1, 2, 3))
+    square = x * x  # for x**3 numpy asks for a power, which takes twenty times as long
+    first, second, third = ((np.sum(y, axis=0) - y) / (len(x) - 1)
+                            for y in (x, square, square * x))
     variance = np.maximum(second - first**2, 1e-18)
     third = third - 3.0 * first * second + 2.0 * first**3
     skew = np.clip(third / variance**1.5, 0.05, 2.8)
