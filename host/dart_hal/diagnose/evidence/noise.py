@@ -48,7 +48,8 @@ class Noise:
 
     def whiten(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
         """Residuals in standard deviations, (n, c) and (m, 4), wild ones held down."""
-        motion = np.nan_to_num(r.motion, nan=1e3, posinf=1e3, neginf=-1e3)
+        motion = r.motion if np.isfinite(r.motion).all() else np.nan_to_num(
+            r.motion, nan=1e3, posinf=1e3, neginf=-1e3)
         motion = (motion * self.certain) @ self.motion.T
         sensors = np.nan_to_num(r.sensors / self.sensors, nan=0.0)
         wild = self.policy.wild

@@ -7,6 +7,7 @@ factors, so that no fit runs into zero; offsets and times move by amounts.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -83,7 +84,11 @@ class Coordinates:
 
     def width(self, i: int) -> float:
         """The prior standard deviation of parameter i in its own units, at the base."""
-        return float(self.slope(np.zeros(len(self.names)))[i])
+        return float(self._widths[i])
+
+    @cached_property
+    def _widths(self) -> FloatArray:
+        return self.slope(np.zeros(len(self.names)))
 
     def vehicle(self, x: FloatArray) -> Vehicle:
         """The base with these parameters."""
