@@ -193,7 +193,7 @@ class ClaimPolicy:
 class UnexplainedPolicy:
     """When what is left is structure."""
 
-    share: float = 0.05  # of the variance; below, structure is not worth a word
+    share: float = 0.1  # of the variance; below, structure is not worth a word: 5 % of the error
     accel: float = 0.03  # m/s2, root mean square; an accelerometer's sensitivity and the angle
     # between its axes are good to 1 % by its data sheet (BNO055), and a car pulls 3 m/s2 aside
     encoder: float = 0.006  # m/s, the same; one edge of 2.1 mm in 0.1 s over sqrt(12)
