@@ -146,3 +146,6 @@ def show(files: CarFiles, left: Sequence[order.Step], found: Mapping[str, order.
                   + (f"; not {', '.join(missed)}" if missed else ""), markup=False)
     written = next((r.written for r in found.values() if r.written), None)
     console.print(f"written: {written}" if written else "nothing written", markup=False)
+    if written:
+        console.print("next: drive and record, then dart-hal diagnose --model measured --train "
+                      "RUN.mcap --out model.toml", markup=False)
