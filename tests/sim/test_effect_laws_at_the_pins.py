@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from dart_hal.vehicle import GRAVITY, PAPER, make_friction, make_motor
+from dart_hal.vehicle import GRAVITY, PAPER, make_friction, make_motor, make_steering
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import EDGES_REQ
 
@@ -130,6 +130,20 @@ def test_steering_backlash_remembers_the_side_it_came_from(driven):
 
     assert split("") == pytest.approx(0.0, abs=2e-3)
     assert split("&effect=steering_backlash:0.1") == pytest.approx(0.1, abs=5e-3)
+
+
+@pytest.mark.more
+def test_a_dead_zone_leaves_the_wheels_straight_from_either_side(driven):
+    slight = 0.03  # of command: 0.018 rad at the wheels, within half of the zone
+    def turned(side, effect):
+        seen = driven(f"sim://?nano=mock&physics=kinematic{effect}",
+                      ((side, 0.3, 1.0), (STRAIGHT + slight, 0.3, 0.8)))
+        return np.mean(seen.gyro[-20:]) * 0.175 / np.mean(seen.speed[-20:])
+
+    angle = make_steering(PAPER.steering)(STRAIGHT + slight)
+    for side in (0.7, -0.7):
+        assert turned(side, "") == pytest.approx(math.tan(angle), abs=2e-3)
+        assert turned(side, "&effect=steering_dead_zone:0.05") == pytest.approx(0.0, abs=2e-3)
 
 
 @pytest.mark.more
