@@ -125,6 +125,24 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     assert {n: one.probability for n, one in found.left_out.items()} == {"c": 0.7, "d": 0.1}
 
 
+def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(monkeypatch):
+    """a hides b, and goes on the test recordings."""
+    sure = {"ab": (0.9, 0.6), "a": (0.9,), "b": (0.95,)}
+    monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict(
+        zip(kept, sure.get(of, ()), strict=True)))
+    for name in ("sizes", "constancy"):
+        monkeypatch.setattr(names, name, lambda *given: ())
+    search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
+                             steps=lambda base, at, noise, kept: (base, *kept))
+    cost = {"a": (0.99, 0.98, 1.01), "b": (1.02, 1.01, 1.03)}
+    with_ = names.Grading(search, None, USUAL, 0, lambda kept, points: [
+        Judged(cost[n], None) for n in kept], True)
+    found = shown(with_, ("", *"ab"), "", None, "ab")
+    assert found.names == ("b",)
+    assert {n: one.why for n, one in found.left_out.items()} == {"a": names.NO_GAIN}
+
+
 @pytest.mark.parametrize(("low", "left"), [(1.0, set()), (0.999, {"a"})])
 def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
     """Predictions that are the same do not judge."""

@@ -83,7 +83,7 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     Possible ones that went come back, the one that gains most first, where all are sure enough
     with it: what made them unsure may have gone after them. Then the one that gains least goes,
     until all lower the errors on recordings that no fit has seen; surely, where recordings are
-    several, and where a name is not sure beside a surer one.
+    several, and where a name is not sure beside a surer one. What is unsure is then tried again.
     points: the base, with one effect more each, and perhaps with all fitted together; at: where the
     search has ended.
     One at a time: a name that goes may have been what hid another.
@@ -91,23 +91,21 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     if not names:
         return Shown((), (points[0],), {}, {}, {}, {})
     fits = _Fits(with_, at, noise, names)
-    kept, left_out = fits.sure(fits.graded(names, points[-1]))
-    kept, left_out = fits.back(kept, left_out)
-    while kept.names:
-        points = _steps(with_, points, at, noise, kept.names, kept.fit)
-        judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-        least = {n: _least(judged[n].cost, with_.several or fits.second(n, kept))
-                 for n in kept.names}
-        worst = min(kept.names, key=lambda n: least[n])
-        if least[worst] >= 1.0:
-            return Shown(kept.names, tuple(points),
-                         {n: Grade(p, sizes(kept.of, n)) for n, p in kept.sure.items()}, judged,
-                         {n: constancy(kept.of, n, with_.policy.grade, with_.seed)
-                          for n in kept.names}, left_out)
-        left_out[worst] = LeftOut(kept.sure[worst], NO_GAIN)
-        kept, unsure = fits.sure(fits.without(kept, worst))
-        left_out |= unsure
-    return Shown((), (points[0],), {}, {}, {}, left_out)
+    kept, left_out = fits.back(*fits.sure(fits.graded(names, points[-1])))
+    while True:
+        stands = _tested(fits, kept, left_out, points)
+        if stands.kept.names == kept.names:
+            break
+        kept, left_out = fits.back(stands.kept, stands.left_out)
+        if kept.names == stands.kept.names:
+            break
+    kept, of = stands.kept, stands.kept.of
+    if not kept.names:
+        return Shown((), (points[0],), {}, {}, {}, stands.left_out)
+    return Shown(kept.names, tuple(stands.points),
+                 {n: Grade(p, sizes(of, n)) for n, p in kept.sure.items()}, stands.judged,
+                 {n: constancy(of, n, with_.policy.grade, with_.seed) for n in kept.names},
+                 stands.left_out)
 
 
 class _Graded(NamedTuple):
@@ -156,7 +154,8 @@ class _Fits:
         """With each possible one that left too early, so that all are sure; and who stays away."""
         away, possible = dict(left_out), self.with_.policy.grade.possible
         for name in self.names:
-            if name not in left_out or left_out[name].probability < possible:
+            gone = left_out.get(name)
+            if gone is None or gone.why != NOT_SURE or gone.probability < possible:
                 continue
             more = self.of({*those.names, name}, those.fit)
             if self._are(more):
@@ -171,6 +170,34 @@ class _Fits:
 
     def _are(self, those: _Graded) -> bool:
         return all(p >= self.with_.policy.grade.shown for p in those.sure.values())
+
+
+class _Stands(NamedTuple):
+    """What is left on recordings that no fit has seen: fits with one name more each, their worth,
+    and all that has left by now."""
+
+    kept: _Graded
+    points: Sequence[Point]
+    judged: Mapping[str, Judged]
+    left_out: dict[str, LeftOut]
+
+
+def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut], points: Sequence[Point]
+            ) -> _Stands:
+    """The name that gains least goes, until all lower errors, or surely do."""
+    with_, away = fits.with_, dict(left_out)
+    while kept.names:
+        points = _steps(with_, points, fits.at, fits.noise, kept.names, kept.fit)
+        judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
+        least = {n: _least(judged[n].cost, with_.several or fits.second(n, kept))
+                 for n in kept.names}
+        worst = min(kept.names, key=lambda n: least[n])
+        if least[worst] >= 1.0:
+            return _Stands(kept, points, judged, away)
+        away[worst] = LeftOut(kept.sure[worst], NO_GAIN)
+        kept, unsure = fits.sure(fits.without(kept, worst))
+        away |= unsure
+    return _Stands(kept, points, {}, away)
 
 
 def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kept: Sequence[str],
