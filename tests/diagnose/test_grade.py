@@ -125,9 +125,11 @@ def test_a_name_comes_back_that_left_before_what_hid_it(monkeypatch):
     assert {n: one.probability for n, one in found.left_out.items()} == {"c": 0.7, "d": 0.1}
 
 
-def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(monkeypatch):
-    """a hides b, and goes on the test recordings."""
-    sure = {"ab": (0.9, 0.6), "a": (0.9,), "b": (0.95,)}
+@pytest.mark.parametrize(("beside_b", "found_then"), [(1.01, "bc"), (0.98, "c")])
+def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(
+        beside_b, found_then, monkeypatch):
+    """a hides b, and goes on the test recordings; if c did not stand beside b, b stays away."""
+    sure = {"abc": (0.9, 0.6, 0.9), "ac": (0.9, 0.9), "c": (0.9,), "bc": (0.95, 0.9), "b": (0.95,)}
     monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
     monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict(
         zip(kept, sure.get(of, ()), strict=True)))
@@ -135,12 +137,17 @@ def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(monke
         monkeypatch.setattr(names, name, lambda *given: ())
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
-    cost = {"a": (0.99, 0.98, 1.01), "b": (1.02, 1.01, 1.03)}
+
+    def cost(name, kept):
+        low = {"a": 0.98, "b": 1.01, "c": beside_b if "b" in kept else 1.01}[name]
+        return Judged((low + 0.01, low, low + 0.02), None)
+
     with_ = names.Grading(search, None, USUAL, 0, lambda kept, points: [
-        Judged(cost[n], None) for n in kept], True)
-    found = shown(with_, ("", *"ab"), "", None, "ab")
-    assert found.names == ("b",)
-    assert {n: one.why for n, one in found.left_out.items()} == {"a": names.NO_GAIN}
+        cost(n, kept) for n in kept], True)
+    found = shown(with_, ("", *"abc"), "", None, "abc")
+    assert "".join(found.names) == found_then
+    assert {n: one.why for n, one in found.left_out.items()} == dict.fromkeys(
+        set("abc") - set(found_then), names.NO_GAIN)
 
 
 @pytest.mark.parametrize(("low", "left"), [(1.0, set()), (0.999, {"a"})])

@@ -83,7 +83,8 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     Possible ones that went come back, the one that gains most first, where all are sure enough
     with it: what made them unsure may have gone after them. Then the one that gains least goes,
     until all lower the errors on recordings that no fit has seen; surely, where recordings are
-    several, and where a name is not sure beside a surer one. What is unsure is then tried again.
+    several, and where a name is not sure beside a surer one. What is unsure is then tried again,
+    unless it pushes out a name that stands.
     points: the base, with one effect more each, and perhaps with all fitted together; at: where the
     search has ended.
     One at a time: a name that goes may have been what hid another.
@@ -91,14 +92,10 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     if not names:
         return Shown((), (points[0],), {}, {}, {}, {})
     fits = _Fits(with_, at, noise, names)
-    kept, left_out = fits.back(*fits.sure(fits.graded(names, points[-1])))
-    while True:
-        stands = _tested(fits, kept, left_out, points)
-        if stands.kept.names == kept.names:
-            break
-        kept, left_out = fits.back(stands.kept, stands.left_out)
-        if kept.names == stands.kept.names:
-            break
+    first = fits.back(*fits.sure(fits.graded(names, points[-1])))
+    stands = _tested(fits, *first, points)
+    if stands.kept.names != first[0].names:
+        stands = _retried(fits, stands)
     kept, of = stands.kept, stands.kept.of
     if not kept.names:
         return Shown((), (points[0],), {}, {}, {}, stands.left_out)
@@ -198,6 +195,21 @@ def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut], points:
         kept, unsure = fits.sure(fits.without(kept, worst))
         away |= unsure
     return _Stands(kept, points, {}, away)
+
+
+def _retried(fits: _Fits, stands: _Stands) -> _Stands:
+    """With what is unsure no more, and lowers errors, but pushes out nothing that stands."""
+    while True:
+        kept, left_out = fits.back(stands.kept, stands.left_out)
+        new = set(kept.names) - set(stands.kept.names)
+        if not new:
+            return stands
+        tested = _tested(fits, kept, left_out, stands.points)
+        if set(stands.kept.names) <= set(tested.kept.names):
+            stands = tested
+        else:
+            stands = stands._replace(left_out=stands.left_out | {
+                n: LeftOut(kept.sure[n], NO_GAIN) for n in new})
 
 
 def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kept: Sequence[str],
