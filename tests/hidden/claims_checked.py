@@ -33,6 +33,7 @@ from stranger_files import pair
 from dart_hal.diagnose import conclude, diagnose
 from dart_hal.diagnose.parameters.claims import Asked, claims
 from dart_hal.diagnose.parameters.sets import all_sets, posterior
+from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.process.jobs import each
 from dart_hal.recording.dart import read
@@ -61,8 +62,9 @@ def run(case: Case, sets: bool = False) -> dict[str, Any]:
     shown = {c.group for c in claims(asked)}
     policy = asked.sets.policy
     asked.sets.policy = replace(policy, claims=replace(policy.claims, **BELIEVED))
-    here, there = ({c.group: c.cost for c in claims(replace(asked, test=e))}
-                   for e in (asked.test, evidence))
+    there_seen = Unseen(evidence, asked.unseen.last, policy)
+    here, there = ({c.group: c.cost for c in claims(replace(asked, unseen=seen))}
+                   for seen in (asked.unseen, there_seen))
     out["costs"] = {g: {"shown": g in shown, "ratio": here[g][0], "ci90": here[g][1:],
                         "long": there[g][0]} for g in here}
     return out
