@@ -16,11 +16,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from dart_hal.actuation.steering_map import steering_map
 from dart_hal.car import Car
-from dart_hal.config import CarFiles, ModelFile, Quantity
-from dart_hal.config.calibration import LatencyCalibration, SteeringTable
+from dart_hal.config import CarFiles, ModelFile, Quantity, plain
+from dart_hal.config.calibration import LatencyCalibration, SteeringCalibration, SteeringTable
 from dart_hal.config.car import Geometry
 from dart_hal.config.model import Parameters
+from dart_hal.control.measured import vehicle_for
 from dart_hal.errors import UsageError
 from dart_hal.identify import curves
 from dart_hal.identify.submodels.samples import Samples
@@ -35,7 +37,7 @@ from dart_hal.vehicle.sets import PAPER
 MEASURED = "measured"
 """How verbs that take the name of a model call this one."""
 HELD_US = 0.5
-"""us; a tenth of a count of the PCA9685 is what dithering holds in the mean."""
+"""us; dithering holds a pulse in the mean to a tenth of a count of the PCA9685, 20 ms / 4096."""
 Errors = dict[str, float]
 """Standard errors by "section.key"."""
 
@@ -69,17 +71,16 @@ def named_model(name: str | Path, paths: Sequence[str | Path]) -> tuple[ModelFil
 
 def measured_model(files: CarFiles) -> ModelFile:
     """The paper's model with all that ``files`` say was measured of the car."""
-    p = replace(PAPER, name=files.config.name, body=_body(files.config.geometry))
+    p = replace(vehicle_for(replace(files, model=None)), name=files.config.name,
+                body=_body(files.config.geometry))
     errors: Errors = {}
     calibration = files.calibration
     if calibration is not None:
-        p = _with_steering(p, files, errors)
+        p = _with_steering(p, calibration.steering, files, errors)
         p = _with_delays(p, calibration.latency, errors)
         band = calibration.throttle.deadband_forward_us
         if band is not None:
-            span = files.config.throttle.span_us
-            p = replace(p, motor=replace(p.motor, g=-band.value / span))
-            errors["motor.g"] = math.hypot(band.std, HELD_US) / span
+            errors["motor.g"] = math.hypot(band.std, HELD_US) / files.config.throttle.span_us
     return _stated(model_of(p), errors)
 
 
@@ -100,20 +101,19 @@ def _body(size: Geometry) -> Body:
                    yaw_inertia=size.yaw_inertia or paper.yaw_inertia * size.mass / paper.mass)
 
 
-def _with_steering(p: Vehicle, files: CarFiles, errors: Errors) -> Vehicle:
+def _with_steering(p: Vehicle, measured: SteeringCalibration, files: CarFiles, errors: Errors
+                   ) -> Vehicle:
     """Map, slew and play of the steering."""
-    assert files.calibration is not None
-    measured, servo = files.calibration.steering, files.config.steering
     if measured.map is not None:
-        command = ((np.array(measured.map.pulse_us) - servo.center_us)
-                   / (servo.direction * servo.span_us))
+        command_of = steering_map(files.config, measured.map).command
+        command = np.array([command_of(pulse) for pulse in measured.map.pulse_us])
         steering, std = paper_form(command, measured.map)
         p = replace(p, steering=steering)
         errors |= {f"steering.{key}": s
                    for key, s in zip(asdict(steering), std.tolist(), strict=True)}
     slew, play = measured.slew_us_s, measured.backlash
     if slew is not None:
-        per_unit = servo.span_us / slew.value
+        per_unit = files.config.steering.span_us / slew.value
         p = apply(p, "steering_rate_limit", k=per_unit)
         errors["steering_rate_limit.k"] = per_unit * slew.std / slew.value
     if play is not None and play.value > 0.0:
@@ -154,9 +154,9 @@ def _with_delays(p: Vehicle, measured: LatencyCalibration, errors: Errors) -> Ve
 def _stated(model: ModelFile, errors: Errors) -> ModelFile:
     """With the standard errors of what was measured."""
     def entries(section: str, table: Parameters) -> Parameters:
-        named = {key: errors.get(f"{section}.{key}") for key in table}
-        return {key: value if (std := named[key]) is None or isinstance(value, Quantity)
-                else Quantity(value, std, "calibration") for key, value in table.items()}
+        measured = {key: Quantity(plain(value), errors[f"{section}.{key}"], "calibration")
+                    for key, value in table.items() if f"{section}.{key}" in errors}
+        return {**table, **measured}
 
     sections: Mapping[str, Parameters] = {
         name: entries(name, getattr(model, name)) for name in ("motor", "steering", "delay")}
