@@ -197,8 +197,7 @@ def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
 
 
 def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> list[Named]:
-    """Names with what each cannot be told from: of those that are shown alone, for it takes long.
-    """
+    """Names with what each cannot be told from, asked only of those that are shown: it is slow."""
     alike = {one.effect: one for one in each(found.alike, named, q.settings.jobs)}
     return [alike[one.effect] for one in named]
 

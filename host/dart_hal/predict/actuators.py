@@ -74,7 +74,7 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     # numbers are quicker than arrays of one
     for one in last.tolist() if u.ndim == 1 else np.moveaxis(last, -1, 0):
         begin.append(over * begin[-1] + one)
-    # of numbers, too: a stack of them is three times as dear
+    # np.stack makes an array of each plain number
     starts = np.array(begin[:-1]) if u.ndim == 1 else np.stack(begin[:-1], axis=-1)
     out = forced + starts[..., None] * left
     return np.asarray(out.reshape(padded.shape)[..., :n])
