@@ -7,6 +7,7 @@ DART_HAL_REQUIRE_EMULATOR=1 turns that into a failure.
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import shutil
 import subprocess
 import sys
@@ -26,8 +27,10 @@ def make(target: str, *tools: str) -> None:
     absent = [tool for tool in tools if shutil.which(tool) is None]
     if absent:
         missing(f"firmware target {target}: {', '.join(absent)} not installed")
-    result = subprocess.run(["make", "-s", "-C", str(FIRMWARE), target],
-                            capture_output=True, text=True, check=False)
+    with (FIRMWARE / "Makefile").open() as alone:  # no worker loads what another still links
+        fcntl.flock(alone, fcntl.LOCK_EX)
+        result = subprocess.run(["make", "-s", "-C", str(FIRMWARE), target],
+                                capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
 
 
