@@ -48,7 +48,7 @@ def connect(app: Any) -> None:
 
 
 def main() -> None:
-    """Drive a lap, write the run. Needs dart-hal[view]."""
+    """Drive a lap, write the run."""
     from dart_hal.cli.main import cli
     from dart_hal.view.player import run_of, save
 

@@ -4,7 +4,7 @@ What takes long in `dart_hal` fans out through joblib, so one line decides where
 it runs: `parallel_config(backend="dask")`. The result is the same as in one
 process. For a cluster of several computers give Client the scheduler's address.
 
-    pip install 'dart-hal[cluster]'
+    pip install -e '.[cluster]'
     python examples/diagnose_on_a_cluster.py TRAIN TEST
 """
 

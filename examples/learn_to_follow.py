@@ -1,7 +1,7 @@
 """Learn to follow a track: 256 cars drive, the best ones tell how the next ones drive.
 
 A controller of four numbers on DartCar-v0, found by the cross-entropy method
-(R. Rubinstein, 1999). Needs gymnasium: pip install 'dart-hal[gym]'
+(R. Rubinstein, 1999). Needs gymnasium: pip install -e '.[gym]'
 
     python examples/learn_to_follow.py
 """
@@ -11,7 +11,7 @@ import numpy as np
 try:
     import gymnasium
 except ImportError as err:
-    raise SystemExit("this example needs gymnasium: pip install 'dart-hal[gym]'") from err
+    raise SystemExit("this example needs gymnasium: pip install -e '.[gym]'") from err
 
 CARS, ROUNDS, STEPS, BEST = 256, 8, 200, 24
 ENV = "dart_hal.sim.gym:DartCar-v0"

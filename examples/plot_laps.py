@@ -1,6 +1,6 @@
 """Drive the track with the nominal car and with fifty drawn ones; plot where they go.
 
-Needs gymnasium and matplotlib: pip install 'dart-hal[gym,plot]'
+Needs gymnasium and matplotlib: pip install -e '.[gym,plot]'
 
     python examples/plot_laps.py [laps.png]
 """

@@ -60,4 +60,4 @@ def test_without_gymnasium_the_example_says_what_to_install(tmp_path):
                           capture_output=True, text=True, check=False,
                           env={**os.environ, "PYTHONPATH": str(tmp_path)})
     assert done.returncode == 1
-    assert done.stderr.strip() == "this example needs gymnasium: pip install 'dart-hal[gym]'"
+    assert done.stderr.strip() == "this example needs gymnasium: pip install -e '.[gym]'"

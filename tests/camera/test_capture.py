@@ -159,7 +159,7 @@ def test_without_opencv_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(UsageError, match="needs OpenCV") as no:
         open_camera("usb:0")
-    assert "dart-hal[camera]" in no.value.remedy
+    assert "opencv-python-headless>=" in no.value.remedy
 
 
 @pytest.mark.parametrize(("text", "found"), [

@@ -127,5 +127,5 @@ def test_without_the_library_it_says_what_to_install(run, tmp_path, monkeypatch)
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(UsageError) as refused:
         write_ros2(RunReader(run), tmp_path / "two")
-    assert refused.value.remedy == "pip install 'dart-hal[ros]'"
+    assert "-m pip install 'rosbags>=" in refused.value.remedy
     assert not (tmp_path / "two").exists()

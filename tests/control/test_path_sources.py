@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.control.path_file import read_path
 from dart_hal.control.paths import Path
-from dart_hal.control.tracks import TRACKS, path_of, track_named
+from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.errors import UsageError
 
 
@@ -90,7 +90,7 @@ def test_tracks_of_the_authors(name, length, size, radius):
 
 def test_a_file_with_speeds(tmp_path):
     points = np.column_stack([circle(), np.linspace(1.0, 2.0, 40)])
-    path = path_of(str(written(tmp_path, rows(np.vstack([points, points[:1]]), "x, y,speed"))))
+    path = track_named(str(written(tmp_path, rows(np.vstack([points, points[:1]]), "x, y,speed"))))
     assert path.closed
     assert path.speed[0] == pytest.approx(1.0)
     assert path.speed.max() == pytest.approx(2.0, abs=0.02)
@@ -115,6 +115,82 @@ def test_what_is_no_path(tmp_path, text, match):
     assert refused.value.read == str(file)
 
 
+def square(side=4.0, n=80):
+    """Points of a rounded square, not repeated at its end."""
+    a = np.linspace(0.0, 2.0 * pi, n, endpoint=False)
+    r = 0.5 * side / (np.cos(a) ** 4 + np.sin(a) ** 4) ** 0.25
+    return np.column_stack([r * np.cos(a), r * np.sin(a)])
+
+
+ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_path_file_is_read_in_every_encoding(tmp_path, encoding, newline):
+    file = tmp_path / "path.csv"
+    file.write_bytes(rows(circle()).replace("\n", newline).encode(encoding))
+    assert read_path(file).length == pytest.approx(2.0 * pi * 1.2 * 39 / 40, rel=1e-3)
+
+
+def test_path_file_in_another_encoding_is_refused(tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_bytes("x,y,größe\n1,2,3\n".encode("latin-1"))
+    with pytest.raises(UsageError, match="not a text file") as refused:
+        read_path(file)
+    assert "UTF-8" in refused.value.remedy
+
+
+@pytest.mark.parametrize("separator", [", ", ",", "; ", ";", "\t"])
+def test_centre_line_of_f1tenth_is_a_closed_path(tmp_path, separator):
+    head = "# x_m, y_m, w_tr_right_m, w_tr_left_m".replace(", ", separator)
+    body = [separator.join(f"{v:.7f}" for v in (*row, 1.1, 1.1)) for row in square(20.0)]
+    path = read_path(written(tmp_path, "\n".join([head, *body]) + "\n"))
+    assert path.closed
+    assert path.speed is None
+    assert np.ptp(path.x) == pytest.approx(20.0, rel=0.01)
+
+
+@pytest.mark.parametrize("repeated", [True, False])
+def test_raceline_of_tum_is_a_closed_path_with_speeds(tmp_path, repeated):
+    head = ["# 4bd8b12f-6c2e-4d1e-8c5e-0f9a8f4e2e11", "# 31e2a4",
+            "# s_m; x_m; y_m; psi_rad; kappa_radpm; vx_mps; ax_mps2"]
+    points = square(30.0)
+    points = np.vstack([points, points[:1]]) if repeated else points
+    body = ["; ".join(f"{v:.7f}" for v in (0.4 * i, *row, 0.1, 0.2, 5.0 + 0.01 * i, 0.0))
+            for i, row in enumerate(points)]
+    path = track_named(str(written(tmp_path, "\n".join([*head, *body]) + "\n")))
+    assert path.closed
+    assert path.speed[0] == pytest.approx(5.0)
+    assert np.ptp(path.y) == pytest.approx(30.0, rel=0.01)
+
+
+def test_an_open_track_stays_open(tmp_path):
+    body = [", ".join(f"{v:.4f}" for v in (*row, 1.1, 1.1)) for row in square(20.0)[:60]]
+    assert not read_path(written(tmp_path, "\n".join(["# x_m, y_m, a, b", *body]))).closed
+
+
+def test_comments_in_a_path_of_ones_own_are_skipped(tmp_path):
+    text = "# made by hand\nx,y\n0,0\n# corner\n1,0\n\n2,1\n"
+    assert read_path(written(tmp_path, text)).length == pytest.approx(2.5, abs=0.1)
+    with pytest.raises(UsageError, match="line 5: y is no number"):
+        read_path(written(tmp_path, "# made by hand\nx,y\n0,0\n# corner\n1,a\n2,1\n"))
+
+
+@pytest.mark.parametrize(("head", "scale"), [("x_cm,y_cm", 0.01), ("x_mm,y_mm", 0.001)])
+def test_unit_of_the_header_is_used(tmp_path, head, scale):
+    path = read_path(written(tmp_path, rows(circle() / scale, head)))
+    assert np.ptp(path.x) == pytest.approx(2.4, abs=0.01)
+
+
+def test_path_in_centimetres_is_questioned(tmp_path):
+    """A circle of 1.2 m in centimetres is 240 wide; x_m, y_m accepts what is that large."""
+    with pytest.raises(UsageError, match="in metres") as refused:
+        read_path(written(tmp_path, rows(100.0 * circle())))
+    assert "x_cm,y_cm" in refused.value.remedy
+    assert read_path(written(tmp_path, rows(100.0 * circle(), "x_m,y_m"))).length > 700.0
+
+
 def test_points_that_are_none():
     with pytest.raises(UsageError, match="point 2 of the path is not finite"):
         Path.through([(0, 0), (1, np.inf), (2, 2)], closed=False)
@@ -124,6 +200,6 @@ def test_points_that_are_none():
 
 def test_an_unknown_track_suggests_the_nearest():
     with pytest.raises(UsageError, match="no track is called 'savoyardo'") as refused:
-        path_of("savoyardo")
+        track_named("savoyardo")
     assert refused.value.remedy.startswith("savoiardo;")
     assert all(name in refused.value.expected for name in TRACKS)

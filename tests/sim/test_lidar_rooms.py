@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from math import cos, hypot, pi, sin, tau
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
@@ -104,6 +106,62 @@ def test_a_map_of_map_server_is_its_outlines(tmp_path):
     # the block: columns 30 to 36, rows 26 to 30 from the bottom
     block = rays.cast_numpy(room.lines, np.array(((-0.5, 0.9),)), np.array(((1.0, 0.0),)))
     assert block[0] == pytest.approx(-1.0 + 30 * 0.05 + 0.5)
+
+
+YAML = ("image: hall.pgm\nresolution: 0.05\norigin: [-1.0, -0.5, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+
+
+@pytest.mark.parametrize("text", [
+    YAML.replace("[-1.0, -0.5, 0.0]", "\n- -1.0\n- -0.5\n- 0.0"),
+    YAML.replace("hall.pgm", "hall.pgm  # cleaned up"),
+    YAML.replace("hall.pgm", '"hall.pgm"').replace("\n", "\r\n"),
+    "%YAML 1.1\n---\n" + YAML + "mode: trinary\n",
+    "# map\n" + YAML.replace("negate: 0", "negate: no"),
+    "{" + YAML.strip().replace("\n", ", ") + "}"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_map_file_is_read_as_yaml(tmp_path, text, encoding):
+    path = write_map(tmp_path)
+    expected = read_grid(path)
+    path.write_bytes(text.encode(encoding))
+    grid = read_grid(path)
+    assert np.array_equal(grid.occupied, expected.occupied)
+    assert (grid.cell, *grid.origin) == (0.05, -1.0, -0.5)
+
+
+@pytest.mark.parametrize("text", [
+    "", "- 1\n", "image: [", "&a [*a]", YAML + "mode: raw\n", YAML.replace("0.05", "wide"),
+    YAML.replace("[-1.0, -0.5, 0.0]", "3"), "image: hall.pgm\n", "[" * 5000,
+    YAML.replace("hall.pgm", "hall.yaml"), YAML.replace("hall.pgm", "other.png")])
+def test_yaml_that_is_no_map_is_refused(tmp_path, text):
+    path = write_map(tmp_path)
+    path.write_text(text)
+    with pytest.raises(UsageError, match=r"hall\.yaml"):
+        read_grid(path)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "P", "LA", "I;16", "1"])
+def test_map_image_may_be_a_png(tmp_path, mode):
+    path = write_map(tmp_path)
+    expected = read_grid(path)
+    picture = Image.fromarray(GRID)
+    picture = (Image.fromarray(GRID.astype(np.uint16) * 257) if mode == "I;16"
+               else picture.convert(mode, dither=0))
+    picture.save(tmp_path / "hall.png")
+    path.write_text(YAML.replace("hall.pgm", "hall.png"))
+    grid = read_grid(path)
+    assert np.array_equal(grid.occupied, expected.occupied)
+    assert mode == "1" or np.array_equal(grid.free, expected.free)  # one bit knows no third shade
+
+
+def test_png_map_without_pillow_names_the_remedy(tmp_path, monkeypatch):
+    path = write_map(tmp_path)
+    Image.fromarray(GRID).save(tmp_path / "hall.png")
+    path.write_text(YAML.replace("hall.pgm", "hall.png"))
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(UsageError, match="needs Pillow") as refused:
+        read_grid(path)
+    assert "pillow" in refused.value.remedy
 
 
 def test_a_car_drives_in_a_map_of_ones_own(tmp_path):

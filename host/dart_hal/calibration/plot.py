@@ -1,6 +1,6 @@
 """One figure of a steering calibration: map, data of both approaches, residuals.
 
-Needs matplotlib (``pip install dart-hal[plot]``).
+Needs matplotlib (the extra ``plot``).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One figure of a throttle calibration: the pulses of this car, and how far the paper's are off.
 
-Needs matplotlib (``pip install dart-hal[plot]``).
+Needs matplotlib (the extra ``plot``).
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.errors import PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.process.extras import install_command
 
 EXPECTED = "usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, or top in sim://"
 RANGES = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 120), "quality": (1, 100)}
@@ -86,7 +87,7 @@ def opencv() -> ModuleType:
         import cv2
     except ImportError as why:
         raise UsageError("a camera needs OpenCV", found=f"{why.name or 'cv2'} is not installed",
-                         remedy="pip install 'dart-hal[camera]'") from why
+                         remedy=install_command("camera")) from why
     module: ModuleType = cv2
     return module
 

@@ -14,6 +14,7 @@ from dart_hal.recording.live_file import LiveFile
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
 from dart_hal.recording.run_file import RunFile
+from dart_hal.text_file import read_text
 
 Record = str | Path | RunFile
 """Where a run goes: a file of its own, or one that the cars of a fleet share."""
@@ -119,7 +120,7 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
     backend = engine.backend
     texts = dict(backend.measured)
     if not texts and not left_aside(files):
-        texts = {name: (files.folder / name).read_text(encoding="utf-8")
+        texts = {name: read_text(files.folder / name)
                  for name in FILES if (files.folder / name).is_file()}
     if backend.car_toml is not None:
         texts["car.toml"] = backend.car_toml

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dart_hal.car.car import Car
 from dart_hal.car.identity import Hello
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
 from dart_hal.recording.run import RunReader
 from dart_hal.types import FloatArray, State
 
@@ -132,4 +133,4 @@ def to_dataframe(path: Path | str) -> Any:
 def missing(package: str, what: str, extra: str = "table") -> UsageError:
     """What is said where an extra is not installed."""
     return UsageError(f"{what} needs {package}", found=f"{package} is not installed",
-                      remedy=f"pip install 'dart-hal[{extra}]'")
+                      remedy=install_command(extra))

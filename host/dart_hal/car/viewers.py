@@ -6,6 +6,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
 
 GROUP = "dart_hal.viewers"
 
@@ -17,10 +18,10 @@ def open_viewer(name: str, car: object, options: dict[str, Any]) -> Any:
     if name not in known:
         raise UsageError(f"there is no viewer {name!r}", found=", ".join(sorted(known)) or "none",
                          expected=f"an entry point of {GROUP}",
-                         remedy="pip install 'dart-hal[view]'")
+                         remedy="make setup, or install dart-hal again")
     try:
         opened = known[name].load()
     except ImportError as why:
         raise UsageError(f"a live page needs {why.name}", found=f"{why.name} is not installed",
-                         remedy="pip install 'dart-hal[view]'") from why
+                         remedy=install_command(why.name or "websockets")) from why
     return opened(car, **options)

@@ -28,6 +28,7 @@ from dart_hal.diagnose.report import sentence, verdict
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
 from dart_hal.process import jobs
+from dart_hal.process.extras import install_command
 from dart_hal.sim.truth import reveal_url, truth
 
 RADIUS = 0.9
@@ -59,7 +60,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
                          remedy="dart-hal calibrate steering --url " + url)
     if find_spec("matplotlib") is None:
         raise UsageError("the demo draws its page with matplotlib, which is not installed",
-                         remedy="pip install 'dart-hal[plot]'")
+                         remedy=install_command("plot"))
     reveal_url(parsed)  # raises what opening this car would raise, before anything is driven
     number = parsed.options.get("seed", "0")
     healthy = without_effect(parsed)

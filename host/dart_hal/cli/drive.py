@@ -97,7 +97,7 @@ def load(path: Path) -> Control:
     if not path.is_file():
         raise UsageError(f"there is no script {path}", expected="a Python file")
     with blamed(path):
-        names = defined(path.read_text(encoding="utf-8"))
+        names = defined(path.read_bytes())
     if "control" not in names:  # looked at before anything of it runs and moves a car
         raise UsageError(f"{path} defines no control(state)", found=", ".join(names),
                          expected="def control(state): return steering_rad, throttle",
@@ -117,7 +117,7 @@ def load(path: Path) -> Control:
     return checked
 
 
-def defined(source: str) -> list[str]:
+def defined(source: str | bytes) -> list[str]:
     """Names that a module binds at its top level. Raises SyntaxError."""
     names: list[str] = []
     for node in ast.parse(source).body:

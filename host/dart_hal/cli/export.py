@@ -44,8 +44,8 @@ def command(kind: str, run: Sequence[Path], out: Path, fps: int, task: str,
     lerobot: each RUN is an episode of observation.state, action and the camera's images, where
     there are; several may be named.
 
-    Parquet and LeRobot need pip install 'dart-hal[table]', with images 'dart-hal[table,camera]',
-    bags 'dart-hal[ros]'.
+    Parquet and LeRobot need the extra table, with images also camera, bags the extra ros:
+    pip install -e '.[table,camera,ros]' in the checkout.
     """
     _check(kind, run, out)
     if kind in TABLES:

@@ -21,6 +21,7 @@ from dart_hal.cli.output import console, print_json, results
 from dart_hal.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.links.image import find_image
 from dart_hal.links.serial_port import holders, is_port
+from dart_hal.text_file import read_text
 from dart_hal.view.flash_page import serve_flash_page
 
 BAUDS = (115_200, 57_600)
@@ -91,7 +92,7 @@ def _check(path: Path) -> None:
         raise UsageError(f"{path} is not an Intel hex file", expected="lines that begin with ':'")
     wanted = path.with_suffix(path.suffix + ".sha256")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    if wanted.is_file() and wanted.read_text().split()[0] != digest:
+    if wanted.is_file() and read_text(wanted).split()[0] != digest:
         raise FlashFailed(f"{path} does not match {wanted.name}", found=digest,
                           likely="a broken download or a local build in its place",
                           remedy="make firmware, then dart-hal flash firmware/build/dart_nano.hex")

@@ -42,7 +42,7 @@ from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
 from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
-from dart_hal.control.tracks import path_of
+from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
 from dart_hal.report.figures import FORMATS
 from dart_hal.types import MotionEstimate, State
@@ -104,7 +104,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
         raise UsageError("say how fast", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
     make = tracker_of(tracker, discs, compiled, lane, weights)
-    track = path_of(path).reversed() if reverse else path_of(path)
+    track = track_named(path).reversed() if reverse else track_named(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, make, rules, half_width)

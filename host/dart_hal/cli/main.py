@@ -14,6 +14,7 @@ import click
 from dart_hal import __version__
 from dart_hal.cli.output import console, notices, print_json
 from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
+from dart_hal.process.extras import install_command
 
 VERBS = {
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
@@ -101,6 +102,8 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(130)
     except OSError as error:
         _fail(_file_trouble(error), as_json)
+    except ModuleNotFoundError as error:
+        _fail(_missing_package(error), as_json)
     except Exception as error:  # noqa: BLE001 - the user gets a sentence, not our stack
         if os.environ.get("DART_HAL_DEBUG"):
             traceback.print_exc()
@@ -129,6 +132,16 @@ def _refuse(error: click.ClickException, argv: list[str], as_json: bool) -> None
                          remedy="dart-hal --help"), as_json)
     error.show()
     sys.exit(2)
+
+
+def _missing_package(error: ModuleNotFoundError) -> DartHalError:
+    """Return the error for a package that an optional part of a verb imports."""
+    package = (error.name or "").partition(".")[0]
+    if package in ("", "dart_hal"):
+        return _internal(error)
+    return UsageError(f"this needs the Python package {package}",
+                      found=f"{package} is not installed for {sys.executable}",
+                      remedy=install_command(package))
 
 
 def _file_trouble(error: OSError) -> FileTrouble:

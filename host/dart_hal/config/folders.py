@@ -17,6 +17,7 @@ from dart_hal.config.model import ModelFile, check_model, parse_model
 from dart_hal.config.quantity import Quantity
 from dart_hal.config.write import save
 from dart_hal.errors import ConfigError
+from dart_hal.text_file import read_text
 
 EXAMPLE = "dart-01"
 PACKAGED = Path(__file__).resolve().parents[1] / "cars" / EXAMPLE / "car.toml"
@@ -209,7 +210,7 @@ def _check_direction(config: CarConfig, calibration: Calibration, path: str, car
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} cannot be read: {error}", read=str(path),
                           remedy="check the path, its permissions and its encoding (UTF-8)"

@@ -12,6 +12,7 @@ from dart_hal.config.calibration import Calibration, parse_calibration
 from dart_hal.config.model import KNOWN, ModelFile, parse_model, plain
 from dart_hal.config.quantity import Quantity
 from dart_hal.config.write import number
+from dart_hal.text_file import read_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ def calibration_changes(now: Calibration, folder: Path) -> list[Change]:
     before = versions(folder / "calibration.toml")
     if not before:
         return []
-    text = before[0].read_text(encoding="utf-8")
+    text = read_text(before[0])
     old = parse_calibration(text, str(before[0]), now.car)
     return _changed(_scalars(old.quantities()), _scalars(now.quantities()))
 
@@ -48,7 +49,7 @@ def model_changes(now: ModelFile, path: Path) -> list[Change]:
     before = versions(path)
     if not before:
         return []
-    old = parse_model(before[0].read_text(encoding="utf-8"), str(before[0]))
+    old = parse_model(read_text(before[0]), str(before[0]))
     return _changed(_parameters(old), _parameters(now))
 
 

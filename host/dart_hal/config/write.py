@@ -19,6 +19,8 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AbstractTable, InlineTable, Item
 
+from dart_hal.text_file import read_text
+
 Document = tomlkit.TOMLDocument | AbstractTable | InlineTable
 Plain = Mapping[str, Any]
 
@@ -57,7 +59,7 @@ def merge(text: str, thing: msgspec.Struct) -> str:
 def save(thing: msgspec.Struct, path: Path) -> Path:
     """Write ``thing`` to ``path`` (folders are made); the old file goes to history/."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    old = path.read_text(encoding="utf-8") if path.exists() else None
+    old = read_text(path) if path.exists() else None
     text = dump(thing) if old is None else merge(old, thing)
     if old == text:
         return path

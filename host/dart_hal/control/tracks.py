@@ -54,9 +54,14 @@ TRACKS: dict[str, Callable[[], Path]] = {
 
 
 def track_named(track: Path | str) -> Path:
-    """The path itself, or one of ``TRACKS``. Raises UsageError for an unknown name."""
+    """Return the path itself, a track of ``TRACKS`` by its name, or the path of a file.
+
+    Raises UsageError for an unknown name and as ``read_path``, FileNotFoundError.
+    """
     if isinstance(track, Path):
         return track
+    if track not in TRACKS and (track.lower().endswith(".csv") or File(track).is_file()):
+        return read_path(File(track))
     if track not in TRACKS:
         near = get_close_matches(track, TRACKS, n=1)
         raise UsageError(f"no track is called {track!r}", expected=", ".join(TRACKS),
@@ -64,9 +69,3 @@ def track_named(track: Path | str) -> Path:
                          + "docs/how_to/following.md lists the tracks")
     return TRACKS[track]()
 
-
-def path_of(text: str) -> Path:
-    """A CSV file by its name, else a track. Raises UsageError, FileNotFoundError."""
-    if text.lower().endswith(".csv") or File(text).is_file():
-        return read_path(File(text))
-    return track_named(text)

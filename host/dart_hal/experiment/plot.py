@@ -1,6 +1,6 @@
 """One picture of a drive: where it went on the floor, and what was commanded.
 
-Needs matplotlib (``pip install dart-hal[plot]``).
+Needs matplotlib (the extra ``plot``).
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import Any
 
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url
+from dart_hal.process.extras import install_command
 
 SERVICE = "_dart-hal._udp.local."
 ROOM = "DART_HAL_ROOM"
@@ -87,6 +88,6 @@ def _zeroconf() -> Any:
     except ImportError as why:
         raise UsageError("cars are found by mDNS with the package zeroconf", found=str(why),
                          expected="it is installed, or a room is named",
-                         remedy="pip install 'dart-hal[fleet]', or --room "
+                         remedy=f"{install_command('fleet')} ; or --room "
                                 "udp://239.255.42.99:7447") from why
     return zeroconf

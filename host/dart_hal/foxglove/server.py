@@ -22,6 +22,7 @@ from dart_hal.errors import UsageError
 from dart_hal.foxglove import protocol
 from dart_hal.foxglove.operate import HOLD, Drives, Operator
 from dart_hal.foxglove.protocol import Malformed
+from dart_hal.process.extras import install_command
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
 
@@ -141,7 +142,7 @@ class Server:
             from websockets.exceptions import ConnectionClosed
         except ImportError as error:
             raise UsageError("a live server needs websockets", found="it is not installed",
-                             remedy="pip install 'dart-hal[view]'") from error
+                             remedy=install_command("websockets")) from error
         self._closed = ConnectionClosed
         failed: list[OSError] = []
         listening = threading.Event()

@@ -1,4 +1,4 @@
-"""Grid maps of ROS's map_server, PGM with YAML, as the outlines of what is occupied."""
+"""Grid maps of ROS's map_server, a YAML file and an image, as the outlines of what is occupied."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
+from dart_hal.text_file import read_text
 from dart_hal.types import BoolArray, FloatArray
 
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
@@ -18,6 +22,10 @@ _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
 
 UNKNOWN = 205
 """Shade of what nobody saw, between map_server's thresholds."""
+
+
+MODES = ("trinary", "scale")
+"""How an image is read. Both know occupied and free cells by two thresholds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,23 +46,38 @@ class Grid:
 
 
 def read_grid(path: Path) -> Grid:
-    """Raises UsageError naming the file."""
+    """Read a map of map_server. Raises UsageError naming the file."""
     try:
-        told = dict(re.findall(r"^(\w+):\s*(.*?)\s*$", path.read_text(encoding="utf-8"),
-                               re.MULTILINE))
-        shades = read_pgm(path.parent / told["image"].strip("'\""))
-        x, y, yaw = (float(v) for v in told["origin"].strip("[]").split(","))
-        cell, high = float(told["resolution"]), float(told.get("occupied_thresh", 0.65))
-        low, negate = float(told.get("free_thresh", 0.196)), int(told.get("negate", 0))
-    except (OSError, UnicodeDecodeError, KeyError, ValueError) as why:
+        table = read_map_table(path)
+        shades = read_image(path.parent / str(table["image"]))
+        x, y, yaw = (float(v) for v in table["origin"])
+        cell, high = float(table["resolution"]), float(table.get("occupied_thresh", 0.65))
+        low, negate = float(table.get("free_thresh", 0.196)), int(table.get("negate", 0))
+    except UsageError:
+        raise
+    except (OSError, KeyError, TypeError, ValueError) as why:
         raise UsageError(f"{path} is no map of map_server", found=repr(why), read=str(path),
-                         expected="image, resolution, origin; the image a binary PGM (P5)") from why
+                         expected="image, resolution, origin; the image a binary PGM (P5) or PNG"
+                         ) from why
     if yaw or not cell > 0.0:
         raise UsageError(f"{path}: the map cannot be used", read=str(path),
                          found=f"origin turned by {yaw:g} rad, cells of {cell:g} m",
                          expected="a map that is not turned, cells above 0 m")
     share = shades / 255.0 if negate else 1.0 - shades / 255.0
     return Grid(share[::-1] > high, share[::-1] < low, cell, np.array((x, y)))
+
+
+def read_map_table(path: Path) -> dict[str, Any]:
+    """Read the keys of a map's YAML file. Raises OSError and ValueError."""
+    try:
+        table = yaml.safe_load(read_text(path))
+    except (yaml.YAMLError, RecursionError) as why:
+        raise ValueError(f"no YAML: {why}") from why
+    if not isinstance(table, dict):
+        raise ValueError("no keys")
+    if table.get("mode", "trinary") not in MODES:
+        raise ValueError(f"mode: {table['mode']}, expected {' or '.join(MODES)}")
+    return table
 
 
 def write_grid(grid: Grid, path: Path) -> Path:
@@ -71,6 +94,33 @@ def write_grid(grid: Grid, path: Path) -> Path:
                     f"origin: [{x:.6f}, {y:.6f}, 0.0]\nnegate: 0\noccupied_thresh: 0.65\n"
                     "free_thresh: 0.196\n", encoding="utf-8")
     return image
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Read the shades (rows, columns) of an image; colours are averaged, as map_server does.
+
+    A binary PGM needs nothing else, PNG and others need Pillow.
+    Raises UsageError without Pillow, OSError, ValueError.
+    """
+    with path.open("rb") as file:
+        if file.read(2) == b"P5":
+            return read_pgm(path)
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError as error:
+        raise UsageError(f"{path.name}: this image needs Pillow", read=str(path),
+                         expected="a binary PGM (P5), or Pillow to read it",
+                         remedy=install_command("camera")) from error
+    try:
+        with Image.open(path) as picture:
+            if picture.mode.startswith("I"):  # 16 bits
+                shades = np.asarray(picture, dtype=np.float64) / 257.0
+            else:
+                shades = np.asarray(picture.convert("RGB"), dtype=np.float64).mean(axis=2)
+    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
+        raise ValueError(f"{path.name} is no image: {error}") from error
+    rounded: NDArray[np.uint8] = shades.round().astype(np.uint8)
+    return rounded
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:

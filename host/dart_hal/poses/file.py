@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dart_hal.errors import RecordingError
 from dart_hal.poses.reading import Convention, Reading
+from dart_hal.text_file import read_text
 from dart_hal.types import ExternalPose
 
 NEEDED = ("t", "x", "y", "yaw")
@@ -45,7 +46,7 @@ def open_file(path: Path, convention: Convention) -> FileSource:
         raise RecordingError(f"{path}: is no file", read=str(path), found="a folder or a device",
                              expected="a CSV file", remedy="file://poses.csv")
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_text(path).splitlines()
     except (OSError, UnicodeDecodeError) as why:
         raise RecordingError(f"{path}: cannot be read as CSV", found=str(why), read=str(path),
                              remedy="a text file with the header t,x,y,yaw") from why

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from dart_hal.errors import RecordingError
+from dart_hal.text_file import read_text
 from dart_hal.types import State
 
 COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
@@ -130,7 +131,7 @@ def read_csv(path: Path | str) -> list[Row]:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="ascii")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as why:
         raise RecordingError(f"{path}: cannot be read as CSV", found=str(why),
                              read=str(path)) from why

@@ -1,6 +1,6 @@
 """Matplotlib pictures in one style: size, colours, axes, captions, and where they go.
 
-Needs matplotlib (``pip install dart-hal[plot]``), which is imported here and nowhere else.
+Needs matplotlib (the extra ``plot``), which is imported here and nowhere else.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
 from dart_hal.types import FloatArray
 
 from .html import Html, el
@@ -36,7 +37,7 @@ def new_figure(size: tuple[float, float] = (7.2, 4.6), path: str | Path | None =
     try:
         from matplotlib.figure import Figure
     except ImportError as err:
-        raise UsageError("a plot needs matplotlib", remedy="pip install 'dart-hal[plot]'") from err
+        raise UsageError("a plot needs matplotlib", remedy=install_command("plot")) from err
     if path is not None and Path(path).suffix.lower() not in FORMATS:
         raise UsageError(f"no plot format {Path(path).suffix!r}", expected=", ".join(FORMATS))
     return Figure(figsize=size, layout="constrained")

@@ -14,6 +14,7 @@ from types import ModuleType
 import numpy as np
 
 from dart_hal.errors import DartHalError, UsageError
+from dart_hal.process.extras import install_command
 from dart_hal.sim.lidar.maps import Room, box
 from dart_hal.sim.lidar.unit import Others, Poses
 from dart_hal.sim.light.world import Outline
@@ -133,5 +134,5 @@ def _pillow() -> tuple[ModuleType, ModuleType]:
         from PIL import ImageDraw
     except ImportError as why:
         raise UsageError("the camera of sim:// needs Pillow", found="it is not installed",
-                         remedy="pip install 'dart-hal[camera]'") from why
+                         remedy=install_command("camera")) from why
     return ImageDraw, PILImage

@@ -15,6 +15,7 @@ import numpy as np
 from dart_hal.control.mpc.admm import RELAXATION, Splitting, Sweep
 from dart_hal.control.mpc.model import INPUTS, STATES, Linearise, Linearised, make_stage
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.native.build import CannotCompile, Variant, cache_folder, compile_kernel
 from dart_hal.vehicle.parameters import Vehicle
@@ -87,7 +88,7 @@ def _source(vehicle: Vehicle) -> str:
         import casadi as ca
     except ImportError as why:
         raise UsageError("contouring control in C needs casadi", found=str(why),
-                         expected="the extra mpc", remedy="pip install 'dart-hal[mpc]'") from why
+                         expected="the extra mpc", remedy=install_command("mpc")) from why
     z, u = ca.SX.sym("z", STATES), ca.SX.sym("u", INPUTS)
     after = ca.vertcat(*make_stage(vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u)))
     slopes = (ca.densify(ca.jacobian(after, of)) for of in (z, u))

@@ -1,4 +1,4 @@
-"""``zenoh://ROOM``: over Eclipse zenoh (pip install 'dart-hal[fleet]').
+"""``zenoh://ROOM``: over Eclipse zenoh (the extra ``fleet``).
 
 Options: ``connect`` and ``listen``, each a zenoh end point such as tcp/10.0.0.11:7447; without
 them zenoh scouts its network for peers. Frames go to the key dart-hal/fleet/ROOM.
@@ -15,6 +15,7 @@ from typing import Any
 from dart_hal.errors import UsageError
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
+from dart_hal.process.extras import install_command
 
 KEPT = 4096
 """Frames that wait: 10 s of 20 cars."""
@@ -27,7 +28,7 @@ def open_zenoh(url: Url) -> ZenohTransport:
         import zenoh
     except ImportError as why:
         raise UsageError("zenoh:// needs the package eclipse-zenoh", found=str(why),
-                         expected="it is installed", remedy="pip install 'dart-hal[fleet]'"
+                         expected="it is installed", remedy=install_command("fleet")
                          ) from why
     config = zenoh.Config()
     for name in ("connect", "listen"):

@@ -12,6 +12,7 @@ import numpy as np
 
 from dart_hal.errors import RecordingError
 from dart_hal.recording.regular import check_regular
+from dart_hal.text_file import decode_text
 from dart_hal.types import FloatArray
 
 from .schema import USED, detect, split_header
@@ -50,7 +51,7 @@ def read_text(path: Path) -> str:
                              likely="the recorder was stopped before the first row",
                              remedy="leave this file out")
     try:
-        text = raw.decode("utf-8")
+        text = decode_text(raw)
         if "\x00" in text[:65536]:
             raise ValueError("NUL byte")
     except ValueError as err:

@@ -1,19 +1,20 @@
 """DartCar-v0: the light simulation as a Gymnasium environment.
 
 Importing this package registers it; ``gymnasium.make("dart_hal.sim.gym:DartCar-v0")``
-imports by itself. Needs gymnasium (``pip install 'dart-hal[gym]'``); nothing
+imports by itself. Needs gymnasium (the extra ``gym``); nothing
 else in ``dart_hal`` imports it.
 """
 
 from __future__ import annotations
 
 from dart_hal.errors import UsageError
+from dart_hal.process.extras import install_command
 
 try:
     from gymnasium.envs.registration import register, registry
 except ImportError as err:
     raise UsageError("the learning environment needs gymnasium",
-                     remedy="pip install 'dart-hal[gym]'") from err
+                     remedy=install_command("gym")) from err
 
 from dart_hal.control.tracks import TRACKS
 from dart_hal.sim.gym.config import SPREAD, GymConfig

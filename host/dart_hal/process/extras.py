@@ -1,0 +1,57 @@
+"""Optional packages: the command that installs them for the interpreter that runs this."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import sys
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import find_spec
+from pathlib import Path
+
+DISTRIBUTION = "dart-hal"
+PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "serial": "pyserial",
+            "yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
+"""Packages by the name under which they are imported, where the two differ."""
+
+
+def install_command(*names: str) -> str:
+    """Return the shell command that installs the packages of extras, or packages by import name.
+
+    It names the packages themselves, because this package is on no index, and this interpreter,
+    because the first ``pip`` on the path may be that of another Python. Environments without
+    pip, as ``uv venv`` makes them, are served by uv. Example::
+
+        install_command("plot")  # ".venv/bin/python -m pip install 'matplotlib>=3.7'"
+    """
+    packages = [package for name in names for package in packages_of(name)]
+    if find_spec("pip") is None:
+        uv = shutil.which("uv") or installed_uv()
+        if uv:
+            return shlex.join([uv, "pip", "install", "--python", sys.executable, *packages])
+    return shlex.join([sys.executable, "-m", "pip", "install", *packages])
+
+
+def packages_of(name: str) -> list[str]:
+    """Return the requirements of an extra, or the requirement that provides an import name."""
+    try:
+        lines = requires(DISTRIBUTION) or []
+    except PackageNotFoundError:
+        lines = []
+    # A line of the metadata: "matplotlib>=3.7; extra == 'plot'".
+    parts = [line.replace('"', "'").partition(";")[::2] for line in lines]
+    extra = [package.strip() for package, marker in parts
+             if marker.replace(" ", "").endswith(f"extra=='{name}'")]
+    package = PACKAGES.get(name, name)
+    required = [text.strip() for text, _ in parts
+                if re.match(rf"{re.escape(package)}\b(?![-_.])", text, re.IGNORECASE)]
+    return extra or required[:1] or [package]
+
+
+def installed_uv() -> str | None:
+    """Return the uv that host/setup brought for the user, if it did."""
+    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    uv = Path(base) / "dart-hal" / "bin" / "uv"
+    return str(uv) if os.access(uv, os.X_OK) else None
