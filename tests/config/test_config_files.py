@@ -55,7 +55,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
                         provenance=draw(st.dictionaries(st.sampled_from(["log", "n", "fit"]), (
                             st.text(max_size=9, alphabet="ab #\"'=") | finite))))
     values: dict[str, Quantity | Quantities] = {
-        "pwm.oscillator_hz": Quantity(draw(st.floats(16e6, 34e6)), draw(positive)),
+        "pwm.oscillator_hz": Quantity(draw(st.floats(22e6, 28e6)), draw(st.floats(1.0, 1e5))),
         "imu.gyro_bias": draw(quantity),
         "encoder.ring": Quantities((0.5, 1.5, 1.0), draw(positive))}
     kept = draw(st.sets(st.sampled_from(sorted(values))))

@@ -15,6 +15,7 @@ import numpy as np
 
 from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
 from dart_hal.config import CarFiles, Quantity
+from dart_hal.config.ranges import MAX_CLOCK_STD, OSCILLATOR_HZ
 from dart_hal.errors import CalibrationFailed
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
@@ -34,8 +35,6 @@ STAMP = 1e-6
 """s, one sigma of a rise: the capture's step of 0.5 us and its noise canceller."""
 UNKNOWN = 0.04
 """Relative error of an oscillator that nobody measured: 24 to 27 MHz are seen."""
-PLAUSIBLE = (0.9, 1.15)
-"""Of the nominal 25 MHz."""
 CHANGED = 1e-3
 """Relative; of a pulse of 1500 us it is 1.5 us, a third of the PCA9685's count."""
 
@@ -120,14 +119,20 @@ def _period(answers: list[dict[str, Any]]) -> float:
 
 def _measured(files: CarFiles, source: str, hertz: Quantity, residual: str, duration: float
               ) -> Measured:
-    low, high = (share * NOMINAL_HZ for share in PLAUSIBLE)
-    if not (low < hertz.value < high and np.isfinite(hertz.std) and hertz.std > 0.0):
+    low, high = OSCILLATOR_HZ
+    if not (low <= hertz.value <= high and np.isfinite(hertz.std) and hertz.std > 0.0):
         raise CalibrationFailed(
             "no PCA9685 has such an oscillator", found=f"{hertz.value:.0f} Hz",
             expected=f"{low:.3g} to {high:.3g} Hz",
             likely=f"another PWM frequency than {files.config.pwm.frequency} Hz was measured, or "
                    "something else is wired to D8",
             remedy="[pwm] frequency in car.toml; the PWM frequency is pulses per second")
+    if hertz.std > MAX_CLOCK_STD * hertz.value:
+        raise CalibrationFailed(
+            "the oscillator is not known well enough",
+            found=f"{hertz.value:.0f} +- {hertz.std:.0f} Hz, {hertz.std / hertz.value:.1%}",
+            expected=f"at most {MAX_CLOCK_STD:.1%}: 7.5 us of a pulse of 1500 us",
+            remedy="an instrument with a crystal, over more periods; --std is its error in Hz")
     before = files.oscillator_hz.value if files.oscillator_hz else NOMINAL_HZ
     notes = (f"a pulse of 1500 us by the nominal clock is really "
              f"{1500.0 * NOMINAL_HZ / hertz.value:.1f} us",

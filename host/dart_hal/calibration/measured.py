@@ -67,7 +67,7 @@ def write(files: CarFiles, measured: Measured) -> Measured:
     The file before goes to history/; what other procedures measured stays.
     Errors: ConfigError, OSError.
     """
-    old = calibration_in(files.folder, files.config.name)
+    old = calibration_in(files.folder, files.config.name, files.config)
     new = old.with_quantities({name: _rounded(q) for name, q in measured.quantities.items()})
     for name, value in measured.others.items():
         table, _, key = name.partition(".")
@@ -79,7 +79,7 @@ def write(files: CarFiles, measured: Measured) -> Measured:
                                   "residual": measured.residual,
                                   "duration_s": round(measured.duration, 2)}}
     new = msgspec.structs.replace(new, provenance=provenance)
-    return replace(measured, written=str(save_calibration(new, files.folder)))
+    return replace(measured, written=str(save_calibration(new, files.folder, files.config)))
 
 
 def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[str, ...]:

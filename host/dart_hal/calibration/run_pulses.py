@@ -30,7 +30,7 @@ def servo_of(recordings: Sequence[Recording]) -> Servo:
     if any(r.schema != RUN for r in recordings):
         return Servo()
     texts = [RunReader(r.path).files.get("car.toml") for r in recordings]
-    configs = [parse_config(text, f"car.toml in {r.path}")
+    configs = [parse_config(text, f"car.toml in {r.path}", recorded=True)
                for r, text in zip(recordings, texts, strict=True) if text]
     if len(configs) < len(recordings):
         return Servo(notes=("no pulses: a run holds no car.toml",))

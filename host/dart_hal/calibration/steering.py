@@ -258,7 +258,7 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
         raise CalibrationFailed("a map without pulses cannot be written",
                                 likely="it was fitted to recordings, which hold commands only",
                                 remedy="run the procedure on the car")
-    old = calibration_in(files.folder, files.config.name)
+    old = calibration_in(files.folder, files.config.name, files.config)
     # [steering] direction -1 makes pulses fall; the file holds them rising
     order = np.argsort(result.pulse_us)
     table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in result.pulse_us[order]),
@@ -275,4 +275,4 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
                   "steering": {"when": now, "source": str(result.source), "n": result.n,
                                "duration_s": round(result.duration, 2)}}
     new = msgspec.structs.replace(old, steering=steering, provenance=provenance)
-    return replace(result, written=str(save_calibration(new, files.folder)))
+    return replace(result, written=str(save_calibration(new, files.folder, files.config)))

@@ -52,7 +52,8 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     found: dict[str, order.Found] = {}
     with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
         steps = order.steps_of(files, floor, skip, poses, room)
-        left = steps if again else order.due(steps, calibration_in(files.folder, files.config.name))
+        measured = calibration_in(files.folder, files.config.name, files.config)
+        left = steps if again else order.due(steps, measured)
         announce(steps, left)
         for step in left:
             result = _measured(step, url, car_name, home, yes, dry_run, as_json, lidar)

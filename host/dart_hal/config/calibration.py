@@ -15,6 +15,7 @@ import msgspec
 
 from dart_hal.config.parse import PER_EDGE, check_std, parse, require
 from dart_hal.config.quantity import Quantities, Quantity, Table
+from dart_hal.config.ranges import check_neutral, check_oscillator
 from dart_hal.errors import ConfigError, NotMonotone, OtherCar
 
 SCHEMA = "dart-hal/calibration/1"
@@ -215,24 +216,29 @@ _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us
              "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale", "lidar.scale"}
 
 
-def parse_calibration(text: str, origin: str, car: str | None = None) -> Calibration:
+def parse_calibration(text: str, origin: str, car: str | None = None, *,
+                      deliberate_us: float | None = None, recorded: bool = False) -> Calibration:
     """Read the text of a calibration.toml that must belong to ``car`` (None = any).
 
+    deliberate_us: the unusual neutral [us] that car.toml marks as deliberate.
+    recorded: the text comes from a recording, which drives nothing: its neutral and oscillator
+    may be out of the ranges of today.
     Raises OtherCar, NotMonotone, ConfigError, each naming ``origin`` and key.
     """
-    return check_calibration(parse(text, Calibration, origin), origin, car)
+    return check_calibration(parse(text, Calibration, origin), origin, car,
+                             deliberate_us=deliberate_us, recorded=recorded)
 
 
-def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> Calibration:
-    """The laws of the file; returns ``cal``. Raises as ``parse_calibration``."""
+def check_calibration(cal: Calibration, origin: str, car: str | None = None, *,
+                      deliberate_us: float | None = None, recorded: bool = False) -> Calibration:
+    """Check the laws of the file; returns ``cal``. Arguments and errors: ``parse_calibration``."""
     if car is not None and cal.car != car:
         raise OtherCar(f"{origin}: key car names another car", found=cal.car, expected=car,
                        read=origin)
     for name, value in cal.quantities().items():
         check_std(value, name, origin, positive=name in _POSITIVE)
-    hertz = cal.pwm.oscillator_hz
-    require(hertz is None or 15e6 < hertz.value < 35e6, origin, "pwm.oscillator_hz.value",
-            hertz and hertz.value, "15 to 35 MHz (nominal 25 MHz)")
+    if not recorded:
+        _check_pulse_widths(cal, origin, deliberate_us)
     metres = cal.encoder.metres_per_edge
     require(metres is None or PER_EDGE[0] <= metres.value <= PER_EDGE[1], origin,
             "encoder.metres_per_edge.value", metres and metres.value,
@@ -244,14 +250,18 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None) -> 
     scale = cal.lidar.scale
     require(scale is None or 0.9 <= scale.value <= 1.1, origin, "lidar.scale.value",
             scale and scale.value, "0.9 to 1.1")
-    neutral = cal.throttle.neutral_us
-    require(neutral is None or 1000 <= neutral.value <= 2000, origin, "throttle.neutral_us.value",
-            neutral and neutral.value, "1000 to 2000 us")
     if cal.steering.map is not None:
         _check_map(cal.steering.map, origin)
     if cal.throttle.drive is not None:
         _check_drive(cal.throttle.drive, origin)
     return cal
+
+
+def _check_pulse_widths(cal: Calibration, origin: str, deliberate_us: float | None) -> None:
+    check_oscillator(cal.pwm.oscillator_hz, origin)
+    neutral = cal.throttle.neutral_us
+    if neutral is not None:
+        check_neutral(neutral.value, deliberate_us, origin, "throttle.neutral_us.value")
 
 
 def _check_map(table: SteeringTable, origin: str) -> None:

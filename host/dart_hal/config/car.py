@@ -6,6 +6,7 @@ from typing import Literal
 
 from dart_hal.config.parse import PER_EDGE, check_std, parse, require
 from dart_hal.config.quantity import Quantity, Table
+from dart_hal.config.ranges import check_neutral, check_oscillator
 
 SCHEMA = "dart-hal/car/1"
 
@@ -51,10 +52,13 @@ class Throttle(Table, frozen=True, kw_only=True):
     arm_neutral [s] of neutral after power-on; stop_ramp [s] from full throttle
     to neutral on stop (0 = at once); deadband_us, saturation_us either side of
     neutral; signal_loss [s] until the ESC cuts without pulses; None = unknown.
+    deliberate_neutral_us: says that a neutral near this value is meant, though it is outside of
+    1400 to 1600 us; None = no such neutral is accepted, here or in calibration.toml.
     """
 
     channel: int = 1
     neutral_us: float = 1500.0
+    deliberate_neutral_us: float | None = None
     span_us: float = 450.0
     arm_neutral: float = 2.0
     stop_ramp: float = 0.0
@@ -176,8 +180,12 @@ class CarConfig(Table, frozen=True, kw_only=True):
     safety: Safety = Safety()
 
 
-def parse_config(text: str, origin: str) -> CarConfig:
-    """Read the text of a car.toml. Raises ConfigError naming ``origin`` and key."""
+def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig:
+    """Read the text of a car.toml. Raises ConfigError naming ``origin`` and key.
+
+    recorded: the text comes from a recording, which drives nothing: its neutral and oscillator
+    may be out of the ranges of today.
+    """
     car = parse(text, CarConfig, origin)
     _check_geometry(car, origin)
     _check_actuators(car, origin)
@@ -191,6 +199,10 @@ def parse_config(text: str, origin: str) -> CarConfig:
         require(2 <= getattr(encoder, key) <= 64, origin, f"encoder.{key}", getattr(encoder, key),
                 "2 to 64, as the firmware takes it")
     check_std(car.pwm.oscillator_hz, "pwm.oscillator_hz", origin, positive=True)
+    if not recorded:
+        check_oscillator(car.pwm.oscillator_hz, origin)
+        check_neutral(car.throttle.neutral_us, car.throttle.deliberate_neutral_us, origin,
+                      "throttle.neutral_us")
     require(bool(car.name) and "/" not in car.name and car.name not in (".", ".."), origin,
             "name", repr(car.name), "a folder name")
     return car
@@ -211,8 +223,11 @@ def _check_actuators(car: CarConfig, origin: str) -> None:
         require(0 <= channel <= 15, origin, key, channel, "0 to 15")
     require(steer.channel != esc.channel, origin, "throttle.channel", esc.channel,
             "another channel than the steering's")
+    deliberate = esc.deliberate_neutral_us
     for key, pulse in (("steering.center_us", steer.center_us),
-                       ("throttle.neutral_us", esc.neutral_us)):
+                       ("throttle.neutral_us", esc.neutral_us),
+                       ("throttle.deliberate_neutral_us", 1500.0 if deliberate is None else
+                        deliberate)):
         require(1000 <= pulse <= 2000, origin, key, pulse, "1000 to 2000 us")
     for key, span in (("steering.span_us", steer.span_us), ("throttle.span_us", esc.span_us)):
         require(0 < span <= 750, origin, key, span,

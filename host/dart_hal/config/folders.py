@@ -120,13 +120,14 @@ def parse_run_car(text: str, origin: str, measured: Mapping[str, str],
     Files of that car below ``cars_dirs`` replace them: the run, read by what is known today.
     Raises as ``load_car``, also for each of the texts alone.
     """
-    config = parse_config(text, origin)
+    config = parse_config(text, origin, recorded=True)
     for folder in cars_dirs or ():
         if (Path(folder) / config.name).is_dir():
             return _with_measurements(config, Path(folder) / config.name, origin, config.name)
     name, cal, model = config.name, measured.get("calibration.toml"), measured.get("model.toml")
     return CarFiles(config,
-                    parse_calibration(cal, f"calibration.toml in {origin}", name) if cal else None,
+                    parse_calibration(cal, f"calibration.toml in {origin}", name, recorded=True)
+                    if cal else None,
                     parse_model(model, f"model.toml in {origin}") if model else None,
                     cars_home(cars_dirs) / name, origin)
 
@@ -162,21 +163,36 @@ def load_model(path: str | os.PathLike[str]) -> ModelFile:
     return parse_model(_read(Path(path)), str(path))
 
 
-def calibration_in(folder: Path, car: str) -> Calibration:
-    """What ``folder`` holds of a car's measurements, to be written anew with one more.
+def calibration_in(folder: Path, car: str, config: CarConfig | None = None) -> Calibration:
+    """Read what ``folder`` holds of a car's measurements, to be written again with one more.
 
-    Raises ConfigError, OtherCar, NotMonotone for a file that is no good.
+    config: as in ``save_calibration``. Raises ConfigError, OtherCar, NotMonotone.
     """
     path = folder / "calibration.toml"
     if not path.is_file():
         return Calibration(car=car)
-    return parse_calibration(_read(path), str(path), car)
+    return parse_calibration(_read(path), str(path), car,
+                             deliberate_us=_deliberate_neutral(folder, config))
 
 
-def save_calibration(calibration: Calibration, folder: Path) -> Path:
-    """Check and write ``folder``/calibration.toml; the old one goes to history/."""
+def save_calibration(calibration: Calibration, folder: Path,
+                     config: CarConfig | None = None) -> Path:
+    """Check and write ``folder``/calibration.toml; the old one goes to history/.
+
+    config: the car.toml that may mark an unusual neutral as deliberate; None = the one in
+    ``folder``, where there is one.
+    """
     path = folder / "calibration.toml"
-    return save(check_calibration(calibration, str(path), folder.name), path)
+    return save(check_calibration(calibration, str(path), folder.name,
+                                  deliberate_us=_deliberate_neutral(folder, config)), path)
+
+
+def _deliberate_neutral(folder: Path, config: CarConfig | None) -> float | None:
+    """Neutral [us] that the car's description marks as deliberate."""
+    described = folder / "car.toml"
+    if config is None and described.is_file():
+        config = parse_config(_read(described), str(described))
+    return config.throttle.deliberate_neutral_us if config else None
 
 
 def save_model(model: ModelFile, path: Path) -> Path:
@@ -189,7 +205,7 @@ def _with_measurements(config: CarConfig, folder: Path, origin: str, name: str) 
         raise ConfigError(f"{origin}: key name is not the folder's name", found=config.name,
                           expected=name, remedy=f'write name = "{name}"', read=origin)
     cal_path, model_path = folder / "calibration.toml", folder / "model.toml"
-    calibration = calibration_in(folder, name) if cal_path.is_file() else None
+    calibration = calibration_in(folder, name, config) if cal_path.is_file() else None
     if calibration is not None:
         _check_direction(config, calibration, str(cal_path), origin)
     model = load_model(model_path) if model_path.is_file() else None

@@ -152,11 +152,12 @@ def check_std(thing: Quantity | Quantities | None, key: str, origin: str, *,
                           expected="a number > 0", remedy=f"correct {key}", read=origin)
 
 
-def require(ok: bool, origin: str, key: str, found: object, expected: str) -> None:
+def require(ok: bool, origin: str, key: str, found: object, expected: str,
+            remedy: str | None = None) -> None:
     """Raise ConfigError about ``key`` unless ``ok``."""
     if not ok:
         raise ConfigError(f"{origin}: {key} is out of range", found=f"{found}",
-                          expected=expected, remedy=f"correct {key}", read=origin)
+                          expected=expected, remedy=remedy or f"correct {key}", read=origin)
 
 
 def _section(path: str) -> str:
