@@ -25,7 +25,8 @@ def parameters(fast: bool):
                                    id=f"{row.number}-{case.world}-{case.what}")
 
 
-QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*")
+QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*",
+         "18-mock-dead, throttle*", "29-mock-wild speeds")
 """One each of line, board, bus, cut-off and power; the others are for ``make test-more``."""
 
 

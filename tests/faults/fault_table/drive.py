@@ -148,6 +148,11 @@ class Drive:
             return NEVER
         return max(0.0, (last - since) * 1e3)
 
+    def last_off(self, since: float) -> float:
+        """ms from ``since`` to the end of the last pulse that drives forward or backward."""
+        last = max((fall for rise, fall in self.pulses if self.off((rise, fall))), default=0.0)
+        return NEVER if last > self.now - 3 * PERIOD else max(0.0, (last - since) * 1e3)
+
     def _saw(self, channel: int, pulse: tuple[float, float]) -> None:
         if channel == ESC:
             self.pulses.append(pulse)

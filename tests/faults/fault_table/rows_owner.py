@@ -12,7 +12,7 @@ from dart_hal.car import Car
 from dart_hal.car.driver import Driver as CarDriver
 from dart_hal.errors import BusError, DartHalError, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.cutoff import Direct
+from dart_hal.sim.cutoff import Direct, Multiplexer, OutputEnable
 from dart_hal.wire.messages import PARAM_SET, PARAMS
 from fault_table.bench import Bench
 from fault_table.drive import WAIVE, Drive
@@ -21,6 +21,8 @@ from fault_table.rows_pins import MS, PULSE, alone
 from fault_table.rows_processes import TRIES
 
 PATIENCE = 20.0
+REQUIRE_CUTOFF_TEST = (r"\Z", "\n[safety]\ncutoff_test = true\n")
+"""Edit of car.toml."""
 
 
 def takes(car: Any) -> None:
@@ -242,6 +244,22 @@ def welded(cut: str) -> Callable[[Bench], Measured]:
     return measure
 
 
+def unwired(cut: str) -> Callable[[Bench], Measured]:
+    """Cars that arm with cutoff_test = true although no pulse ever reaches the capture input."""
+    def measure(bench: Bench) -> Measured:
+        wiring = {"oe": OutputEnable, "mux": Multiplexer}[cut]
+        with patch.object(wiring, "captured", False):
+            drive = bench.drive(f"&cutoff={cut}", edit=REQUIRE_CUTOFF_TEST)
+            drive.run(2.2)
+            try:
+                drive.car.arm(waive=WAIVE)
+            except NotArmed as error:
+                return Measured("CUTOFF_TEST_FAILED" not in error.reasons,
+                                ", ".join(error.reasons))
+        return Measured(1, drive.car.mode)
+    return measure
+
+
 def cut_alone(bench: Bench) -> Measured:
     """ms for which the host says ARMED though its Nano, which has restarted, gives neutral."""
     drive = bench.drive("&cutoff=mux&boot=none").driving()
@@ -316,6 +334,8 @@ ROWS = (
     Row(45, "the cut-off is bridged, or never wired", "found at arm()", (
         *(case("mock", cut, welded(cut), 0, "cars", "cutoff_test", fast=cut == "mux")
           for cut in ("oe", "mux")),
+        *(case("mock", f"{cut}, not wired", unwired(cut), 0, "cars", "cutoff_test",
+               fast=cut == "mux") for cut in ("oe", "mux")),
     )),
     Row(46, "the Nano cuts and the host does not know", "noticed, disarmed", (
         case("mock", "mux, HELLOs lost", alone("reboot_disarm", cut_alone), 100.0, MS, "cut_off"),

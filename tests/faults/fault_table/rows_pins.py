@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from math import inf, nan
+from typing import Any
 
+from dart_hal.car import Car
 from fault_table.bench import Bench
 from fault_table.drive import FULL, Drive, forward
 from fault_table.layers import without
@@ -129,16 +131,28 @@ WILD = {"nan": nan, "inf": inf, "1e300": 1e300, "10**400": 10**400, "True": True
 
 def wild(bench: Bench) -> Measured:
     """ms until neutral after each wild throttle, the worst; 1.5 may be limited instead."""
+    return refused(bench, WILD, lambda car, value: car.drive(throttle=value, valid_for=0.5))
+
+
+def wild_speeds(bench: Bench) -> Measured:
+    """ms until neutral after each setpoint of the speed loop that is not a finite number."""
+    speeds = {name: WILD[name] for name in ("nan", "inf", "True", "'x'")}
+    return refused(bench, speeds, lambda car, value: car.drive_speed(steering=0.0, speed=value))
+
+
+def refused(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], object],
+            ) -> Measured:
+    """ms until neutral after ``command`` with each of the values; it must raise, but for 1.5."""
     worst, told = 0.0, []
-    for name, value in WILD.items():
+    for name, value in values.items():
         with Drive(bench.folder) as drive:
             drive.driving()
             at = drive.now
             error = ""
             try:
-                drive.car.drive(throttle=value, valid_for=0.5)  # type: ignore[arg-type]
-            except Exception as refused:  # noqa: BLE001 - whatever it raises is what is judged
-                error = type(refused).__name__
+                command(drive.car, value)
+            except Exception as raised:  # noqa: BLE001 - whatever it raises is what is judged
+                error = type(raised).__name__
             drive.run(0.8)
             last = drive.last_wrong(at)
             if name != "1.5":
@@ -242,6 +256,7 @@ ROWS = (
     Row(29, "command NaN, inf, out of range, no number, time going back",
         "refused with a reason, neutral", (
             case("mock", "wild numbers", wild, PULSE, MS, "bad_command", fast=True),
+            case("mock", "wild speeds", wild_speeds, PULSE, MS, "bad_command", fast=True),
             case("mock", "time going back", backward, PULSE, MS, "bad_command", fast=True),
         )),
     Row(33, "Nano loses power with a cut-off fitted", "outputs off, or signal loss", (

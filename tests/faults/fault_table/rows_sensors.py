@@ -163,6 +163,16 @@ def dead_encoder(bench: Bench) -> Measured:
     return Measured(drive.last_wrong(at), _doubts(drive.states))
 
 
+def dead_backward(bench: Bench) -> Measured:
+    """ms until the throttle is capped when the encoder dies while the car is driven backward."""
+    drive = bench.drive().armed()
+    drive.run(1.0, forward(-0.3, 0.5))
+    assert drive.off(drive.pulses[-1]), "it does not drive"
+    start = drive.fail("enc:off")
+    drive.run(2.0, forward(-0.3, 0.5))
+    return Measured(drive.last_off(start), _doubts(drive.states))
+
+
 def false_alarm(bench: Bench) -> Measured:
     """Doubts of a car that stands in its dead band, and of one that drives well."""
     drive = bench.drive().armed()
@@ -258,6 +268,8 @@ ROWS = (
     Row(18, "encoder dead while throttle is on", "throttle capped, no false alarm", (
         case("mock", "dead", dead_encoder, 300 + PULSE, MS, "encoder_check", fast=True),
         case("mock", "dead in reverse", reverse, 1.0, "m/s", "encoder_check"),
+        case("mock", "dead, throttle -0.3", dead_backward, 300 + PULSE, MS, "encoder_check",
+             fast=True),
         case("mock", "false alarms", false_alarm, 0, "States", "margins"),
     )),
     Row(19, "ring with uneven marks", "learnt, taken out", (

@@ -1,0 +1,201 @@
+"""Single decisions of the safety layers, each measured at the ESC pin with and without it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from contextlib import suppress
+from unittest.mock import patch
+
+import pytest
+from fault_table.drive import PERIOD, WAIVE, Drive, forward
+
+from dart_hal.car.driver import Driver
+from dart_hal.car.engine import Engine
+from dart_hal.car.exit_signals import stop_on_signals
+from dart_hal.car.facts import Observer
+from dart_hal.car.guarding import GuardPost
+
+ARM_NEUTRAL = 2.0
+"""s of neutral that the ESC must receive before the first throttle: car.toml's arm_neutral."""
+
+
+def let_time_pass(drive: Drive, seconds: float) -> None:
+    """Let the world go on after the car is closed."""
+    end = drive.world.t + seconds
+    while drive.world.t < end:
+        drive.world.advance(end)
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
+    """The outputs were off during the test. Control: count the neutral that was only written."""
+    def written(observer, now, neutral_for, cutoff):
+        return neutral_for
+
+    method = Observer._neutral_for if counts else written
+    with patch.object(Observer, "_neutral_for", method), Drive(tmp_path, "&cutoff=oe") as drive:
+        drive.run(2.2)
+        drive.car.arm(waive=WAIVE)
+        drive.run(0.2, forward(0.3))
+        first = next(k for k, pulse in enumerate(drive.pulses) if drive.off(pulse))
+        begin = first - 1
+        while begin and drive.pulses[begin][0] - drive.pulses[begin - 1][0] < PERIOD:
+            begin -= 1
+        neutral = drive.pulses[first][0] - drive.pulses[begin][0]
+    assert (neutral >= ARM_NEUTRAL) == counts, neutral
+
+
+@pytest.mark.parametrize("closes", [True, False])
+def test_closing_writes_neutral_while_another_thread_holds_the_lock(tmp_path, closes):
+    """Control: a close that gives up where the lock is not free."""
+    def give_up(engine):
+        if engine._own_lock.acquire(timeout=0.02):
+            engine.driver.close(engine.now)
+            engine._own_lock.release()
+
+    with (patch.object(Engine, "close", Engine.close if closes else give_up),
+          Drive(tmp_path) as drive):
+        drive.driving()
+        held = threading.Event()
+        release = threading.Event()
+
+        def hold_lock():
+            with drive.car._engine.lock:
+                held.set()
+                release.wait(20.0)
+
+        thread = threading.Thread(target=hold_lock)
+        thread.start()
+        held.wait(20.0)
+        start = drive.now
+        try:
+            drive.car.close()
+        finally:
+            release.set()
+            thread.join()
+        let_time_pass(drive, 0.2)
+        duration = drive.last_off(start)
+    assert (duration <= 20.0) == closes, duration
+
+
+@pytest.mark.parametrize("prompt", [True, False])
+def test_neutral_is_written_with_the_frame_that_reports_the_reboot(tmp_path, prompt):
+    """Control: without the overdue write, neutral waits for the next PWM frame."""
+    overdue = Driver.overdue if prompt else property(lambda driver: False)
+    with patch.object(Driver, "overdue", overdue), Drive(tmp_path, "&boot=none") as drive:
+        drive.driving(seconds=0.31)
+        writes = record_writes(drive)
+        known = len(drive.hellos)
+        drive.fail("mcu:brownout")
+        drive.run(0.1, forward(0.4, 0.5))
+        reported = drive.hellos[known][0]
+        delay = min(t - reported for t in writes if t >= reported)
+    assert (delay < 1e-3) == prompt, delay
+
+
+def record_writes(drive: Drive) -> list[float]:
+    """Times [s] of the writes to the ESC's channel from now on."""
+    times: list[float] = []
+    write = drive.car._engine.driver.actuator.pca.write
+
+    def note(counts):
+        times.append(drive.now)
+        write(counts)
+
+    drive.car._engine.driver.actuator.pca.write = note
+    return times
+
+
+@pytest.mark.parametrize("throttle", [0.4, -0.4])
+@pytest.mark.parametrize("notes", [True, False])
+@pytest.mark.few("True-*", "False--0.4")
+def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
+    """Control: an expiry that nobody notes ends at neutral, but the car stays armed."""
+    with Drive(tmp_path) as drive:
+        drive.armed().run(0.3, forward(throttle))
+        start = drive.now
+        actuator = drive.car._engine.driver.actuator
+        if not notes:
+            actuator._note_expiry = lambda now: None
+        drive.run(0.6)
+        assert drive.last_off(start) <= 520.0
+        assert (drive.car.mode != "ARMED") == notes
+        assert drive.car.causes == (("COMMAND_EXPIRED",) if notes else ())
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+@pytest.mark.parametrize("caught", [True, False])
+@pytest.mark.few("True-*", "False-1")
+def test_closed_terminal_and_end_of_session_leave_through_neutral(tmp_path, number, caught):
+    """Control: a signal that is not turned into an exit does not end the drive."""
+    before = {n: signal.getsignal(n) for n in (signal.SIGHUP, signal.SIGTERM)}
+    try:
+        signal.signal(number, signal.SIG_DFL)
+        stop_on_signals()
+        assert signal.getsignal(number) is not signal.SIG_DFL, "it would end this process"
+        if not caught:
+            signal.signal(number, lambda n, frame: None)
+        with suppress(SystemExit), Drive(tmp_path) as drive:
+            drive.driving()
+            os.kill(os.getpid(), number)
+            drive.run(0.1, forward(0.4))
+            assert not caught, "the signal did not end the program"
+        let_time_pass(drive, 0.1)
+        assert not drive.off(drive.pulses[-1])
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, handler)
+
+
+def test_no_pulse_leaves_the_range_of_an_esc(tmp_path):
+    """A neutral far off, as a wrong file would bring it, plus full throttle."""
+    with Drive(tmp_path) as drive:
+        drive.armed()
+        planner = drive.car._engine.driver.actuator._planner
+        planner._neutral_us = 2100.0
+        drive.run(0.6, forward(1.0))
+        longest = max(fall - rise for rise, fall in drive.pulses)
+        assert planner.throttle > 0.5, "the command arrives"
+        assert longest <= 2.2500e-3 + 5e-6, longest
+        planner._neutral_us = 900.0
+        drive.run(0.6, forward(-1.0))
+        shortest = min(fall - rise for rise, fall in drive.pulses)
+    assert shortest >= 0.7500e-3 - 5e-6, shortest
+
+
+class RecordingGuard:
+    """Stands for the guard process; records what it is told."""
+
+    def __init__(self) -> None:
+        self.tripped = True
+        self.events: list[str] = []
+
+    def acknowledge(self) -> None:
+        self.events.append("acknowledge")
+
+    def beat(self) -> None:
+        self.events.append("beat")
+
+
+@pytest.mark.parametrize("at_neutral", [True, False])
+def test_guard_trip_is_acknowledged_at_neutral_alone(at_neutral):
+    post = object.__new__(GuardPost)
+    post._guard = RecordingGuard()
+    post.beat(at_neutral=at_neutral)
+    assert ("acknowledge" in post._guard.events) == at_neutral
+    assert post._guard.events[-1] == "beat"
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_run_stop_ends_arming(tmp_path, held):
+    """Control: a run-stop that is released does not."""
+    with Drive(tmp_path) as drive:
+        drive.run(2.2)
+        driver = drive.car._engine.driver
+        driver.arm(drive.now, WAIVE)
+        assert driver.mode == "ARMING"
+        driver.hold(held, drive.now, "page")
+        assert driver.mode == ("DISARMED" if held else "ARMING")
+        assert driver.supervisor.reasons == (("RUN_STOP",) if held else ())
