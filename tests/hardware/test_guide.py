@@ -303,3 +303,37 @@ def test_a_step_without_tools_says_which(copy):
     folder = copy("03_encoder.md", "- Tools: `screwdrivers`, `hex_keys`\n", "")
     with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S02: '- Tools: \.\.\.' expected"):
         guide.steps(folder)
+
+
+CELLS = re.compile(r"(?<![`_\w])(?<!\w-)(\w+(?:\s+\w+){0,2}\s+)?cells?\b(?!`)(?=([^\n]{0,20}))", re.I)
+KINDS = ("18650", "AA")
+"""Cells that the guide puts somewhere: four 18650 in the car, four AA in the servo tester."""
+
+
+def ambiguous_cells(text: str) -> list[str]:
+    """Mentions of a cell that do not say which: 18650, AA, or a cell of the LiPo.
+
+    A servo tester that was fed with the 18650 cells of the next step gave a servo of 6.8 V 16 V.
+    """
+    prose = re.sub(r"```.*?```|\(#[^)]*\)|\]\([^)]*\)", "", text, flags=re.DOTALL)
+    return [found.group(0).strip() for found in CELLS.finditer(prose)
+            if not any(kind in (found.group(1) or "") for kind in KINDS)
+            and not found.group(2).lower().startswith((" holder", " of the lipo", " [assumed"))]
+
+
+def test_every_cell_is_named_by_its_kind():
+    assert {page: wrong for page, text in guide.pages().items()
+            if (wrong := ambiguous_cells(text))} == {}
+
+
+def test_cells_of_no_kind_are_seen():
+    assert ambiguous_cells("Put the four cells into the tester.") == ["Put the four cells"]
+    assert ambiguous_cells("Put the four AA cells and the 18650 cells in.") == []
+
+
+def test_servo_tester_is_never_fed_by_the_cells_of_the_car():
+    step = guide.pages()["04_sensors.md"].partition("## S06")[2].partition("## S07")[0]
+    assert "AA cells" in step
+    assert "Never the 18650" in step
+    tools = (guide.PAGES.parents[1] / "hardware" / "tools.csv").read_text(encoding="utf-8")
+    assert "never the 18650" in next(x for x in tools.splitlines() if x.startswith("servo_tester"))
