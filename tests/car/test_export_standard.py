@@ -79,7 +79,11 @@ def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
     for scan, message in zip(told, scans, strict=True):
         assert message.header.frame_id == "laser"
         assert message.scan_time == pytest.approx(1.0 / scan.rate)
-        assert message.angle_increment < 0.0, "an X4 turns clockwise"
+        n = len(message.ranges)
+        assert n == len(scans[0].ranges), "readers keep the number of the first message"
+        assert message.angle_increment > 0.0
+        assert n == round((message.angle_max - message.angle_min) / message.angle_increment) + 1
+        assert message.time_increment == pytest.approx(-1.0 / scan.rate / n), "an X4 is clockwise"
         angles = message.angle_min + message.angle_increment * np.arange(len(message.ranges))
         seen = np.isfinite(message.ranges)
         reach, bearing = message.ranges[seen], laser.yaw + angles[seen]
@@ -92,27 +96,56 @@ def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
         assert seen.sum() > 0.8 * len(true), "few beams share a step"
 
 
+def scan_of(angles, distances, *, inverted=False):
+    after = 0.125 * np.array(angles) / (2.0 * np.pi)
+    return Scan(1.0, 0.9, 8.0, after, np.array(angles), np.array(distances),
+                mount=Mount(inverted=inverted))
+
+
 def test_a_beam_mirrored_is_seen(run):
     """Control: the test above would see a unit taken to turn the other way."""
-    scan = Scan(1.0, 0.9, 8.0, *np.array([[0.0, 0.01, 0.02], [0.0, 2.0, 4.0], [1.0, 2.0, 3.0]]),
-                mount=Mount(inverted=True))
-    store = store_of(run)
-    message = standard.laser_scan(scan, 0, store)
-    assert message.angle_increment < 0.0
-    other = standard.laser_scan(scan.mounted(Mount(inverted=False)), 0, store)
-    assert other.angle_increment > 0.0
-    assert list(message.ranges) == list(other.ranges) == [1.0, 2.0, 3.0]
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 900_000_000)
+    scan = scan_of([0.0, np.pi / 2, np.pi, 3 * np.pi / 2], [1.0, 2.0, 3.0, 4.0], inverted=True)
+    message = standard.laser_scan(scan, 0, store_of(run), 4)
+    other = standard.laser_scan(scan.mounted(Mount(inverted=False)), 0, store_of(run), 4)
+    assert list(other.ranges) == [1.0, 2.0, 3.0, 4.0]
+    assert list(message.ranges) == [4.0, 3.0, 2.0, 1.0]
+    assert message.angle_min == pytest.approx(np.pi / 2)
+    assert message.angle_max == pytest.approx(2.0 * np.pi)
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_every_reading_has_the_time_of_its_beam(run, inverted):
+    scan = scan_of(np.arange(4) * np.pi / 2, [1.0, 2.0, 3.0, 4.0], inverted=inverted)
+    message = standard.laser_scan(scan, 0, store_of(run), 4)
+    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    times = {reach: stamp + k * message.time_increment for k, reach in enumerate(message.ranges)}
+    assert [times[reach] for reach in (1.0, 2.0, 3.0, 4.0)] == pytest.approx(scan.t, abs=1e-6)
+
+
+def test_nothing_that_came_back_is_infinite_and_a_lost_beam_is_nan(run):
+    scan = scan_of([0.0, 0.1, np.pi / 2, 3 * np.pi / 2], [1.0, np.nan, np.nan, 2.0])
+    message = standard.laser_scan(scan, 0, store_of(run), 4)
+    assert message.ranges.tolist()[:2] == [1.0, np.inf]
+    assert np.isnan(message.ranges[2])
+    assert message.ranges[3] == 2.0
+
+
+@pytest.mark.parametrize(("lengths", "readings"), [
+    ([], 0), ([0], 0), ([620, 625, 630], 620), ([625, 12, 622, 300, 624], 622)])
+def test_number_of_readings_is_that_of_the_shortest_whole_turn(lengths, readings):
+    assert standard.count_readings(lengths) == readings
 
 
 def store_of(run):
     return _types_of(RunReader(run[0]), _rosbags())
 
 
-def test_a_scan_without_a_beam_becomes_an_empty_one(run):
-    message = standard.laser_scan(Scan(1.0, 0.9, 8.0, *np.zeros((3, 0))), 0, store_of(run))
+def test_a_scan_without_a_beam_has_no_reading(run):
+    empty = Scan(1.0, 0.9, 8.0, *np.zeros((3, 0)))
+    message = standard.laser_scan(empty, 0, store_of(run), 0)
     assert len(message.ranges) == 0
     assert message.angle_increment == 0.0
+    assert np.isnan(standard.laser_scan(empty, 0, store_of(run), 5).ranges).tolist() == [True] * 5
 
 
 @pytest.mark.more

@@ -305,7 +305,8 @@ def test_a_step_without_tools_says_which(copy):
         guide.steps(folder)
 
 
-CELLS = re.compile(r"(?<![`_\w])(?<!\w-)(\w+(?:\s+\w+){0,2}\s+)?cells?\b(?!`)(?=([^\n]{0,20}))", re.I)
+CELLS = re.compile(r"(?<![`_\w])(?<!\w-)(\w+(?:\s+\w+){0,2}\s+)?cells?\b(?!`)(?=([^\n]{0,20}))",
+                   re.IGNORECASE)
 KINDS = ("18650", "AA")
 """Cells that the guide puts somewhere: four 18650 in the car, four AA in the servo tester."""
 

@@ -6,8 +6,8 @@ https://www.ros.org/reps/rep-0105.html names the frames; the types are ROS 2's o
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Iterator
-from math import atan2, cos, nan, sin, tau
+from collections.abc import Iterator, Sequence
+from math import atan2, cos, inf, nan, sin, tau
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,8 @@ RAW = "/scan/raw"
 """Where the scan goes as the unit told it: /scan is what other tools expect there."""
 NEAREST, FURTHEST = 0.12, 12.0
 """m: data sheet of the X4; the furthest with a fifth to spare, for readers drop what is beyond."""
+WHOLE = 0.9
+"""Share of the median number of beams from which on a revolution is whole."""
 KEPT = 200
 """Odometry messages, 2 s: a pose of the lidar's is told within one."""
 
@@ -71,12 +73,13 @@ def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
     mount = mount_of(files) if files else Mount()
     marker = _marker_of(files)
     fixed = [("base_link", "laser", Planar(mount.x, mount.y, mount.yaw))] * (LIDAR_SCAN in kinds)
+    readings = count_readings([len(scan) for scan in run.scans()]) if LIDAR_SCAN in kinds else 0
     odometry: list[tuple[int, Planar]] = []
     room: list[tuple[str, str, Planar]] = []
     for message in run.messages():
         if message.kind == LIDAR_SCAN:
             told = cdr.scan_of(message.data, 0.0).mounted(mount)
-            raw = store.serialize_cdr(laser_scan(told, run.zero_ns, store), SCAN)
+            raw = store.serialize_cdr(laser_scan(told, run.zero_ns, store, readings), SCAN)
             yield Recorded("/scan", SCAN, message.ns, bytes(raw))
             yield message._replace(topic=RAW)
             continue
@@ -98,28 +101,50 @@ def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
             room = [(frame, "odom", axle @ at.inverse())]
 
 
-def laser_scan(scan: Scan, zero_ns: int, store: Any) -> Any:
-    """sensor_msgs/LaserScan, in the frame ``laser``; its stamp is the first beam's.
+def count_readings(lengths: Sequence[int]) -> int:
+    """Return the number of readings of each LaserScan of a bag.
 
-    It wants equal steps of the angle, in the order of time: each beam goes to the nearest of as
-    many as there are beams, of several the nearest point, and steps without one are NaN. The
-    steps of a unit that turns clockwise are negative.
+    lengths: beams of each scan. Readers take the number of the first message for all. It is the
+    smallest number of beams of a whole revolution: then no step of the angle lacks a beam.
+    Revolutions with less than ``WHOLE`` of the median have lost packets.
     """
-    n = len(scan)
-    seconds, rest = divmod(zero_ns + round(1e9 * scan.start), 10**9)
-    sense = -1.0 if scan.mount.inverted else 1.0
-    first, step = (sense * float(scan.angle[0]), sense * tau / n) if n else (0.0, 0.0)
-    ranges: NDArray[np.float32] = np.full(n, nan, np.float32)
-    if n:
-        place = np.rint((sense * scan.angle - first) / step).astype(int) % n
-        np.fmin.at(ranges, place, scan.range.astype(np.float32))
+    median = float(np.median(lengths)) if lengths else 0.0
+    return min((n for n in lengths if n >= WHOLE * median), default=0)
+
+
+def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
+    """Build a sensor_msgs/LaserScan in the frame ``laser``, as REP 117 defines it.
+
+    The angles ascend in ``readings`` equal steps of one turn. Each beam goes to the nearest step,
+    of several the nearest point. Infinity: nothing came back. NaN: no beam (lost packets).
+
+    The stamp is that of the first reading. The time increment of a unit that turns clockwise is
+    negative, since its last beam has the smallest angle.
+    https://www.ros.org/reps/rep-0117.html
+    """
+    n = readings
+    clockwise = scan.mount.inverted
     period = 1.0 / scan.rate if scan.rate > 0.0 else 0.0
+    step = tau / n if n else 0.0
+    ranges: NDArray[np.float32] = np.full(n, nan, np.float32)
+    if n and len(scan):
+        # Steps from the unit's zero, in its own sense of rotation.
+        place = np.rint(scan.angle / step).astype(int) % n
+        distance = np.where(np.isnan(scan.range), inf, scan.range).astype(np.float32)
+        np.fmin.at(ranges, place, distance)
+    if clockwise:
+        ranges = ranges[::-1].copy()
+    first = step if clockwise else 0.0
+    start = scan.start + (period * (n - 1) / n if clockwise and n else 0.0)
+    seconds, rest = divmod(zero_ns + round(1e9 * start), 10**9)
+    increment = period / n if n else 0.0
     kinds = store.types
     return kinds[SCAN](
         header=_header(kinds, kinds["builtin_interfaces/msg/Time"](seconds, rest), "laser"),
         angle_min=first, angle_max=first + step * max(n - 1, 0), angle_increment=step,
-        time_increment=period / n if n else 0.0, scan_time=period, range_min=NEAREST,
-        range_max=FURTHEST, ranges=ranges, intensities=np.zeros(0, np.float32))
+        time_increment=-increment if clockwise else increment, scan_time=period,
+        range_min=NEAREST, range_max=FURTHEST, ranges=ranges,
+        intensities=np.zeros(0, np.float32))
 
 
 class _Marker(NamedTuple):
