@@ -237,20 +237,85 @@ def test_flash_of_a_busy_port_names_who_has_it(verb, image):
     os.close(slave)
 
 
-def test_flash_that_fails_says_what_avrdude_said(verb, image, tmp_path):
-    fake = tmp_path / "avrdude"
-    fake.write_text("#!/bin/sh\necho 'stk500_getsync(): not in sync' >&2\n"
-                    "echo 'avrdude done.  Thank you.' >&2\nexit 1\n")
-    fake.chmod(0o755)
-    nano, port = os.openpty()
-    device = os.ttyname(port)
-    os.close(port)  # an open one is in use
-    try:
-        error = verb("flash", image, "--port", device, "--avrdude", fake, "--json").error
-    finally:
-        os.close(nano)
+@pytest.fixture
+def flash_with(verb, image, tmp_path):
+    """``flash_with(script)``: the error of `dart-hal flash` by a shell script in avrdude's place;
+    the script has the speed in $baud."""
+    def run(script):
+        fake = tmp_path / "avrdude"
+        fake.write_text('#!/bin/sh\nwhile [ "$1" != -b ]; do shift; done; baud=$2\n'
+                        f"echo $baud >> {tmp_path}/speeds\n{script}\nexit 1\n")
+        fake.chmod(0o755)
+        nano, port = os.openpty()
+        device = os.ttyname(port)
+        os.close(port)  # an open one is in use
+        try:
+            error = verb("flash", image, "--port", device, "--avrdude", fake, "--json").error
+        finally:
+            os.close(nano)
+        assert error["code"] == "D-FLASH-01"
+        return error, (tmp_path / "speeds").read_text().split()
+
+    return run
+
+
+def test_flash_that_fails_reports_the_cause_of_avrdude(flash_with):
+    error, speeds = flash_with("echo 'stk500_getsync(): not in sync' >&2\n"
+                               "echo 'avrdude done.  Thank you.' >&2")
     assert "not in sync" in error["found"]
-    assert error["code"] == "D-FLASH-01"
+    assert speeds == ["115200", "57600"]
+
+
+def test_flash_reports_the_first_cause_and_not_its_consequences(flash_with):
+    error, _ = flash_with("""
+if [ $baud = 115200 ]; then
+  echo "avrdude: ser_open(): can't open device: Permission denied" >&2
+  echo "avrdude: error: programmer is not responding" >&2
+else
+  echo "avrdude: stk500_getsync() attempt 1 of 10: not in sync: resp=0x00" >&2
+fi""")
+    assert error["found"].startswith("at 115200 baud: avrdude: ser_open(): can't open device")
+
+
+@pytest.mark.parametrize(("lines", "chip"), [
+    (["Device signature = 0x1e9516 (probably m328pb)",
+      "Expected signature for ATmega328P is 1E 95 0F", "Double check chip"], "ATmega328PB"),
+    (["Device signature = 1E 95 16 (ATmega328PB)",
+      "Error: expected signature for ATmega328P is 1E 95 0F"], "ATmega328PB"),
+    (["Device signature = 0x1e9406", "Expected signature for ATmega328P is 1E 95 0F"],
+     "ATmega168"),
+    (["Device signature = 0x1e9999", "Expected signature for ATmega328P is 1E 95 0F"],
+     "a chip with the signature 1E9999"),
+    (["expected signature for ATmega328P is 1E 95 0F"], "another chip")])
+def test_flash_names_another_chip_and_tries_no_other_speed(flash_with, lines, chip):
+    report = "".join(f'echo "avrdude: {line}" >&2\n' for line in lines)
+    error, speeds = flash_with(f"""
+if [ $baud = 115200 ]; then
+{report}else
+  echo "avrdude: stk500_getsync(): not in sync" >&2
+fi""")
+    assert error["found"].startswith(chip)
+    assert "not an ATmega328P; nothing was written" in error["what"]
+    assert "not in sync" not in error["found"]
+    assert speeds == ["115200"]
+
+
+@pytest.mark.parametrize("signature", ["0x000000", "FF FF FF"])
+def test_flash_goes_on_after_a_signature_of_an_idle_line(flash_with, signature):
+    _, speeds = flash_with(f'echo "avrdude: Device signature = {signature}" >&2')
+    assert speeds == ["115200", "57600"]
+
+
+def test_flash_stops_after_a_bootloader_that_answered_at_the_second_speed(flash_with):
+    error, speeds = flash_with("""
+if [ $baud = 57600 ]; then
+  echo "avrdude: Device signature = 0x1e950f (probably m328p)" >&2
+  echo "avrdude: verification error, first mismatch at byte 0x0000" >&2
+else
+  echo "avrdude: stk500_getsync(): not in sync" >&2
+fi""")
+    assert error["found"].startswith("at 57600 baud: avrdude: verification error")
+    assert speeds == ["115200", "57600"]
 
 
 # -- Ctrl-C -----------------------------------------------------------------------

@@ -111,29 +111,88 @@ def _present() -> str:
     return f"USB serial ports: {ports or 'none'}"
 
 
-def _cause(report: str) -> str:
-    """The line of avrdude's report that says what went wrong: the last that complains."""
+COMPLAINT = re.compile(r"error|can.?t|cannot|not in sync|mismatch|not respond|no such|denied|"
+                       r"expected signature", re.IGNORECASE)
+"""Lines of avrdude's report that name a cause."""
+SIGNATURE = re.compile(r"device signature = *(?:0x)?((?:[0-9a-f]{2} ?){3})", re.IGNORECASE)
+CHIPS = {"1E950F": "ATmega328P", "1E9516": "ATmega328PB", "1E9514": "ATmega328",
+         "1E9406": "ATmega168", "1E940B": "ATmega168P", "1E9307": "ATmega8",
+         "1E9651": "ATmega4809 (Nano Every)"}
+"""Chips of boards that look like a Nano, by the signature in their data sheets."""
+CHIP = "ATmega328P"
+
+
+def find_cause(report: str) -> str:
+    """Return the line of avrdude's report that names the cause: the first that complains.
+
+    Lines after it are consequences, such as the tries to synchronise again.
+    """
     lines = [line.strip() for line in report.splitlines() if line.strip()]
-    bad = [line for line in lines if re.search(r"error|can.?t|cannot|not in sync|mismatch|"
-                                               r"not respond|no such|denied", line, re.I)]
-    return (bad or lines or ["it said nothing"])[-1]
+    complaints = [line for line in lines if COMPLAINT.search(line)]
+    return (complaints or lines[-1:] or ["avrdude printed nothing"])[0]
+
+
+def has_answered(report: str) -> bool:
+    """Return whether a bootloader answered: avrdude read the signature of a chip.
+
+    A signature of zeros or ones is that of a line on which nothing answers.
+    """
+    match = SIGNATURE.search(report)
+    if match is not None:
+        return not set(match.group(1).lower()) <= set("0 ") and not set(
+            match.group(1).lower()) <= set("f ")
+    return "expected signature" in report.lower()
+
+
+def find_chip(report: str) -> str:
+    """Return the name of the chip that avrdude found, its signature if unknown, or nothing."""
+    match = SIGNATURE.search(report)
+    if match is None:
+        return ""
+    signature = match.group(1).replace(" ", "").upper()
+    return CHIPS.get(signature, f"a chip with the signature {signature}")
 
 
 def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
            ) -> tuple[int, dict[str, Any]]:
-    said = ""
+    """Write the image; return speed and report. Raises FlashFailed with the first cause.
+
+    1. Try the bootloaders one speed after the other, until one answers.
+    2. If one answered, what went wrong after that is the cause: no other speed is tried.
+    3. If none answered, the cause is that of the first speed.
+    """
+    causes: dict[int, str] = {}
     for baud in bauds:
         console.print(f"trying the bootloader at {baud} baud")
         args = [avrdude, "-c", "arduino", "-p", "m328p", "-P", port, "-b", str(baud), "-D",
                 "-U", f"flash:w:{path}:i"]
         try:
-            run = subprocess.run(args, capture_output=True, text=True, timeout=120, check=False)
+            run = subprocess.run(args, capture_output=True, text=True, errors="replace",
+                                 timeout=120, check=False)
         except subprocess.TimeoutExpired:
-            said = "no answer within 120 s"
+            causes[baud] = "no answer within 120 s"
             continue
-        said = _cause(run.stderr)
         verified = re.search(r"(\d+) bytes of flash verified", run.stderr)
         if run.returncode == 0 and verified:
             return baud, {"bytes": int(verified.group(1)), "verified": True}
-    raise FlashFailed(f"avrdude could not write to {port}", found=said,
+        causes[baud] = find_cause(run.stderr)
+        if has_answered(run.stderr):
+            raise _refused(port, baud, run.stderr)
+    raise FlashFailed(f"avrdude could not write to {port}",
+                      found="; ".join(f"at {baud} baud: {cause}" for baud, cause in causes.items()),
                       expected=f"a bootloader at {' or '.join(map(str, bauds))} baud")
+
+
+def _refused(port: str, baud: int, report: str) -> FlashFailed:
+    """Return the error for a bootloader that answered at ``baud``."""
+    chip = find_chip(report)
+    cause = f"at {baud} baud: {find_cause(report)}"
+    if (chip and chip != CHIP) or "expected signature" in report.lower():
+        return FlashFailed(f"the chip behind {port} is not an {CHIP}; nothing was written",
+                           found=f"{chip or 'another chip'} ({cause})",
+                           expected=f"an {CHIP}, signature 1E 95 0F",
+                           likely="a clone of the Nano with another chip, or another board",
+                           remedy=f"use a Nano with an {CHIP}, or name its port with --port")
+    return FlashFailed(f"avrdude could not write to {port}", found=cause,
+                       expected="flash that is written and verified",
+                       remedy="dart-hal flash again, with a shorter cable and without a hub")
