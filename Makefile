@@ -5,6 +5,15 @@ BIN := $(VENV)/bin
 ARGS ?=
 export PYTHONDONTWRITEBYTECODE := # else each process compiles every file again
 
+# All paths below are relative, so the checkout may lie in a folder with spaces, quotes, &, # or %.
+# These characters break the virtual environment: venv refuses ":", and a shell takes the
+# others apart in the first line of .venv/bin/dart-hal.
+BAD_CHARACTERS := $(foreach one,: $$ " ` \,$(if $(findstring $(one),$(CURDIR)),$(one)))
+ifneq ($(strip $(BAD_CHARACTERS)),)
+$(error The path of this checkout contains $(strip $(BAD_CHARACTERS)), found: $(CURDIR). \
+A Python environment cannot be made there. Try: move the checkout to a folder without : $$ " ` \ )
+endif
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign coverage docs guide release firmware native hardware clean
 
@@ -35,7 +44,7 @@ faults: $(VENV)/.dev toolchain ## every fault stopped at the ESC pin, with its n
 	@$(BIN)/python tests/faults/run.py $(ARGS)
 
 fuzz: $(VENV)/.dev ## libFuzzer on the Nano's decoder, commands and parameters: 1e7 inputs each
-	@$(MAKE) -s -C firmware fuzz PYTHON=$(CURDIR)/$(BIN)/python ARGS="$(ARGS)"
+	@$(MAKE) -s -C firmware fuzz PYTHON=../$(BIN)/python ARGS="$(ARGS)"
 
 soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothing drives, leaks or gets lost
 	@$(BIN)/python tests/soak/soak.py $(ARGS)
@@ -70,7 +79,7 @@ release: $(VENV)/.dev $(VENV)/.guide ## wheel, sources, handbook, guide, firmwar
 
 firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
 	@if command -v avr-gcc >/dev/null; then \
-	    $(MAKE) -s -C firmware hex native size PYTHON=$(CURDIR)/$(BIN)/python; fi
+	    $(MAKE) -s -C firmware hex native size PYTHON=../$(BIN)/python; fi
 
 native: $(VENV)/.demo ## regenerate and compile the kernels of the vehicle equations
 	@$(BIN)/python -m dart_hal.vehicle.native.committed

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Brings the AVR compiler, simavr and avrdude, then builds firmware and
-# emulator bridge. Where that is impossible it says so and exits 0: the
-# package then uses MockNano, with a visible notice.
+# emulator bridge. Where that is impossible, or the build fails, it prints a
+# notice and exits 0: the package then uses MockNano, with a notice as well.
 #   toolchain.sh              what `make` calls
 #   toolchain.sh --apt PKG..  install Debian packages only (fails if it cannot)
 set -u
@@ -37,4 +37,8 @@ if [ -n "$missing" ]; then
         exit 0
     }
 fi
-make -s -C "$here" hex emulator
+make -s -C "$here" hex emulator && exit 0
+# Half a build is removed: the older firmware in it would run in the place of this one.
+rm -f "$here/build/dart_nano.elf" "$here/build/dart_nano.hex" "$here/build/libdartemu.so"
+echo "-- NOTICE: firmware or emulator bridge could not be built (see above). The emulated firmware"
+echo "   is not available; the Python MockNano takes its place. To try again: make firmware"

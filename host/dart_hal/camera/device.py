@@ -95,7 +95,7 @@ def opencv() -> ModuleType:
 def device_of(text: str) -> Device:
     """The device that a URL names; it is not opened. Raises UsageError."""
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(text, allow_fragments=False)
     except ValueError as why:
         raise _no_camera(text, str(why)) from why
     place = parts.netloc + parts.path

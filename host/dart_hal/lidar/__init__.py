@@ -20,7 +20,7 @@ def open_lidar(text: str) -> ScanSource:
     Option behind ``?``: ``baud``, the line rate; default 128000, that of an X4.
     """
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(text, allow_fragments=False)
     except ValueError as why:
         raise UsageError(f"{text!r} is no lidar", found=str(why), expected=EXPECTED) from why
     target = parts.netloc + parts.path

@@ -7,17 +7,19 @@ this file knows whether the car is real, emulated or recorded.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from dart_hal.errors import UnknownScheme, UsageError
 from dart_hal.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
 from dart_hal.types import Contact
 
+SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*")
 URLS = "what each option means: docs/reference/urls.md"
 
 
@@ -32,19 +34,21 @@ class Url:
 
     @classmethod
     def parse(cls, text: str) -> Url:
-        try:
-            parts = urlsplit(text)
-        except ValueError as error:
-            raise UnknownScheme(f"{text!r} is not a backend URL", found=str(error)) from error
-        if not parts.scheme or "://" not in text:
+        """Split ``text``. A target is taken as it is: a path may contain ``#``, ``%`` and ``[``.
+
+        Raises UnknownScheme, UsageError.
+        """
+        scheme, separator, rest = text.strip().partition("://")
+        if not separator or not SCHEME.fullmatch(scheme):
             raise UnknownScheme(f"{text!r} is not a backend URL", found="no scheme://")
-        pairs = parse_qsl(parts.query, keep_blank_values=True)
+        target, _, query = rest.partition("?")
+        pairs = parse_qsl(query, keep_blank_values=True)
         options = dict(pairs)
         if len(options) < len(pairs):
             twice = sorted({k for k, _ in pairs if [n for n, _ in pairs].count(k) > 1})
             raise UsageError(f"{', '.join(twice)} is given twice", found=text,
                              expected="every option once")
-        return cls(text, parts.scheme, parts.netloc + parts.path, options)
+        return cls(text, scheme.lower(), target, options)
 
     def known(self, *names: str, old: tuple[str, ...] = ()) -> None:
         """Refuse options that the backend does not have; ``old`` names still pass.

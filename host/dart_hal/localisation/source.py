@@ -103,7 +103,7 @@ def open_source(text: str, chart: Map | None = None) -> LidarPoses:
 
     Raises UsageError.
     """
-    parts = urlsplit(text)
+    parts = urlsplit(text, allow_fragments=False)
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     path = parts.netloc + parts.path if parts.scheme else ""
     if bool(path) is (chart is not None) or set(options) - {"start"}:

@@ -49,7 +49,7 @@ def open_fleet_poses(texts: Sequence[str]) -> list[PoseSource]:
 
 def _open(text: str, shared: dict[tuple[str, int], SharedPort]) -> PoseSource:
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(text, allow_fragments=False)
         port = parts.port if parts.scheme != "file" else None
     except ValueError as why:
         raise UsageError(f"{text!r} is not a source of poses", found=str(why),

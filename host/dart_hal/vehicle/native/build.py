@@ -65,7 +65,8 @@ def compiler() -> list[str] | None:
     """The C compiler as a command: $CC, cc, gcc or clang; None without one."""
     given = os.environ.get("CC", "").strip()
     if given:
-        command = shlex.split(given)
+        # The path of a compiler may contain spaces; a command may have options.
+        command = [given] if shutil.which(given) else shlex.split(given)
         return command if shutil.which(command[0]) else None
     return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
 
