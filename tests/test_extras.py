@@ -36,7 +36,7 @@ def test_import_name_becomes_its_package(name, package):
 
 def test_command_names_this_interpreter(monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda _name: object())
-    monkeypatch.setattr(sys, "executable", "/home/me/my car/.venv/bin/python")
+    monkeypatch.setattr(sys, "executable", "/srv/my car/.venv/bin/python")
     words = shlex.split(install_command("plot"))
     assert words == [sys.executable, "-m", "pip", "install", "matplotlib>=3.7"]
 
