@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from importlib.util import find_spec
+from io import StringIO
 
 import pytest
 
@@ -23,21 +24,26 @@ def free_port():
         return probe.getsockname()[1]
 
 
+KEY = "4f7c" * 16
+
+
 class Driven:
     """An emulated car that drives in a thread, no faster than real time, in a room over UDP.
 
     It waits for its program: a busy computer makes it slow and trips nothing.
     """
 
-    def __init__(self, *, arm):
-        port = free_port()
+    def __init__(self, *, arm, key=None, answers=True):
+        port, station = free_port(), free_port()
         backend = open_backend("sim://?nano=mock&seed=1")
         self.pulses, self.world, self.disarmed = [], world_of(backend), None
         self.world.watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
-        self.room = f"udp://127.0.0.1:{free_port()}?to=127.0.0.1:{port}"
+        self.room = f"udp://127.0.0.1:{station}?to=127.0.0.1:{port}"
         self.car = Car.over(backend)
-        self.member = join(self.car, f"udp://127.0.0.1:{port}?to=127.0.0.1:9", name="red")
+        to = 9 if answers else station  # a program that is in no list is answered
+        self.member = join(self.car, f"udp://127.0.0.1:{port}?to=127.0.0.1:{to}", name="red",
+                           room_key=key)
         if arm:
             self.car.arm()
         self._ended = threading.Event()
@@ -86,12 +92,17 @@ def test_a_car_is_listed(capsys):
 
 @pytest.mark.realtime
 @pytest.mark.more
-def test_one_command_stops_it_at_the_pin(capsys):
-    with Driven(arm=True) as driven:
+@pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
+    options = []
+    if key is not None:
+        (tmp_path / "room.key").write_text(key)
+        options = ["--room-key", str(tmp_path / "room.key")]
+    with Driven(arm=True, key=None if key is None else tmp_path / "room.key") as driven:
         time.sleep(0.5)
         before = driven.world.t
         assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is seen"
-        code, said = told(capsys, "fleet", "stop", "--room", driven.room, "--json")
+        code, said = told(capsys, "fleet", "stop", "--room", driven.room, *options, "--json")
         time.sleep(0.3)
         assert driven.disarmed is not None
         at, why = driven.disarmed
@@ -137,3 +148,55 @@ def test_a_room_that_announces_itself_is_found():
         assert found(2.0).get("red") == room
     finally:
         announcement.close()
+
+
+def test_without_a_key_it_is_stated_what_others_can_do(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("dart_hal.cli.fleet.HEARD", 0.05)
+    room = f"udp://:{free_port()}?to=127.0.0.1:9"
+    with pytest.raises(SystemExit):
+        main(["fleet", "--room", room])
+    assert "keep a watched car driving" in capsys.readouterr().err
+    (tmp_path / "room.key").write_text(KEY)
+    with pytest.raises(SystemExit):
+        main(["fleet", "--room", room, "--room-key", str(tmp_path / "room.key")])
+    assert "without a key" not in capsys.readouterr().err
+
+
+def test_a_key_that_is_missing_ends_the_verb(capsys, tmp_path):
+    code, said = told(capsys, "fleet", "--room", "udp://:7447?to=127.0.0.1:9", "--room-key",
+                      str(tmp_path / "missing"), "--json")
+    assert code == 2
+    assert said["error"]["code"] == "D-USE-01"
+    assert "missing" in said["error"]["what"]
+
+
+@pytest.mark.realtime
+def test_a_car_with_a_key_is_named_to_a_watcher_without(capsys):
+    from dart_hal.fleet.key import RoomKey
+
+    with Driven(arm=False, key=RoomKey(KEY.encode()), answers=False) as driven:
+        code, said = told(capsys, "fleet", "--room", driven.room, "--json")
+    assert (code, said["cars"]) == (1, [])
+    assert "signed" in said["ignored"]["red"]
+
+
+@pytest.mark.parametrize("name", ["[bold red]x", "[/]", "[link=file:///etc]x[/link]"])
+def test_a_name_from_the_network_is_no_markup(name):
+    """It is shown as it is, in the table and in the list of ignored members."""
+    from rich.console import Console
+
+    from dart_hal.cli.fleet import _picture
+    from dart_hal.fleet import messages as m
+    from dart_hal.fleet.codec import encode
+    from dart_hal.fleet.station import Station
+    from dart_hal.fleet.transports import open_transport
+
+    with Station("local://markup", "base", now=lambda: 1.0) as station:
+        line = open_transport("local://markup")
+        line.send(encode(m.HEALTH, 9, 1, 1.0, (name, "ARMED", 0, "[red]", "[/]")), 1.0)
+        line.send(encode(m.BEAT, 8, 1, 1.0, ("[blink]", ), None)[:2] + b"\x02", 1.0)
+        station.look()
+        console = Console(width=200, record=True, file=StringIO())
+        console.print(_picture([station]))
+        assert name in console.export_text()
+        line.close()

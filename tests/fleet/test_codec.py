@@ -29,6 +29,9 @@ def values(f):
                        min_size=1, max_size=f.count)
     if f.type == "bytes":
         return st.binary(max_size=f.count)
+    if f.type == "pairs":
+        return st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * f.count),
+                        max_size=m.POINTS).map(tuple)
     row = st.tuples(*[numbers(m.Field(f.name, f.type, "", 1, f.low, f.high))] * f.count)
     if f.type == "rows":
         return st.lists(row, max_size=m.POINTS).map(tuple)
@@ -95,7 +98,7 @@ def test_a_body_that_lies_under_a_good_checksum_is_refused_or_possible(kind, bod
 def test_each_fault_has_its_counter():
     good = pose_frame(1)
     decoder = Decoder()
-    for data in (good[:10], b"\0" * 5000, b"XX" + good[2:], good[:2] + b"\x02" + good[3:],
+    for data in (good[:10], b"\0" * 5000, b"XX" + good[2:], good[:2] + b"\x09" + good[3:],
                  good[:3] + b"\xee" + good[4:], good[:-1] + bytes((good[-1] ^ 1,))):
         assert decoder.decode(data) is None
     c = decoder.counters

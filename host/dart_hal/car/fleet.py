@@ -15,6 +15,7 @@ from dart_hal.car.member import Member, join
 from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, keep_old
 from dart_hal.errors import UsageError
+from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
@@ -40,7 +41,8 @@ class Fleet:
              cars: str | Path | None = None,
              record: str | Path | Sequence[str | Path | None] | None = None,
              poses: str | Sequence[str | PoseSource | None] | None = None,
-             room: str | None = None, raise_on_trip: bool = True) -> Fleet:
+             room: str | None = None, room_key: RoomKey | str | Path | None = None,
+             raise_on_trip: bool = True) -> Fleet:
         """Open every URL, or none: what was opened is closed if one fails.
 
         ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
@@ -48,7 +50,7 @@ class Fleet:
         ``record`` as one file: of all cars on one time base, the channels of each
         with its name; read it as FILE?car=NAME. ``poses`` as one text: "{car}" in it
         is the car's name in ``car``. ``room``: URL of a room of cars (``dart_hal.fleet``)
-        that all of them enter.
+        that all of them enter; ``room_key`` as ``join`` takes it.
         Raises UsageError where their number is another, and where two real cars
         would drive with the files of one; and what ``Car.open`` raises.
         """
@@ -64,7 +66,8 @@ class Fleet:
             _distinct(opened)
             fleet = cls(opened)
             if room is not None:
-                fleet.members = tuple(stack.enter_context(join(one, room, name=name))
+                fleet.members = tuple(stack.enter_context(join(one, room, name=name,
+                                                                room_key=room_key))
                                       for one, name in zip(opened, fleet.names, strict=True))
             stack.pop_all()
         return fleet

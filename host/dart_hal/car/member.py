@@ -1,8 +1,8 @@
 """A car in a room of cars: tells where it is, hears where the others are, obeys a stop.
 
 All of it happens when a State of the car comes, in the thread that reads its link: a program
-that hangs is stopped all the same. Whoever is in the room informs, or stops; nothing that comes
-from the network arms a car or moves it.
+that hangs is stopped all the same. A message of the room informs, or stops; none arms a car or
+moves it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Sequence
 from math import inf
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -20,32 +21,39 @@ from dart_hal.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Counters, encode
 from dart_hal.fleet.discovery import Announcement
+from dart_hal.fleet.key import RoomKey, find_key
 from dart_hal.fleet.messages import NOTE
+from dart_hal.fleet.outbox import Outbox
 from dart_hal.fleet.peers import Coordination, OtherPose, Peers, values_of_pose
+from dart_hal.fleet.sender import Session
 from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
 from dart_hal.fleet.transports import Transport, open_transport
 from dart_hal.types import FloatArray, State
 
 EVERY = 5
 """States from one message to the next: 20 Hz."""
-KNOWN = 5.0
-"""s within which a car was heard that is waited for when all are stopped."""
 
 
 def join(car: Car, room: str | Transport, *, name: str | None = None,
-         beat_within: float = inf, announce: bool = False) -> Member:
+         beat_within: float = inf, announce: bool = False,
+         room_key: RoomKey | str | Path | None = None) -> Member:
     """Let a car enter a room, a transport or its URL; it leaves with ``close``.
 
     name: what the others call it, None: that of its files. beat_within [s]: it may drive only
-    while somebody watches the room (``dart-hal fleet watch``), and stops when nothing was heard
-    of that for so long. announce: tell the network by mDNS (needs zeroconf), so that
-    ``dart-hal fleet`` finds the room. Raises UsageError and what opening the transport raises.
+    while a station watches it (``dart-hal fleet watch``), and stops when its newest frame that the
+    station has confirmed is older. announce: tell the network by mDNS (needs zeroconf), so that
+    ``dart-hal fleet`` finds the room. room_key: the key of the room, or the path of its file,
+    None: that of $DART_ROOM_KEY, if any. With a key the car accepts signed messages alone;
+    without one each computer on its network can stop it, keep it driving in place of the watcher,
+    and send wrong poses of other cars.
+    Raises UsageError and what opening the transport raises.
     """
     name = name or car.files.config.name
+    key = find_key(room_key)
     transport = open_transport(room) if isinstance(room, str) else room
     try:
         told = (Announcement(name, transport.url),) if announce else ()
-        return Member(car, transport, name, beat_within, told)
+        return Member(car, transport, name, beat_within, told, key)
     except BaseException:
         transport.close()
         raise
@@ -55,18 +63,20 @@ class Member:
     """One car in a room; a context manager. Made by ``join``."""
 
     def __init__(self, car: Car, transport: Transport, name: str, beat_within: float = inf,
-                 announced: Sequence[Announcement] = ()) -> None:
+                 announced: Sequence[Announcement] = (), key: RoomKey | None = None) -> None:
         self.car, self.name, self.transport = car, name, transport
         self._lock = threading.RLock()
         self._announced = announced
-        self.peers = Peers(name, secrets.randbits(32))
+        self.peers = Peers(name, secrets.randbits(32), key)
+        self._outbox = Outbox(self.peers, transport)
         self.rule = StopRule(beat_within)
         self.peers.on_stop = self._stop
         self.peers.on_stopped = self._stopped
-        self.peers.on_beat = lambda who: self.rule.beat(self.car.now)
+        self.peers.on_health = self._health
+        self.peers.on_beat = lambda who, since: self.rule.beat(since)
         self._call: StopCall | None = None
         self._plan: tuple[float, str, float, tuple[tuple[float, ...], ...]] | None = None
-        self._seq = self._count = self.unsaid = 0
+        self._count = self.unsaid = 0
         self._held, self._closed = "", False
         self._read: dict[str, tuple[int, int]] = {}
         self._leave = car.on_state(self._step)
@@ -94,6 +104,12 @@ class Member:
         """Who stopped this car, and why, or what keeps it from driving now; "": nothing does."""
         with self._lock:
             return self.rule.held(self.car.now)
+
+    @property
+    def ignored(self) -> dict[str, str]:
+        """Members whose messages do not count, by the name that they give, and why."""
+        with self._lock:
+            return self.peers.ignored(self.car.now)
 
     @property
     def counters(self) -> Counters:
@@ -131,9 +147,7 @@ class Member:
         self.car.stop()
         with self._lock:
             now = self.car.now
-            known = [name for name, sender in self.peers.senders.items()
-                     if now - sender.heard < KNOWN and m.HEALTH.id in sender.told]
-            self._call = call = StopCall(secrets.randbits(32) or 1, why, known, now)
+            self._call = call = StopCall(secrets.randbits(32) or 1, why, self.peers.cars(now), now)
             self._repeat(now)
         while not (self.car.waits or call.over(self.car.now)):
             time.sleep(REPEAT)
@@ -186,16 +200,23 @@ class Member:
     def _repeat(self, now: float) -> None:
         if self._call is not None and self._call.due(now):
             self._send(m.STOP, (self._call.number, self._call.why), now)
+            self._call.knows(self.peers.cars(now), now)
 
     def _stop(self, number: int, who: str, why: str) -> None:
         now = self.car.now
         self.rule.stop(number, who, why, now)
         self._obey(now)
+        if self.peers.decoder.key is not None:
+            self._outbox.send_heard(now)  # so that a new station accepts the answer at once
         self._send(m.STOPPED, (number,), now)
 
-    def _stopped(self, number: int, who: str) -> None:
+    def _stopped(self, number: int, session: Session) -> None:
         if self._call is not None:
-            self._call.answer(number, who)
+            self._call.answer(number, session, self.car.now)
+
+    def _health(self, session: Session, mode: str) -> None:
+        if self._call is not None:
+            self._call.health(session, mode, self.car.now)
 
     def _tell(self, state: State, now: float) -> None:
         estimate = state.estimate
@@ -208,15 +229,13 @@ class Member:
         if self._plan is not None:
             t, *rest = self._plan
             self._send(m.PLAN, (max(now - t, 0.0), *rest), now)
+        if self.peers.decoder.key is not None:
+            self._outbox.send_heard(now)
 
     def _send(self, kind: m.Kind, values: tuple[Any, ...], now: float) -> None:
         """One frame to everybody. What cannot be told, such as a pose that is not finite, is
         counted rather than raised in the car's loop."""
-        self._seq += 1
         try:
-            data = encode(kind, self.peers.boot, self._seq, self.transport.stamp(now),
-                          (self.name, *values))
+            self._outbox.send(kind, values, now)
         except UsageError:
             self.unsaid += 1
-            return
-        self.transport.send(data, now)

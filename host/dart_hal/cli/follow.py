@@ -26,6 +26,7 @@ from dart_hal.cli.options import (
     json_option,
     lidar_option,
     poses_option,
+    room_key_option,
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
@@ -69,6 +70,7 @@ SOURCE = "follow"
 @click.option("--room", default=None, metavar="URL",
               help="enter this room of cars (udp://.., zenoh://.., local://..): others on the path "
                    "are passed (mpcc, ca-mpcc) or waited for")
+@room_key_option
 @click.option("--compiled", is_flag=True,
               help="plan by generated C (mpcc): the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
@@ -90,10 +92,10 @@ SOURCE = "follow"
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str, weights: str | None, discs: tuple[Disc, ...],
-            room: str | None, compiled: bool, laps: int, half_width: float | None,
-            reverse: bool, here: bool, odometry: bool, lane: float, duration: float | None,
-            record: Path | None, plot: Path | None, waive: tuple[str, ...], poses: str | None,
-            lidar: str | None, as_json: bool) -> int:
+            room: str | None, room_key: Path | None, compiled: bool, laps: int,
+            half_width: float | None, reverse: bool, here: bool, odometry: bool, lane: float,
+            duration: float | None, record: Path | None, plot: Path | None,
+            waive: tuple[str, ...], poses: str | None, lidar: str | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     The path lies in the frame of the poses (motion capture); the car starts within 1 m of it,
@@ -109,7 +111,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     with opened(url, car_name, cars, record, poses, lidar) as car:
         follower = follower_of(car, track, speed or inf, make, rules, half_width)
         summary = Summary(car)
-        with (nullcontext() if room is None else join(car, room)) as member:
+        with (nullcontext() if room is None else join(car, room, room_key=room_key)) as member:
             cars_about = Others(member, follower) if member else None
             follow(car, follower, waive, cars_about)
             car.stop()

@@ -73,6 +73,14 @@ def map_option(command: F) -> F:
                         "(default: of sim://, its room)")(command)
 
 
+def room_key_option(command: F) -> F:
+    """``--room-key``: the file with the key of the room."""
+    return click.option("--room-key", type=click.Path(path_type=Path, dir_okay=False),
+                        default=None, metavar="FILE", help="file with the key of the room, the "
+                        "same on all its members: unsigned messages are ignored (default: "
+                        "$DART_ROOM_KEY)")(command)
+
+
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 

@@ -18,6 +18,7 @@ from dart_hal.cli.options import (
     lidar_option,
     map_option,
     poses_option,
+    room_key_option,
     waive_option,
 )
 from dart_hal.cli.page_address import lan_option, tell
@@ -43,11 +44,12 @@ from dart_hal.types import FloatArray
 @map_option
 @click.option("--room", default=None, metavar="URL",
               help="of cars that tell each other where they are: the others are drawn, too")
+@room_key_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
             port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
             record: Path | None, poses: str | None, lidar: str | None, camera: str | None,
-            chart: Path | None, room: str | None, as_json: bool) -> None:
+            chart: Path | None, room: str | None, room_key: Path | None, as_json: bool) -> None:
     """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
 
     Everybody who opens it may stop the car; who has the token may drive it, one at a time.
@@ -58,7 +60,9 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
     with opened(paced(url), car_name, cars, record, poses, lidar, camera) as car, \
             ExitStack() as beside:
         car.raise_on_trip = False  # the page says what tripped it
-        others = beside.enter_context(join(car, room)).other_poses if room else None
+        others = None
+        if room:
+            others = beside.enter_context(join(car, room, room_key=room_key)).other_poses
         with car.view(port=port, lan=lan, drives=car.drives, lines=map_lines(car.url, chart),
                       others=others, waive=waive, max_throttle=max_throttle) as page:
             tell(page.urls, lan, as_json)

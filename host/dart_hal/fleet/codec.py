@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from math import isfinite
 from struct import Struct, error
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 from dart_hal.errors import UsageError
+from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.messages import (
     BY_ID,
     FORMATS,
@@ -18,6 +19,9 @@ from dart_hal.fleet.messages import (
     LARGEST,
     MAGIC,
     POINTS,
+    ROW_FORMATS,
+    SIGNATURE_BYTES,
+    SIGNED_VERSION,
     VERSION,
     Field,
     Kind,
@@ -27,6 +31,14 @@ _CRC = Struct("<I")
 RECENT = 512
 """Frames whose values are kept: cars of one process then decode a frame once, not each for
 itself."""
+MAX_IGNORED = 64
+"""Names in ``Decoder.ignored``: a flood of names must not fill the memory."""
+REASONS = {
+    "unsigned": "its messages are not signed: start it with the key of this room",
+    "forged": "its signature is not of this room's key",
+    "signed": "its messages are signed: this program was started without the room's key",
+}
+"""Why a frame with a readable name is ignored, by counter."""
 
 
 class Heard(NamedTuple):
@@ -48,7 +60,8 @@ class Heard(NamedTuple):
 class Counters:
     """ok: frames returned. The others by what was found first: short, huge (beyond
     ``LARGEST``), foreign (no frame of ours), version, unknown (kind), crc, body (fields that do
-    not fit, numbers that cannot be)."""
+    not fit, numbers that cannot be); in a room with a key unsigned and forged (signed with
+    another key, or changed on the way), in one without a key signed."""
 
     ok: int = 0
     short: int = 0
@@ -58,41 +71,73 @@ class Counters:
     unknown: int = 0
     crc: int = 0
     body: int = 0
+    unsigned: int = 0
+    forged: int = 0
+    signed: int = 0
 
     @property
     def refused(self) -> int:
         """Datagrams that gave no frame."""
-        return (self.short + self.huge + self.foreign + self.version + self.unknown + self.crc
-                + self.body)
+        counts: dict[str, int] = asdict(self)
+        return sum(counts.values()) - self.ok
 
 
 class Decoder:
-    """Opens datagrams and counts those that are no frames."""
+    """Opens datagrams and counts those that are no frames.
 
-    def __init__(self) -> None:
+    key: of the room; with one, only frames that it has signed are returned. ``ignored``: by the
+    name in a frame, why its frames were not accepted. That name is not verified.
+    """
+
+    def __init__(self, key: RoomKey | None = None) -> None:
+        self.key = key
         self.counters = Counters()
+        self.ignored: dict[str, str] = {}
 
     def decode(self, data: bytes) -> Heard | None:
         """The frame in a datagram, None if there is none. Never raises."""
-        found = opened(data) if len(data) <= LARGEST else "huge"
+        found = opened(data, self.key) if len(data) <= LARGEST else "huge"
         if isinstance(found, Heard):
             self.counters.ok += 1
             return found
         setattr(self.counters, found, getattr(self.counters, found) + 1)
+        if found in REASONS and len(self.ignored) < MAX_IGNORED:
+            claimed = parse(data, VERSION if found == "unsigned" else SIGNED_VERSION)
+            if isinstance(claimed, Heard):
+                self.ignored[claimed.name] = REASONS[found]
         return None
 
 
 @lru_cache(maxsize=RECENT)
-def opened(data: bytes) -> Heard | str:
-    """The frame, or the counter that says what is wrong."""
+def opened(data: bytes, key: RoomKey | None = None) -> Heard | str:
+    """The frame, or the counter that says what is wrong.
+
+    With a key the signature is verified before anything but the version is looked at.
+    """
+    if len(data) < HEAD.size:
+        return "short"
+    if data[:2] != MAGIC:
+        return "foreign"
+    version = data[2]
+    if version not in (VERSION, SIGNED_VERSION):
+        return "version"
+    if key is None:
+        return parse(data, VERSION) if version == VERSION else "signed"
+    if version == VERSION:
+        return "unsigned"
+    if not key.signed(data):
+        return "forged"
+    return parse(data, SIGNED_VERSION)
+
+
+def parse(data: bytes, version: int) -> Heard | str:
+    """The frame of this version, or the counter of what is wrong. Signatures are not verified."""
+    if version == SIGNED_VERSION:
+        data = data[:-SIGNATURE_BYTES]
     end = len(data) - _CRC.size
     if end < HEAD.size:
         return "short"
-    magic, version, ident, boot, seq, sent = HEAD.unpack_from(data)
-    if magic != MAGIC:
-        return "foreign"
-    if version != VERSION:
-        return "version"
+    _, _, ident, boot, seq, sent = HEAD.unpack_from(data)
     kind = BY_ID.get(ident)
     if kind is None:
         return "unknown"
@@ -114,7 +159,7 @@ def _read(kind: Kind, data: bytes, end: int) -> tuple[Any, ...]:
             _possible(f, found)
             found = found if f.count > 1 else found[0]
         else:
-            size = data[at] * (f.struct.size if f.type == "rows" else 1)
+            size = data[at] * (f.struct.size if f.type in ROW_FORMATS else 1)
             part = data[at + 1:at + 1 + size]
             at += 1 + size
             found = _VARIABLE[f.type](f, part, size)
@@ -135,7 +180,7 @@ def _text(f: Field, part: bytes, size: int) -> str:
     return text
 
 
-def _rows(f: Field, part: bytes, size: int) -> tuple[tuple[float, ...], ...]:
+def _rows(f: Field, part: bytes, size: int) -> tuple[tuple[Any, ...], ...]:
     if size > POINTS * f.struct.size:
         raise ValueError("too many rows")
     rows = tuple(f.struct.iter_unpack(part))
@@ -151,7 +196,7 @@ def _bytes(f: Field, part: bytes, size: int) -> bytes:
 
 
 _VARIABLE: dict[str, Callable[[Field, bytes, int], Any]] = {
-    "text": _text, "rows": _rows, "bytes": _bytes}
+    "text": _text, "rows": _rows, "pairs": _rows, "bytes": _bytes}
 
 
 def _possible(f: Field, numbers: tuple[float, ...]) -> None:
@@ -160,16 +205,22 @@ def _possible(f: Field, numbers: tuple[float, ...]) -> None:
         raise ValueError(f"{f.name} is out of range")
 
 
-def encode(kind: Kind, boot: int, seq: int, sent: float, values: tuple[Any, ...]) -> bytes:
-    """A frame. sent [s] >= 0; values as in ``Heard``. Raises UsageError for what is no value."""
-    head = HEAD.pack(MAGIC, VERSION, kind.id, boot, seq & 0xFFFFFFFF, round(sent * 1e6))
+def encode(kind: Kind, boot: int, seq: int, sent: float, values: tuple[Any, ...],
+           key: RoomKey | None = None) -> bytes:
+    """A frame, signed where a key is given. sent [s] >= 0; values as in ``Heard``.
+
+    Raises UsageError for what is no value.
+    """
+    version = VERSION if key is None else SIGNED_VERSION
+    head = HEAD.pack(MAGIC, version, kind.id, boot, seq & 0xFFFFFFFF, round(sent * 1e6))
     try:
         body = b"".join(_written(f, v) for f, v in zip(kind.fields, values, strict=True))
     except (ValueError, TypeError, error) as why:
         raise UsageError(f"{kind.name}: {why}", found=repr(values),
                          expected=", ".join(f"{f.name} {f.type}" for f in kind.fields)) from why
     data = head + body
-    return data + _CRC.pack(crc32(data, kind.seed))
+    data += _CRC.pack(crc32(data, kind.seed))
+    return data if key is None else data + key.signature(data)
 
 
 def _written(f: Field, value: Any) -> bytes:

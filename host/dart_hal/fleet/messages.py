@@ -8,6 +8,9 @@ A datagram is one frame, little-endian:
 its line's clock, on which transits are compared; body: the fields of the kind in their order.
 As on the wire of the Nano the CRC begins with the hash of the definition, so that two programs
 that disagree about a message cannot misread each other. A changed kind gets a new id.
+
+Version 1 is a frame of a room without a key. Version 2 is the same frame followed by its
+signature (``dart_hal.fleet.key``); a member of a room with a key accepts no other.
 """
 
 from __future__ import annotations
@@ -18,7 +21,11 @@ from math import inf
 from struct import Struct
 from zlib import crc32
 
-MAGIC, VERSION = b"DF", 1
+MAGIC = b"DF"
+VERSION = 1
+SIGNED_VERSION = 2
+SIGNATURE_BYTES = 16
+"""Bytes of a signature: a forger guesses it with probability 2**-128."""
 HEAD = Struct("<2sBBIIQ")
 LARGEST = 1400
 """Bytes of a frame: one Ethernet frame of 1500 with the heads of IP, UDP and zenoh."""
@@ -29,13 +36,15 @@ NOTE = 200
 POINTS = 64
 """Points of a plan: 3.2 s in steps of 50 ms."""
 FORMATS = {"u8": "B", "u32": "I", "f32": "f", "f64": "d"}
+ROW_FORMATS = {"rows": "f", "pairs": "I"}
+"""Types that come as several rows of ``count`` numbers each."""
 
 
 @dataclass(frozen=True)
 class Field:
     """One field. type: of ``FORMATS``, or text (u8 length, UTF-8, at most ``count`` bytes), or
     bytes (u8 length, at most ``count``, whatever they are), or rows (u8 number of rows, at most
-    ``POINTS``, of ``count`` f32). low, high: what is possible."""
+    ``POINTS``, of ``count`` f32), or pairs (the same of u32). low, high: what is possible."""
 
     name: str
     type: str
@@ -51,8 +60,9 @@ class Field:
 
     @cached_property
     def struct(self) -> Struct:
-        """Of one row for ``rows``."""
-        return Struct(f"<{self.count}{FORMATS.get(self.type, 'f')}")
+        """Of one row for ``rows`` and ``pairs``."""
+        letter = FORMATS.get(self.type) or ROW_FORMATS.get(self.type, "f")
+        return Struct(f"<{self.count}{letter}")
 
 
 @dataclass(frozen=True)
@@ -115,7 +125,8 @@ STOPPED = _kind(
     "STOPPED", 5, "the answer to each STOP that is heard", _NAME,
     _F("number", "u32", "of the stop", low=1),
 )
-BEAT = _kind("BEAT", 6, "who watches the room is there, 20 Hz", _NAME)
+BEAT = _kind("BEAT", 6, "who watches the room is there, 20 Hz. It counts from the time of the "
+             "receiver's own frame that its sender has echoed last (HEARD)", _NAME)
 PAYLOAD = 255
 """Bytes of a coordination."""
 COORDINATION = _kind(
@@ -123,5 +134,12 @@ COORDINATION = _kind(
     _F("payload", "bytes", "the law's own", count=PAYLOAD),
 )
 
-KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT, COORDINATION)
+HEARD = _kind(
+    "HEARD", 8, "the newest frame received from each other member, 20 Hz. A member that finds its "
+    "own recent frame in it knows that the sender is alive now: a recording cannot contain it",
+    _NAME,
+    _F("echoes", "pairs", "boot and seq of the newest frame of each member", count=2),
+)
+
+KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT, COORDINATION, HEARD)
 BY_ID = {kind.id: kind for kind in KINDS}

@@ -1,19 +1,32 @@
-"""What the others of a room told last: one table, fed with datagrams, with time as an argument.
+"""The table of the other members of a room, fed with datagrams, with time as an argument.
 
-Every frame carries the number of its sender's session (boot) and counts up. A frame that was
-overtaken by a newer one, that came twice, or that belongs to a session that another has followed
-changes nothing and is counted.
+A session is one run of one program: (name, boot). Its frames count up.
+
+Order. A frame that came before (a copy), or that is more than ``REPLAY_WINDOW`` frames older than
+the newest of its session, is dropped and counted. One that was overtaken by less is late: it
+informs where nothing newer is known, and never beats.
+
+Liveness. A member repeats the newest frame that it has received from each other member (HEARD). A
+receiver that finds the number of its own frame in it knows, by its own clock, a time at which the
+sender was still alive: ``Sender.proof``. No recording contains the number of a frame that was
+sent after it was made, so a replay never moves this time, whatever clocks the members have and
+however often they were restarted.
+
+* A BEAT counts from ``proof``, in every room. Delay on the way makes it older, not younger.
+* With a key all other frames count only while ``proof`` is at most ``LATEST`` s old; a STOP also
+  later, once its session was proven. Frames of a session that is not proven change nothing, but
+  are echoed, so that it is proven with the next frame if it lives.
+* Without a key poses, health and stops count without a proof.
 
 Age. The sender says how old its pose was when it left. From then on this car's own clock counts,
-whose rate need not be the sender's. How long the frame travelled is told by the lines' clocks, in
-excess of the quickest frame of the last 10 s: a delay that all frames have cannot be seen.
+whose rate need not be the sender's. How long the frame travelled is given by the lines' clocks, in
+excess of the quickest frame of the last 10 s: a delay that all frames have cannot be observed.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import Any, NamedTuple
 
@@ -21,19 +34,24 @@ import numpy as np
 
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, Heard
+from dart_hal.fleet.key import RoomKey
+from dart_hal.fleet.sender import Order, Sender, Session
 from dart_hal.fleet.transports import Datagram, Transport
 from dart_hal.types import CHANGES, FloatArray, Pose, Tracking
 
 LOST_AFTER = 0.5
 """s, ten poses: beyond, a car is lost."""
 MOST = 256
-"""Cars in the table: a flood of names must not fill the memory."""
-WINDOW = 10.0
-"""s over which the quickest frame is looked for: two quartzes part by 1 ms in it at the most."""
-SESSIONS = 16
-"""Sessions of a car that are remembered as over."""
+"""Sessions in the table: a flood of names must not fill the memory."""
+SENT_KEPT = 512
+"""Own frames whose times are remembered: at 100 a second all of the last ``LATEST`` s and more."""
+KNOWN = 5.0
+"""s within which a session was received that is waited for when all are stopped."""
 LATEST = 2.0
 """s that a frame may travel; a session that is heard later than that has not ended."""
+UNPROVEN = ("it does not repeat the numbers of this member's frames: it is a recording or an "
+            "earlier version, or the network carries frames in one direction only")
+"""Why a session that is not proven to be alive is ignored."""
 TRACKINGS = tuple(Tracking)
 
 
@@ -89,62 +107,45 @@ class Coordination(NamedTuple):
     payload: bytes
 
 
-@dataclass
-class Sender:
-    """Who sends, in this session. ``heard``: own car's time of the last frame; ``told``: of each
-    kind when the newest frame arrived, what it took, and the frame; ``retired``: earlier sessions
-    and when they were followed. Counts: frames taken, late (overtaken), twice (came again)."""
-
-    boot: int
-    heard: float
-    source: object = None
-    newest: int = -1
-    first: int = 0
-    taken: int = 0
-    late: int = 0
-    twice: int = 0
-    told: dict[int, tuple[float, float, Heard]] = field(default_factory=dict)
-    retired: dict[int, float] = field(default_factory=dict)
-    recent: deque[int] = field(default_factory=lambda: deque(maxlen=64))
-    transits: deque[tuple[float, float]] = field(default_factory=deque)
-
-    @property
-    def lost(self) -> int:
-        """Frames of this session that have not come, or not yet."""
-        return self.newest - self.first + 1 - self.taken if self.taken else 0
-
-    def travelled(self, transit: float, line: float) -> None:
-        """A frame took so long, by two clocks that differ; ``quickest`` of the last 10 s."""
-        kept = self.transits  # from the quickest to the newest, each slower than those before it
-        while kept and kept[-1][1] >= transit:
-            kept.pop()
-        kept.append((line, transit))
-        while kept[0][0] < line - WINDOW:
-            kept.popleft()
-
-    def age(self, kind: m.Kind, now: float) -> float:
-        """s since what it told last of this kind left it, by the quickest frame known now."""
-        arrived, transit, _ = self.told[kind.id]
-        return max(now - arrived, 0.0) + max(transit - self.transits[0][1], 0.0)
-
-
 class Peers:
-    """The table of one car of a room. ``own``: its name and session, whose frames come back.
+    """The table of one member of a room. ``own``: its name; ``boot``: its session, whose frames
+    come back; ``key``: of the room.
 
-    ``on_stop`` (number, who, why), ``on_beat``, ``on_stopped`` (number, who) are called as they
-    come. ``namesakes``: names that two programs use at once.
+    ``on_stop`` (number, sender's name, reason), ``on_beat`` (sender's name, time from which it
+    counts), ``on_stopped`` (number, session), ``on_health`` (session, mode) are called as frames
+    arrive. ``senders``: by name the session that counts; ``sessions``: all of them. ``namesakes``:
+    names that two programs use at once. Counts: ``retired``: frames of a session that another has
+    displaced; ``unproven``: frames of sessions that are not proven to be alive.
     """
 
-    def __init__(self, own: str, boot: int) -> None:
+    def __init__(self, own: str, boot: int, key: RoomKey | None = None) -> None:
         self.own, self.boot = own, boot
-        self.decoder = Decoder()
+        self.decoder = Decoder(key)
         self.senders: dict[str, Sender] = {}
+        self.sessions: dict[Session, Sender] = {}
         self.namesakes: set[str] = set()
-        self.retired = 0
+        self.retired = self.unproven = 0
         self.on_stop: Callable[[int, str, str], None] = lambda number, who, why: None
-        self.on_stopped: Callable[[int, str], None] = lambda number, who: None
-        self.on_beat: Callable[[str], None] = lambda who: None
+        self.on_stopped: Callable[[int, Session], None] = lambda number, session: None
+        self.on_beat: Callable[[str, float], None] = lambda who, since: None
+        self.on_health: Callable[[Session, str], None] = lambda session, mode: None
         self._looked = -inf
+        self._sent: dict[int, float] = {}
+        self._echoed = 0
+
+    def note_sent(self, seq: int, now: float) -> None:
+        """An own frame leaves at ``now`` [s] of this car's clock."""
+        self._sent[seq] = now
+        if len(self._sent) > SENT_KEPT:
+            del self._sent[next(iter(self._sent))]
+
+    def echoes(self) -> tuple[tuple[int, int], ...]:
+        """(boot, seq) of the newest frame of each session; of more than fit, others each time."""
+        newest = [(boot, sender.newest) for (_, boot), sender in self.sessions.items()]
+        if len(newest) <= m.POINTS:
+            return tuple(newest)
+        self._echoed = (self._echoed + m.POINTS) % len(newest)
+        return tuple((newest[self._echoed:] + newest)[:m.POINTS])
 
     def take(self, transport: Transport, now: float) -> None:
         """All that has come until ``now`` [s] of this car's clock, whatever it is.
@@ -155,8 +156,6 @@ class Peers:
             heard = self.decoder.decode(data)
             if heard is None or heard.boot == self.boot:
                 continue
-            if heard.name == self.own:
-                self.namesakes.add(self.own)
             transport.answer(source)
             # Since the last look it has come; a car whose time passes slower than the
             # computer's must not take the computer's seconds for its own.
@@ -165,60 +164,113 @@ class Peers:
         self._looked = now
 
     def hear(self, heard: Heard, arrived: float, line: float, source: object = None) -> None:
-        """A good frame: arrived [s] of this car's clock, line [s] of the line's."""
+        """A good frame: arrived [s] of this car's clock, line [s] of the line's.
+
+        1. Order: copies and old frames end here.
+        2. Proof: its echo of an own frame, if it is a HEARD.
+        3. With a key: what is not proven ends here.
+        4. What it asks for: a stop, an answer, a beat.
+        5. What it informs of.
+        """
+        keyed = self.decoder.key is not None
         sender = self._sender(heard, arrived, source)
-        if sender is None:
+        order = sender.place(heard.seq)
+        sender.last = max(sender.last, arrived)
+        if order in (Order.COPY, Order.OLD):
+            if order is Order.OLD and heard.kind in (m.STOP, m.HEALTH) and not keyed:
+                # A forged number may have made the own frames of a session old. They can still
+                # stop this car, and show that a car has not obeyed.
+                self._act(sender, heard, order)
             return
+        if heard.kind is m.HEARD:
+            self._prove(sender, heard, arrived)
+        if keyed and arrived - sender.proof > LATEST:
+            self.unproven += 1
+            if heard.kind is m.STOP and sender.proof > -inf:
+                self._act(sender, heard, order)
+            return
+        if heard.name == self.own:
+            self.namesakes.add(self.own)
         sender.heard = max(sender.heard, arrived)
         transit = line - heard.sent
         sender.travelled(transit, line)
-        if heard.seq > sender.newest:
-            sender.newest = heard.seq
-        elif heard.seq in sender.recent:
-            sender.twice += 1
-            return
-        else:
-            sender.late += 1
-            sender.first = min(sender.first, heard.seq)
-        sender.recent.append(heard.seq)
-        sender.taken += 1
-        self._note(sender, heard, arrived, transit)
-
-    def _sender(self, heard: Heard, arrived: float, source: object) -> Sender | None:
-        """Of the session that counts; None for one that was followed by another."""
-        name, found = heard.name, self.senders.get(heard.name)
-        if found is not None and heard.boot == found.boot:
-            return found
-        if found is not None and heard.boot in found.retired:
-            self.retired += 1
-            if arrived - found.retired[heard.boot] > LATEST:
-                self.namesakes.add(name)
-            self._act(heard)  # an old program may not move the car in the table, but may stop us
-            return None
-        if found is None and len(self.senders) >= MOST:
-            del self.senders[min(self.senders, key=lambda n: self.senders[n].heard)]
-        new = Sender(heard.boot, arrived, source, first=heard.seq)
-        if found is not None:
-            sessions = {**found.retired, found.boot: arrived}
-            new.retired = dict(list(sessions.items())[-SESSIONS:])
-        self.senders[name] = new
-        return new
-
-    def _note(self, sender: Sender, heard: Heard, arrived: float, transit: float) -> None:
-        self._act(heard)
+        self._act(sender, heard, order)
+        self._choose(sender, arrived)
         before = sender.told.get(heard.kind.id)
         if before is None or before[2].seq < heard.seq:
             sender.told[heard.kind.id] = (arrived, transit, heard)
 
-    def _act(self, heard: Heard) -> None:
+    def _sender(self, heard: Heard, arrived: float, source: object) -> Sender:
+        """The session of a frame; a new one takes the place of the longest silent of ``MOST``,
+        of one without a proof if there is any."""
+        session = Session(heard.name, heard.boot)
+        found = self.sessions.get(session)
+        if found is not None:
+            return found
+        if len(self.sessions) >= MOST:
+            oldest = min(self.sessions.values(), key=lambda s: (s.proof > -inf, s.heard))
+            del self.sessions[oldest.session]
+            if self.senders.get(oldest.session.name) is oldest:
+                del self.senders[oldest.session.name]
+        new = Sender(session, arrived, arrived, source, first=heard.seq)
+        self.sessions[session] = new
+        return new
+
+    def _prove(self, sender: Sender, heard: Heard, arrived: float) -> None:
+        """Note when the newest own frame that a HEARD echoes was sent."""
+        for boot, seq in heard.values[1]:
+            if boot == self.boot:
+                sender.proof = max(sender.proof, min(self._sent.get(seq, -inf), arrived))
+
+    def _choose(self, sender: Sender, arrived: float) -> None:
+        """Which session of a name counts: the one that appeared last, until it falls silent while
+        an earlier one goes on."""
+        name = sender.session.name
+        current = self.senders.get(name)
+        if current is sender:
+            return
+        if sender.displaced is not None and current is not None:
+            self.retired += 1
+            if arrived - sender.displaced > LATEST:
+                self.namesakes.add(name)
+            if arrived - current.heard <= LOST_AFTER:
+                return
+        if current is not None:
+            current.displaced = arrived
+        sender.displaced = None
+        self.senders[name] = sender
+
+    def _act(self, sender: Sender, heard: Heard, order: Order) -> None:
         if heard.kind is m.STOP:
             self.on_stop(heard.values[1], heard.name, heard.values[2])
         elif heard.kind is m.STOPPED:
-            self.on_stopped(heard.values[1], heard.name)
-        elif heard.kind is m.BEAT:
-            self.on_beat(heard.name)
+            self.on_stopped(heard.values[1], sender.session)
+        elif heard.kind is m.HEALTH:
+            self.on_health(sender.session, heard.values[1])
+        elif heard.kind is m.BEAT and order is Order.NEWEST and sender.proof > -inf:
+            self.on_beat(heard.name, sender.proof)
 
     # -- what is known -------------------------------------------------------------
+
+    def cars(self, now: float) -> set[Session]:
+        """Sessions that have told of a pose or a health, received within the last ``KNOWN`` s.
+
+        Two of one name are two: a car that was displaced in the table of names by a frame of
+        another session still has to answer. Dropped frames count as well: a forged number that
+        makes the own frames of a car old must not hide the car."""
+        return {session for session, sender in self.sessions.items()
+                if now - sender.last <= KNOWN
+                and (m.HEALTH.id in sender.told or m.POSE.id in sender.told)}
+
+    def ignored(self, now: float) -> dict[str, str]:
+        """Members whose frames do not count, by the name that they give, and why."""
+        found = dict(self.decoder.ignored)
+        for session, sender in self.sessions.items():
+            matters = self.decoder.key is not None or m.BEAT.id in sender.told
+            proof = sender.proof if sender.proof > -inf else sender.heard
+            if matters and now - sender.last < LATEST < now - proof:
+                found.setdefault(session.name, UNPROVEN)
+        return found
 
     def other_poses(self, now: float) -> dict[str, OtherPose]:
         """The last known pose of each other car by name, at ``now`` [s] of this car's clock."""

@@ -11,13 +11,15 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from dart_hal.fleet import messages as m
-from dart_hal.fleet.codec import encode
+from dart_hal.fleet.key import RoomKey, find_key
+from dart_hal.fleet.outbox import Outbox
 from dart_hal.fleet.peers import LOST_AFTER, OtherHealth, OtherPose, Peers
-from dart_hal.fleet.stopping import REPEAT, StopCall
+from dart_hal.fleet.sender import Session
+from dart_hal.fleet.stopping import AT_LEAST, REPEAT, StopCall
 from dart_hal.fleet.transports import Transport, open_transport
 
 BEAT_EVERY = 0.05
@@ -43,17 +45,24 @@ class Seen:
 
 
 class Station:
-    """A member without a car; a context manager. Raises what opening the transport raises."""
+    """A member without a car; a context manager. room_key: as ``dart_hal.car.join`` takes it.
+
+    Raises UsageError and what opening the transport raises.
+    """
 
     def __init__(self, room: str | Transport, name: str = "",
                  now: Callable[[], float] = time.monotonic,
-                 pause: Callable[[float], object] = time.sleep) -> None:
+                 pause: Callable[[float], object] = time.sleep,
+                 room_key: RoomKey | str | Path | None = None) -> None:
+        key = find_key(room_key)
         self.name = name or f"station {socket.gethostname()[:16]} {os.getpid()}"
         self.transport = open_transport(room) if isinstance(room, str) else room
-        self.peers = Peers(self.name, secrets.randbits(32))
+        self.peers = Peers(self.name, secrets.randbits(32), key)
         self.peers.on_stopped = self._stopped
+        self.peers.on_health = self._health
+        self._outbox = Outbox(self.peers, self.transport)
         self._now, self._pause = now, pause
-        self._seq, self._beat = 0, float("-inf")
+        self._beat = float("-inf")
         self._call: StopCall | None = None
 
     def cars(self) -> list[Seen]:
@@ -63,16 +72,28 @@ class Station:
                 for name, s in sorted(self.peers.senders.items())
                 if name in poses or m.HEALTH.id in s.told]
 
+    @property
+    def keyed(self) -> bool:
+        """Whether it accepts signed messages alone."""
+        return self.peers.decoder.key is not None
+
+    def ignored(self) -> dict[str, str]:
+        """Members whose messages do not count, by the name that they give, and why."""
+        return self.peers.ignored(self._now())
+
     def look(self) -> None:
         """Take what has come."""
         self.peers.take(self.transport, self._now())
 
     def listen(self, seconds: float) -> list[Seen]:
-        """Look for so long; who is there."""
-        self._send(m.BEAT, ())  # to a list of addresses: so that they know whom to answer
+        """Look for so long; who is there. It sends, so that cars that have a list of addresses
+        know whom to answer, but it is no watcher: it sends no BEAT."""
         end = self._now() + seconds
-        while self._now() < end:
+        while (now := self._now()) < end:
             self.look()
+            if now - self._beat >= BEAT_EVERY - 1e-9:
+                self._beat = now
+                self._outbox.send(m.HEARD, (self.peers.echoes(),), now)
             self._pause(REPEAT)
         return self.cars()
 
@@ -82,13 +103,15 @@ class Station:
         self.look()
         if now - self._beat >= BEAT_EVERY - 1e-9:
             self._beat = now
-            self._send(m.BEAT, ())
+            self._outbox.send_heard(now)
+            self._outbox.send(m.BEAT, (), now)
         return self.cars()
 
-    def call_stop(self, why: str = "") -> StopCall:
-        """Begin to stop all cars; ``press`` until it is over."""
-        known = [seen.name for seen in self.cars()]
-        self._call = StopCall(secrets.randbits(32) or 1, why, known, self._now())
+    def call_stop(self, why: str = "", at_least: float = AT_LEAST) -> StopCall:
+        """Begin to stop all cars; ``press`` until it is over. at_least [s]: for cars that have not
+        been received yet."""
+        now = self._now()
+        self._call = StopCall(secrets.randbits(32) or 1, why, self._known(now), now, at_least)
         self.press()
         return self._call
 
@@ -96,10 +119,16 @@ class Station:
         """Repeat the stop when it is due; whether it is over."""
         if self._call is None:
             return True
-        if self._call.due(self._now()):
-            self._send(m.STOP, (self._call.number, self._call.why))
+        now = self._now()
+        if self._call.due(now):
+            if self.keyed:
+                # A car that does not know this station needs a proof before it obeys.
+                self._outbox.send_heard(now)
+            self._outbox.send(m.STOP, (self._call.number, self._call.why), now)
         self.look()
-        return self._call.over(self._now())
+        now = self._now()
+        self._call.knows(self._known(now), now)
+        return self._call.over(now)
 
     def stop(self, why: str = "") -> StopCall:
         """Stop all cars, until each that is known has answered or for 2 s: see ``silent``."""
@@ -118,12 +147,16 @@ class Station:
                  trace: TracebackType | None) -> None:
         self.close()
 
-    def _stopped(self, number: int, who: str) -> None:
-        if self._call is not None:
-            self._call.answer(number, who)
+    def _known(self, now: float) -> set[Session]:
+        """Cars that have to answer: those of ``cars``, and sessions that they displaced."""
+        listed = {sender.session for sender in self.peers.senders.values()
+                  if m.HEALTH.id in sender.told or m.POSE.id in sender.told}
+        return listed | self.peers.cars(now)
 
-    def _send(self, kind: m.Kind, values: tuple[Any, ...]) -> None:
-        self._seq += 1
-        now = self._now()
-        self.transport.send(encode(kind, self.peers.boot, self._seq, self.transport.stamp(now),
-                                   (self.name, *values)), now)
+    def _stopped(self, number: int, session: Session) -> None:
+        if self._call is not None:
+            self._call.answer(number, session, self._now())
+
+    def _health(self, session: Session, mode: str) -> None:
+        if self._call is not None:
+            self._call.health(session, mode, self._now())

@@ -19,6 +19,8 @@ from dart_hal.view.server import FLEET, Server, bound
 
 DRIVES = 0.03
 """m/s from which an armed car is said to drive; below it the encoder has told nothing yet."""
+MAX_IGNORED = 64
+"""Names that are reported as ignored: a flood of names must not fill the page."""
 TOLD_EVERY = 3
 """Batches: ten times a second."""
 
@@ -58,11 +60,13 @@ class FleetDesk:
         self._stations = stations
         self._count = 0
         self._said: list[str] = []
+        self._ignored: dict[str, str] = {}
         self._called: list[Any] = []
 
     def joined(self, page: Hashable) -> Iterable[str]:
         """The rooms; the cars come with the next batch."""
-        yield _json({"type": "rooms", "rooms": [s.transport.url for s in self._stations]}).decode()
+        yield _json({"type": "rooms", "rooms": [s.transport.url for s in self._stations],
+                     "open": [s.transport.url for s in self._stations if not s.keyed]}).decode()
 
     def said(self, page: Hashable, message: m.Message) -> str | None:
         """Raises Refused for all but STOP."""
@@ -85,6 +89,11 @@ class FleetDesk:
             silent = sorted(set().union(*(call.silent for call in self._called)))
             self._say(f"no answer: {', '.join(silent)}" if silent else "all cars have answered")
             self._called = []
+        for station in self._stations:
+            for name, why in station.ignored().items():
+                if self._ignored.get(name) != why and len(self._ignored) < MAX_IGNORED:
+                    self._ignored[name] = why
+                    self._say(f"{name} is ignored: {why}")
         self._count += 1
         if self._count % TOLD_EVERY == 0:
             yield _json({"type": "cars", "cars": cars}).decode()

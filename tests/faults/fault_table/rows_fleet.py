@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 from dart_hal.car import join
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import encode, parse
+from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.station import Station
+from dart_hal.fleet.transports.local import open_local
+from dart_hal.links.base import Url
 from fault_table.bench import Bench
 from fault_table.drive import forward
 from fault_table.row import Measured, Row, case
@@ -57,6 +63,136 @@ def unwatched(nano: str) -> Callable[[Bench], Measured]:
     return measure
 
 
+KEY = RoomKey(b"key of the fault table")
+FORGER_KEY = RoomKey(b"another key that was guessed")
+
+
+class Attacker:
+    """Listens in a room and sends into it, once at each State of a car."""
+
+    def __init__(self, room: str) -> None:
+        self._line = open_local(Url.parse(room))
+        self._numbers = itertools.count(1)
+        self.recorded: list[bytes] = []
+        self.now = 0.0
+
+    def listen(self, now: float) -> None:
+        """Record what has come."""
+        self.now = now
+        self.recorded += [came.data for came in self._line.poll(now)]
+
+    def player(self, frames: list[bytes]) -> Callable[[], None]:
+        """Sends the next of these frames at each call, from the first again at the end."""
+        endless = itertools.cycle(frames)
+        return lambda: self._line.send(next(endless), self.now)
+
+    def forge(self, kind: m.Kind, values: tuple[object, ...], boot: int = 99) -> None:
+        """Send a frame in another member's name, signed with a key that is not the room's."""
+        self._line.send(encode(kind, boot, next(self._numbers), self.now, values, FORGER_KEY),
+                        self.now)
+
+    def overheard(self) -> tuple[tuple[int, int], ...]:
+        """Session and newest number of each member: what an echo repeats."""
+        found = {}
+        for data in self.recorded[-40:]:
+            heard = parse(data, m.SIGNED_VERSION)
+            if not isinstance(heard, str):
+                found[heard.boot] = heard.seq
+        return tuple(found.items())
+
+
+def attacked(attack: str) -> Callable[[Bench], Measured]:
+    """Last driving pulse of a watched car of a room with a key after its watcher is gone, while an
+    attacker goes on: plays its recording of this session or of an earlier one, or forges."""
+    def measure(bench: Bench) -> Measured:
+        room = f"local://attacked-{attack}"
+        recording = watch_and_attack(bench, room, "nothing", [])[1] if attack == "yesterday" else []
+        return watch_and_attack(bench, room, attack, recording)[0]
+    return measure
+
+
+def watch_and_attack(bench: Bench, room: str, attack: str, recording: list[bytes]
+                     ) -> tuple[Measured, list[bytes]]:
+    """One watched drive, and what the attacker has recorded of it."""
+    drive = bench.drive()
+    with (join(drive.car, room, name="red", beat_within=BEAT, room_key=KEY),
+          Station(room, "base", now=lambda: drive.car.now, room_key=KEY) as station):
+        attacker = Attacker(room)
+        watching = True
+        actions: list[Callable[[], None]] = []
+
+        def forge() -> None:
+            attacker.forge(m.HEARD, ("base", attacker.overheard()))
+            attacker.forge(m.BEAT, ("base",))
+
+        def each(state: object) -> None:
+            attacker.listen(drive.car.now)
+            if watching:
+                station.watch()
+            for act in actions:
+                act()
+
+        drive.car.on_state(each)
+        drive.driving()
+        watching = False
+        at = drive.now
+        if attack == "forged":
+            actions.append(forge)
+        elif attack in ("session", "yesterday"):
+            actions.append(attacker.player(recording or list(attacker.recorded)))
+        drive.run(1.5, forward(0.4))
+        measured = Measured(drive.last_wrong(at), drive.car.mode)
+    return measured, attacker.recorded
+
+
+def stopped_again(bench: Bench) -> Measured:
+    """1: a car of a room with a key is disarmed by a recorded STOP of its own watcher."""
+    drive = bench.drive()
+    room = "local://stopped-again"
+    with (join(drive.car, room, name="red", room_key=KEY),
+          Station(room, "base", now=lambda: drive.car.now, room_key=KEY) as station):
+        attacker = Attacker(room)
+        drive.car.on_state(lambda state: (attacker.listen(drive.car.now), station.watch(),
+                                          station.press()))
+        drive.run(0.5)
+        station.call_stop("fault table")
+        drive.run(2.0)
+        stops = [data for data in attacker.recorded if not isinstance(
+            heard := parse(data, m.SIGNED_VERSION), str) and heard.kind is m.STOP]
+        drive.driving()
+        play = attacker.player(stops)
+        drive.car.on_state(lambda state: play())
+        drive.run(0.5, forward(0.4))
+        return Measured(float(drive.car.mode != "ARMED"), f"{len(stops)} played: {drive.car.mode}")
+
+
+def answered_for(bench: Bench) -> Measured:
+    """1: a car that drives on is not named, since another session of its name has answered."""
+    drive = bench.drive()
+    room = "local://answered-for"
+    with (join(drive.car, room, name="red") as member,
+          Station(room, "base", now=lambda: drive.car.now) as station):
+        attacker = Attacker(room)
+        numbers = itertools.count(1)
+
+        def each(state: object) -> None:
+            attacker.listen(drive.car.now)
+            station.press()
+            for data in attacker.recorded[-10:]:
+                heard = parse(data, m.VERSION)
+                if not isinstance(heard, str) and heard.kind is m.STOP:
+                    attacker.player([encode(m.STOPPED, 99, next(numbers), 0.0,
+                                            ("red", heard.values[1]))])()
+
+        drive.car.on_state(each)
+        drive.driving()
+        station.look()
+        member.peers.take = lambda transport, now: transport.poll(now)  # it hears no STOP
+        call = station.call_stop("fault table")
+        drive.run(2.2, forward(0.4))
+        return Measured(float("red" not in call.silent), f"{drive.car.mode}, {call.silent} named")
+
+
 ROWS = (
     Row(47, "all cars of a room are stopped, at 50 % loss", "trip, neutral, answered", (
         case("mock", "no loss", stopped("mock", 0.0), LOOK + PULSE + 10.0, MS, "run_stop",
@@ -68,7 +204,19 @@ ROWS = (
         case("mock", "silence", unwatched("mock"), 1e3 * BEAT + 50.0 + LOOK + PULSE, MS,
              "beat_within", fast=True),
     )),
+    Row(49, "messages of the watcher are recorded and played again", "no beat, no stop", (
+        case("mock", "of this session", attacked("session"), 1e3 * BEAT + LOOK + PULSE, MS,
+             "echo", "replay_window"),
+        case("mock", "of an earlier session", attacked("yesterday"), 1e3 * BEAT + LOOK + PULSE, MS,
+             "echo", fast=True),
+        case("mock", "its STOP", stopped_again, 0, "cars", "replay_window"),
+    )),
+    Row(50, "messages are forged without the key", "no beat, silent car named", (
+        case("mock", "BEAT with the numbers that it overhears", attacked("forged"),
+             1e3 * BEAT + LOOK + PULSE, MS, "room_key", fast=True),
+        case("mock", "STOPPED in the name of a car", answered_for, 0, "cars", "stop_answers"),
+    )),
 )
 """Limits: a State, the pulse under way, one State more until the Nano's line has carried it (47);
-the silence counts from a beat up to 50 ms old (48). At 50 % loss ten STOPs, 10 ms apart, are lost
-one time in a thousand."""
+the silence counts from the car's own message that the last beat has confirmed (48 to 50). At 50 %
+loss ten STOPs, 10 ms apart, are lost one time in a thousand."""

@@ -21,7 +21,8 @@ from dart_hal.car.pump import ThreadPump
 from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
-from dart_hal.fleet.stopping import StopRule
+from dart_hal.fleet.peers import Order, Sender
+from dart_hal.fleet.stopping import StopCall, StopRule
 from dart_hal.wire.blocks import BlockReader
 from dart_hal.wire.frame import Frame
 from fault_table.layers import FOREVER, host
@@ -125,6 +126,22 @@ def unwatched(rule: StopRule, now: float) -> str:
     return "stopped" if now < rule._until else ""
 
 
+def believing(peers: Any, sender: Sender, heard: Any, arrived: float) -> None:
+    """Who sends is alive, whatever it repeats."""
+    sender.proof = arrived
+
+
+def forgetful(sender: Sender, seq: int) -> Order:
+    """Each number is the newest."""
+    sender.newest = seq
+    return Order.NEWEST
+
+
+def by_name(call: StopCall) -> set[str]:
+    """Whose name has not answered."""
+    return {s.name for s in call.cars} - {s.name for s in call._answers}
+
+
 def for_ever(pump: ThreadPump) -> None:
     """End the thread, however long it takes."""
     pump._ended.set()
@@ -199,3 +216,10 @@ host("stop_patience", "closing does not wait for a listener that blocks",
 host("run_stop", "a stop of all cars of a room trips", "dart_hal.car.driver.Driver.hold", nothing)
 host("beat_within", "a car drives only while its room is watched",
      "dart_hal.fleet.stopping.StopRule.held", unwatched)
+host("echo", "a beat counts from the car's own message that its sender repeats",
+     "dart_hal.fleet.peers.Peers._prove", believing)
+host("replay_window", "a message is taken once", "dart_hal.fleet.peers.Sender.place", forgetful)
+host("room_key", "a message must be signed with the key of the room",
+     "dart_hal.fleet.key.RoomKey.signed", always(True))
+host("stop_answers", "each session of a name has to answer a stop",
+     "dart_hal.fleet.stopping.StopCall.silent", property(by_name))

@@ -25,7 +25,10 @@
     why.textContent = [car.state === "refused" ? car.mode : "", car.why].filter(Boolean).join(": ");
   }
   const said = {
-    rooms(message) { $("rooms").textContent = message.rooms.join("  "); },
+    rooms(message) {
+      $("rooms").textContent = message.rooms.join("  ");
+      $("open").hidden = !message.open.length;
+    },
     cars(message) {
       const lost = message.cars.filter((car) => car.state === "lost").length;
       badge(`${message.cars.length} car${message.cars.length === 1 ? "" : "s"}${lost ? `, ${lost} lost` : ""}`, lost ? "gone" : "");

@@ -1,0 +1,33 @@
+"""What a member of a room sends: frames that are numbered, signed where the room has a key."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import encode
+from dart_hal.fleet.peers import Peers
+from dart_hal.fleet.transports import Transport
+
+
+class Outbox:
+    """Sends in the name of one member. Raises nothing but UsageError, for what is no value."""
+
+    def __init__(self, peers: Peers, transport: Transport) -> None:
+        self._peers, self._transport = peers, transport
+        self._seq = 0
+
+    def send(self, kind: m.Kind, values: tuple[Any, ...], now: float) -> None:
+        """One frame to every member; ``values`` without the name, now [s] of the own clock."""
+        self._seq += 1
+        peers, line = self._peers, self._transport
+        data = encode(kind, peers.boot, self._seq, line.stamp(now), (peers.own, *values),
+                      peers.decoder.key)
+        peers.note_sent(self._seq, now)
+        line.send(data, now)
+
+    def send_heard(self, now: float) -> None:
+        """The echoes by which the other members know that this one is alive."""
+        echoes = self._peers.echoes()
+        if echoes:
+            self.send(m.HEARD, (echoes,), now)

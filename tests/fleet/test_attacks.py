@@ -1,0 +1,408 @@
+"""Recorded, delayed and forged frames in a room: none keeps a car driving, none hides a silent
+car. What an attacker can do without a key is stated by the last tests."""
+
+from __future__ import annotations
+
+import pytest
+from attackers import KEY, OTHER_KEY, STEP, WITHIN, FakeCar, Scene, forged_beats, reader
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.codec import encode
+from dart_hal.fleet.peers import LATEST, Peers
+from dart_hal.fleet.sender import REPLAY_WINDOW, Order, Sender, Session
+
+STOPS_WITHIN = WITHIN + 2 * STEP
+"""s: the limit of the rule and two looks. The last beat that counts is older, not younger."""
+ROOMS = pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+
+
+@ROOMS
+def test_a_watched_car_drives_and_a_car_without_watcher_does_not(key):
+    """Control of the attacks: the rule lets go and holds."""
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.run_for(0.3, scene.station.watch)
+        assert scene.run_for(1.0, scene.station.watch) >= 0.99
+        assert scene.run_for(1.0) <= STOPS_WITHIN
+
+
+@ROOMS
+@pytest.mark.parametrize("part", ["all", "newest", "beyond the window", "beats", "reversed"])
+def test_a_replay_does_not_keep_the_car_driving(key, part):
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(3.0)
+        base = scene.of_kind(m.BEAT) + scene.of_kind(m.HEARD)
+        assert len(base) > 2 * REPLAY_WINDOW / 2
+        beats = scene.of_kind(m.BEAT)
+        frames = {"all": scene.recorded, "newest": scene.recorded[-4:], "beats": beats,
+                  "beyond the window": beats[:5], "reversed": scene.recorded[::-1]}[part]
+        assert scene.run_for(2.0, scene.play(frames)) <= STOPS_WITHIN
+
+
+@ROOMS
+def test_a_recording_of_yesterday_does_not_beat_for_a_program_that_was_restarted(key):
+    """The car's program starts again; the recording has its name, its room and its key."""
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(1.0)
+        frames = list(scene.recorded)
+        scene.station.close()
+        scene.station = None
+        scene.car.line.close()
+        scene.cars = [FakeCar(scene.room, boot=1234, key=key)]
+        assert scene.run_for(3.0, scene.play(frames)) == 0.0
+        if key is not None:
+            assert scene.car.peers.unproven > 20
+            assert "recording" in scene.car.peers.ignored(scene.now)["base"]
+
+
+@ROOMS
+@pytest.mark.parametrize("delay", [0.4, 1.0, 5.0])
+def test_a_stream_that_is_delayed_by_the_network_makes_beats_older(key, delay):
+    """All frames of the watcher come late by as much: each is new, in order and signed."""
+    with Scene(key, options=f"?delay={delay}") as scene:
+        scene.watcher()
+        assert scene.run_for(delay + 1.0, scene.station.watch) <= 0.0
+
+
+@ROOMS
+def test_a_beat_that_was_held_back_and_comes_late_does_not_beat(key):
+    """The attacker withholds BEATs of a watcher that goes on sending its other frames."""
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(1.0)
+        held_back = scene.of_kind(m.BEAT)[-1:]
+        # The attacker has removed it on its way: the car does not know the number.
+        session = scene.car.peers.sessions[("base", scene.station.peers.boot)]
+        session.came &= ~0b1111111
+
+        def go_on():
+            scene.station.look()
+            scene.station._outbox.send_heard(scene.now)
+            scene.play(held_back)()
+        assert scene.run_for(1.0, go_on) <= STOPS_WITHIN
+
+
+@ROOMS
+@pytest.mark.parametrize("session", ["new", "that of the watcher"])
+def test_a_forged_beat_without_an_echo_does_not_beat(key, session):
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        boot = 99 if session == "new" else scene.station.peers.boot
+        assert scene.run_for(1.0, forged_beats(scene, boot=boot)) <= STOPS_WITHIN
+
+
+@pytest.mark.parametrize("signed_with", [None, OTHER_KEY], ids=["unsigned", "another key"])
+def test_a_forger_without_the_key_cannot_beat_even_with_echoes(signed_with):
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        assert scene.run_for(1.0, forged_beats(scene, signed_with, echo=True)) <= STOPS_WITHIN
+        counters = scene.car.peers.decoder.counters
+        assert (counters.unsigned if signed_with is None else counters.forged) > 100
+        assert "base" in scene.car.peers.ignored(scene.now)
+
+
+def test_with_the_key_the_same_forger_beats():
+    """Control: the forger of the test before sends what a watcher sends."""
+    with Scene(KEY) as scene:
+        assert scene.run_for(1.5, forged_beats(scene, KEY, echo=True)) > 1.0
+
+
+def test_without_a_key_a_forger_that_listens_keeps_the_car_driving():
+    """What the documentation states of a room without a key."""
+    with Scene() as scene:
+        assert scene.run_for(1.5, forged_beats(scene, echo=True)) > 1.0
+
+
+@pytest.mark.parametrize("broken", ["arrival", "copies"])
+def test_replays_are_noticed_by_these_tests(monkeypatch, broken):
+    """Control: beats that count from their arrival, and a window that forgets."""
+    act = Peers._act
+    if broken == "arrival":
+        def young(self, sender, heard, order):
+            act(self, sender, heard, order)
+            if heard.kind is m.BEAT:
+                self.on_beat(heard.name, 1e9)
+        monkeypatch.setattr(Peers, "_act", young)
+    else:
+        monkeypatch.setattr(Peers, "_prove", lambda self, sender, heard, arrived:
+                            setattr(sender, "proof", arrived))
+
+        def forgets(self, seq):
+            self.newest = seq
+            return Order.NEWEST
+        monkeypatch.setattr(Sender, "place", forgets)
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(1.0)
+        assert scene.run_for(1.0, scene.play(scene.recorded)) > 0.9
+
+
+# -- every kind of message of a room with a key -------------------------------------------
+
+
+def test_a_replay_changes_nothing_in_a_room_with_a_key():
+    """Within and beyond the window, of another session, to a new receiver: poses, health, stops
+    and answers."""
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(2.0)
+        scene.station.stop("lunch")
+        scene.run_for(1.0)
+        frames, stops = list(scene.recorded), scene.car.stops
+        assert stops > 10
+        new = FakeCar(scene.room, "blue", boot=55, key=KEY)
+        scene.cars.append(new)
+        scene.car.mode = "ARMED"
+        scene.station.close()
+        scene.station = None
+        before = {s.session: s.heard for s in scene.car.peers.sessions.values()}
+        play = scene.play(frames)
+        scene.run_for(4.0, lambda: [play() for _ in range(5)])
+        assert scene.car.stops == stops
+        assert new.stops == 0
+        assert new.peers.senders.keys() <= {"red"}, "red lives, the station does not"
+        assert {s.session: s.heard for s in scene.car.peers.sessions.values()
+                if s.session in before} == before
+        assert scene.car.mode == "ARMED"
+
+
+def test_a_recorded_session_does_not_displace_the_living_one():
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(1.0)
+        frames = list(scene.recorded)
+        scene.car.line.close()
+        scene.cars = [FakeCar(scene.room, boot=77, key=KEY)]
+        scene.run_for(1.0, scene.station.watch)
+        assert scene.station.peers.senders["red"].boot == 77
+        play = scene.play(frames)
+        scene.run_for(1.0, lambda: (play(), scene.station.watch()))
+        assert scene.station.peers.senders["red"].boot == 77
+
+
+def test_an_earlier_part_of_a_living_session_is_not_believed_by_a_new_receiver():
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(2.0)
+        early = scene.recorded[:40]
+        scene.run_for(2.0, scene.station.watch)
+        new = FakeCar(scene.room, "blue", boot=55, key=KEY)
+        taken = []
+        new.peers.on_health = lambda session, mode: taken.append(
+            new.peers.sessions[session].newest)
+        scene.cars.append(new)
+        play = scene.play(early)
+        scene.run_for(1.0, lambda: (play(), scene.station.watch()))
+        living = scene.car.outbox._seq
+        assert taken
+        assert min(taken) > living - 60, "only frames of the last second"
+
+
+def test_a_new_station_with_the_key_stops_a_car_that_has_never_received_it():
+    """The proof costs the time in which the station receives the car once."""
+    with Scene(KEY) as scene:
+        scene.run_for(0.5)
+        call = scene.watcher().stop("now")
+        assert call.silent == set()
+        assert call.answered == {"red"}
+        assert scene.car.stops > 0
+
+
+def test_a_stop_is_obeyed_after_the_way_back_is_lost():
+    """The station was proven; since then it receives nothing any more, and presses stop."""
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(1.0)
+        scene.station.peers.take = lambda transport, now: transport.poll(now)
+        scene.run_for(2 * LATEST)
+        scene.station.call_stop("way back lost")
+        scene.run_for(0.2, scene.station.press)
+        assert scene.car.stops > 0
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.5])
+def test_a_room_with_a_key_works_at_loss(loss):
+    with Scene(KEY, options=f"?loss={loss}&seed=3") as scene:
+        scene.watcher()
+        scene.run_for(1.0, scene.station.watch)
+        assert [seen.name for seen in scene.station.cars()] == ["red"]
+        assert scene.station.stop("x").silent == set()
+
+
+@pytest.mark.parametrize(("car_key", "station_key", "reason"), [
+    (KEY, None, "not signed"), (KEY, OTHER_KEY, "signature"), (None, KEY, "without")])
+def test_members_with_and_without_a_key_ignore_each_other_by_name(car_key, station_key, reason):
+    with Scene(car_key) as scene:
+        scene.watcher(key=station_key)
+        assert scene.run_for(0.5, scene.station.watch) == 0.0
+        assert reason in scene.car.peers.ignored(scene.now)["base"]
+        assert "red" in scene.station.peers.ignored(scene.now)
+        assert scene.station.cars() == []
+
+
+def test_a_flood_of_names_fills_no_list_of_ignored_members():
+    with Scene(KEY) as scene:
+        for n in range(500):
+            scene.attacker.send(encode(m.BEAT, n, 1, 0.0, (f"n{n}",)), scene.now)
+        scene.run_for(0.1)
+        assert len(scene.car.peers.decoder.ignored) == 64
+        assert scene.car.peers.sessions == {}
+
+
+def test_a_session_with_a_proof_is_not_pushed_out_by_recordings_of_others():
+    with Scene(KEY) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        for n in range(600):
+            scene.attacker.send(encode(m.BEAT, 1000 + n, 1, 0.0, (f"n{n}",), KEY), scene.now)
+        scene.run_for(0.1, scene.station.watch)
+        assert "base" in scene.car.peers.senders
+
+
+# -- a car that does not answer is named -------------------------------------------------------
+
+
+def forge_answers(scene, boot, seq=10**6, then=lambda: None):
+    """Answer each STOP in the name of the car, with the number that was overheard."""
+    sequence = iter(range(seq, seq + 10**6))
+
+    def send():
+        for data in scene.recorded[-20:]:
+            heard = reader(scene.key).decode(data)
+            if heard is not None and heard.kind is m.STOP:
+                scene.attacker.send(encode(m.STOPPED, boot, next(sequence), scene.now,
+                                           ("red", heard.values[1])), scene.now)
+        then()
+    return send
+
+
+def stop_deaf_car(scene, each):
+    """A stop of a car that receives nothing; what the station reports."""
+    call = scene.station.call_stop("test")
+    scene.run_for(2.2, lambda: (each(), scene.station.press()))
+    assert scene.station.press(), "it ends"
+    return call
+
+
+@pytest.mark.parametrize("boot", [7, 4711], ids=["its session", "another session"])
+@ROOMS
+def test_a_forged_answer_does_not_hide_a_car_that_drives_on(key, boot):
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.car.hears = False
+        call = stop_deaf_car(scene, forge_answers(scene, boot))
+        assert scene.car.stops == 0
+        assert call.silent == {"red"}
+        assert call.answered == set()
+
+
+def test_without_an_attacker_the_car_answers():
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        assert stop_deaf_car(scene, lambda: None).silent == set()
+
+
+@ROOMS
+def test_of_two_cars_of_one_name_both_must_answer(key):
+    with Scene(key, cars=2) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.cars[1].hears = False
+        call = stop_deaf_car(scene, lambda: None)
+        assert (call.silent, call.answered) == ({"red"}, set())
+        scene.cars[1].hears = True
+        scene.cars[1].step(scene.now, 1)
+        call = stop_deaf_car(scene, lambda: None)
+        assert (call.silent, call.answered) == (set(), {"red"})
+
+
+@pytest.mark.parametrize("frame", ["a new session", "a number far ahead", "an old number"])
+def test_one_forged_frame_does_not_hide_a_car_from_a_stop(frame):
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.car.hears = False
+        boot, seq = {"a new session": (99, 1), "a number far ahead": (7, 2**32 - 1),
+                     "an old number": (7, 0)}[frame]
+        scene.attacker.send(encode(m.BEAT, boot, seq, scene.now, ("red",)), scene.now)
+        scene.run_for(1.0, scene.station.watch)
+        assert stop_deaf_car(scene, lambda: None).silent == {"red"}
+
+
+@ROOMS
+def test_a_replayed_answer_of_an_earlier_stop_does_not_count(key):
+    with Scene(key) as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        assert scene.station.stop("first").silent == set()
+        answers = scene.of_kind(m.STOPPED, "red")
+        assert answers
+        scene.run_for(0.6)
+        scene.car.hears, scene.car.mode = False, "ARMED"
+        assert stop_deaf_car(scene, scene.play(answers)).silent == {"red"}
+
+
+def test_a_car_that_is_first_received_during_the_stop_has_to_answer():
+    with Scene() as scene:
+        scene.watcher()
+        scene.car.hears = False
+        assert stop_deaf_car(scene, lambda: None).silent == {"red"}
+
+
+def test_a_dead_car_is_not_made_alive_by_copies_of_its_last_frames():
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        copies = scene.recorded[-8:]
+        scene.cars[0].step = lambda now, count: None
+        play = scene.play(copies)
+        scene.count, end = 0, scene.now + 2.0
+        while scene.now < end:
+            scene.now += STEP
+            play()
+            scene.station.look()
+        assert scene.station.cars()[0].state == "LOST"
+
+
+def test_after_a_forged_session_the_car_is_found_again():
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.attacker.send(encode(m.BEAT, 99, 1, scene.now, ("red",)), scene.now)
+        scene.run_for(1.0, scene.station.watch)
+        assert scene.station.peers.senders["red"].boot == 7
+        assert scene.station.cars()[0].state == "ARMED"
+
+
+@given(st.lists(st.integers(0, 400), max_size=300))
+def test_no_number_is_accepted_twice_in_any_order(numbers):
+    """Against a list of all that were accepted, for frames that overtake each other at random."""
+    sender, accepted = Sender(Session("red", 1), 0.0, 0.0), set()
+    for seq in numbers:
+        order = sender.place(seq)
+        newest = max(accepted, default=-1)
+        if seq > newest:
+            assert order is Order.NEWEST
+        elif seq <= newest - REPLAY_WINDOW:
+            assert order is Order.OLD
+        else:
+            assert order is (Order.COPY if seq in accepted else Order.LATE)
+        if order in (Order.NEWEST, Order.LATE):
+            accepted.add(seq)
+    assert sender.taken == len(accepted)
+
+
+def test_a_number_stays_known_while_others_overtake_it():
+    """100, then the 63 below, then the 63 above: 100 is still in the window."""
+    sender = Sender(Session("red", 1), 0.0, 0.0)
+    for seq in (100, *range(37, 100), *range(101, 164)):
+        assert sender.place(seq) in (Order.NEWEST, Order.LATE)
+    assert sender.place(100) is Order.COPY
