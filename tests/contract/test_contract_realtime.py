@@ -172,18 +172,20 @@ def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
         assert skipped <= frames - len(states) + 1
 
 
-def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm):
-    """The thread that feeds the pins must not die unseen."""
+@pytest.mark.parametrize("error", [
+    ZeroDivisionError, SystemExit, pytest.param(KeyboardInterrupt, marks=pytest.mark.more)])
+def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, error):
+    """The thread that feeds the pins must not end unnoticed."""
     with served.open() as car:
         arm(car)
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             car.drive(throttle=0.3, valid_for=0.5)
 
         def broken(state):
-            raise ZeroDivisionError("listener")
+            raise error("listener")
 
         car.on_state(broken)
-        with pytest.raises(ZeroDivisionError, match="listener"):
+        with pytest.raises(error, match="listener"):
             drive_on(car, 5.0)
         assert wait_for(lambda: served.counts()[1] in NEUTRAL)
         assert car.mode != "ARMED"

@@ -121,7 +121,7 @@ def test_cars_and_stations_take_the_key_of_the_variable(monkeypatch):
     with (Car.open("sim://?nano=mock&seed=1") as car,
           join(car, "local://variable", name="red") as member,
           Station("local://variable", "base", now=lambda: car.now) as station):
-        assert station.keyed
+        assert station.has_key
         for _ in car.states(duration=0.4):
             station.watch()
         assert [seen.name for seen in station.cars()] == ["red"]

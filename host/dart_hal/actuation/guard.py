@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import sys
 import time
 from collections.abc import Callable
@@ -30,6 +29,7 @@ from dart_hal.actuation.owner import lock_path
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.locks import holder
+from dart_hal.process.waiting import wait_readable
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""
@@ -87,8 +87,7 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
     state, told, written = Watch(), False, -1.0
     _say(status, b"r")
     while not state.done:
-        open_end = [] if state.gone else [beats]
-        ready, _, _ = select.select(open_end, [], [], REPEAT / 4)
+        ready = wait_readable(None if state.gone else beats, REPEAT / 4)
         now = clock()
         if ready:
             state.heard(os.read(beats, 4096), now)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from dart_hal.actuation.arming import GUARD_ALIVE
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.forks import private
+from dart_hal.process.waiting import wait_readable
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""
@@ -105,8 +105,7 @@ class Guard:
         return private(process.stdin), private(process.stdout), private(process.stderr)
 
     def _wait_ready(self) -> None:
-        ready, _, _ = select.select([self._status], [], [], START_TIME)
-        said = os.read(self._status, 1) if ready else b""
+        said = os.read(self._status, 1) if wait_readable(self._status, START_TIME) else b""
         if said != b"r":
             self._process.kill()
             _, error = self._process.communicate(timeout=START_TIME)

@@ -27,7 +27,7 @@ class Pump(Protocol):
         Raises LinkLost after ``timeout`` s without a frame.
         """
 
-    def error(self) -> Exception | None:
+    def error(self) -> BaseException | None:
         """What ``next`` would raise and has not yet; a lost link is told once."""
 
     def stop(self) -> None: ...
@@ -54,7 +54,7 @@ class InlinePump:
             if engine.now >= deadline:
                 raise _silence(engine, timeout)
 
-    def error(self) -> Exception | None:
+    def error(self) -> BaseException | None:
         return None
 
     def stop(self) -> None:
@@ -64,10 +64,10 @@ class InlinePump:
 class ThreadPump:
     """Real link: a thread steps; a slow loop gets the newest State.
 
-    Whatever ends the stepping, a lost link or a listener that raises, the
-    thread first brings the pins to neutral and goes on refreshing them; the
-    error is raised by ``next``. A link that vanished is raised once: the board
-    is looked for, and stepping goes on, disarmed, when it is found.
+    Whatever ends the stepping, a lost link or a listener that raises (SystemExit
+    and KeyboardInterrupt as well), the thread first brings the pins to neutral and
+    goes on refreshing them; the error is raised by ``next``. A link that vanished is
+    raised once: the board is looked for, and stepping goes on, disarmed, when it is found.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -75,7 +75,7 @@ class ThreadPump:
         self._news = threading.Condition()
         self._latest: State | None = None
         self._count = self._delivered = 0
-        self._error: Exception | None = None
+        self._error: BaseException | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="dart-hal link", daemon=True)
         self._thread.start()
@@ -90,7 +90,7 @@ class ThreadPump:
                 self._publish(self._engine.step(SLICE))
             except LinkLost as error:
                 found = self._hold(error, self._search())
-            except Exception as error:  # noqa: BLE001 - raised by next(), at neutral
+            except BaseException as error:  # noqa: BLE001 - raised by next(), at neutral
                 self._hold(error, None)
         if found is not None:
             found.link.close()
@@ -110,11 +110,11 @@ class ThreadPump:
                 self._count += len(states)
                 self._news.notify_all()
 
-    def _hold(self, error: Exception, search: Search | None) -> Found | None:
+    def _hold(self, error: BaseException, search: Search | None) -> Found | None:
         """Neutral, then tell, then neutral again until the board is found, or ``stop``."""
         engine = self._engine
         with engine.lock:  # until it is told: who finds the car disarmed finds out why
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(BaseException):  # a hook of the program may raise again
                 engine.driver.lost(engine.now)
             with self._news:
                 self._error = error
@@ -122,7 +122,7 @@ class ThreadPump:
                 self._news.notify_all()
         found = None
         while found is None and not self._ended.wait(AWAY):
-            with contextlib.suppress(Exception), engine.lock:
+            with contextlib.suppress(BaseException), engine.lock:
                 engine.driver.frame(engine.now)
             found = search.look(engine.now) if search is not None else None
         if search is not None:
@@ -142,7 +142,7 @@ class ThreadPump:
             self._delivered = self._count
             return self._latest, skipped
 
-    def error(self) -> Exception | None:
+    def error(self) -> BaseException | None:
         with self._news:
             error = self._error
             if isinstance(error, LinkLost):

@@ -66,7 +66,7 @@ def command(context: click.Context, rooms: tuple[str, ...], room_key: Path | Non
             say(f"{seen.name:16} {seen.state:9} {_why(station, seen)}  {station.transport.url}")
         if not cars and not as_json:
             say(f"no car was heard in {', '.join(s.transport.url for s in stations)}"
-                + ("" if stations[0].keyed else "; cars with a room key answer only to the key"))
+                + ("" if stations[0].has_key else "; cars with a room key answer only to the key"))
         notices(_ignored_lines(stations))
     return 0 if cars else 1
 

@@ -7,12 +7,12 @@ towards zero when no key came for a while, so letting go stops the car.
 from __future__ import annotations
 
 import os
-import select
 import sys
 import termios
 import tty
 
 from dart_hal.errors import UsageError
+from dart_hal.process.waiting import wait_readable
 
 KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
         b"w": "up", b"s": "down", b"d": "right", b"a": "left", b" ": "stop", b"q": "quit",
@@ -40,8 +40,7 @@ class Terminal:
 
     def keys(self) -> bytes:
         """What was typed since the last call."""
-        ready, _, _ = select.select([self._fd], [], [], 0)
-        return os.read(self._fd, 64) if ready else b""
+        return os.read(self._fd, 64) if wait_readable(self._fd, 0.0) else b""
 
     def close(self) -> None:
         termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)

@@ -125,7 +125,7 @@ def opened(data: bytes, key: RoomKey | None = None) -> Heard | str:
         return parse(data, VERSION) if version == VERSION else "signed"
     if version == VERSION:
         return "unsigned"
-    if not key.signed(data):
+    if not key.verify(data):
         return "forged"
     return parse(data, SIGNED_VERSION)
 

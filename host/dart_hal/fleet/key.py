@@ -41,7 +41,7 @@ class RoomKey:
         """Of a frame without its signature."""
         return hmac.digest(self.secret, frame, "sha256")[:SIGNATURE_BYTES]
 
-    def signed(self, data: bytes) -> bool:
+    def verify(self, data: bytes) -> bool:
         """Whether the end of a datagram is the signature of what precedes it."""
         end = len(data) - SIGNATURE_BYTES
         return end > 0 and hmac.compare_digest(data[end:], self.signature(data[:end]))

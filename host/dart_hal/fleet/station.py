@@ -73,7 +73,7 @@ class Station:
                 if name in poses or m.HEALTH.id in s.told]
 
     @property
-    def keyed(self) -> bool:
+    def has_key(self) -> bool:
         """Whether it accepts signed messages alone."""
         return self.peers.decoder.key is not None
 
@@ -121,7 +121,7 @@ class Station:
             return True
         now = self._now()
         if self._call.due(now):
-            if self.keyed:
+            if self.has_key:
                 # A car that does not know this station needs a proof before it obeys.
                 self._outbox.send_heard(now)
             self._outbox.send(m.STOP, (self._call.number, self._call.why), now)

@@ -15,7 +15,6 @@ import errno
 import fcntl
 import os
 import re
-import select
 import stat
 import termios
 import time
@@ -32,6 +31,7 @@ from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus
 from dart_hal.ports import Chunk, Link
 from dart_hal.process.forks import private
+from dart_hal.process.waiting import wait_readable, wait_writable
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""
@@ -72,7 +72,6 @@ class SerialLink(Link):
         self._port = serial.Serial()
         self._port.port = device
         self._port.timeout = 0
-        self._port.write_timeout = WRITE_PATIENCE
         self._port.exclusive = True
         with contextlib.suppress(OSError, serial.SerialException):
             self._port.dtr = dtr
@@ -104,8 +103,7 @@ class SerialLink(Link):
     def read(self, timeout: float) -> Chunk | None:
         # Not Serial.read: setting its time-out reconfigures the port each time.
         try:
-            ready, _, _ = select.select([self._port.fd], [], [], timeout)
-            if not ready:
+            if not wait_readable(self._descriptor(), timeout):
                 return None
             data = os.read(self._port.fd, READ_SLICE)
         except BlockingIOError:
@@ -117,12 +115,22 @@ class SerialLink(Link):
         return Chunk(data, time.monotonic())
 
     def write(self, data: bytes) -> None:
+        # Not Serial.write: it waits by select, which refuses descriptors from 1024 on.
+        end = time.monotonic() + WRITE_PATIENCE
+        rest = memoryview(data)
         try:
-            self._port.write(data)
-        except serial.SerialTimeoutException:
-            self.dropped += 1
+            while rest:
+                if not wait_writable(self._descriptor(), end - time.monotonic()):
+                    self.dropped += 1
+                    return
+                with contextlib.suppress(BlockingIOError):
+                    rest = rest[os.write(self._port.fd, rest):]
         except GONE as error:
             raise LinkLost(f"{self.device} does not take bytes", found=str(error)) from error
+
+    def _descriptor(self) -> int:
+        """Of the open port. Raises TypeError, ValueError for a closed one: see ``GONE``."""
+        return int(self._port.fd)
 
     def close(self) -> None:
         with contextlib.suppress(*GONE):

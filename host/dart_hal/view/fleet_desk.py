@@ -66,7 +66,7 @@ class FleetDesk:
     def joined(self, page: Hashable) -> Iterable[str]:
         """The rooms; the cars come with the next batch."""
         yield _json({"type": "rooms", "rooms": [s.transport.url for s in self._stations],
-                     "open": [s.transport.url for s in self._stations if not s.keyed]}).decode()
+                     "open": [s.transport.url for s in self._stations if not s.has_key]}).decode()
 
     def said(self, page: Hashable, message: m.Message) -> str | None:
         """Raises Refused for all but STOP."""

@@ -220,6 +220,6 @@ host("echo", "a beat counts from the car's own message that its sender repeats",
      "dart_hal.fleet.peers.Peers._prove", believing)
 host("replay_window", "a message is taken once", "dart_hal.fleet.peers.Sender.place", forgetful)
 host("room_key", "a message must be signed with the key of the room",
-     "dart_hal.fleet.key.RoomKey.signed", always(True))
+     "dart_hal.fleet.key.RoomKey.verify", always(True))
 host("stop_answers", "each session of a name has to answer a stop",
      "dart_hal.fleet.stopping.StopCall.silent", property(by_name))
