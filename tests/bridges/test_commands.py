@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.bridges.commands import HOLD, Commands, Wanted, steering_angle
+from dart_hal.control.input_age import InputAge
 
 
 @pytest.fixture
@@ -31,15 +32,57 @@ def test_go_and_a_throttle_drive(commands):
 def test_silence_is_neutral_and_said_once(commands, silent):
     spoken = {"safety_value": lambda t: commands.throttle(0.25, t),
               "throttle": lambda t: commands.safety(1.0, t)}[silent]
-    for t in np.arange(1.0, 3.0, 0.01):
+    for t in np.arange(1.005, 3.0, 0.01):
         spoken(t)
         assert (commands.wanted(t).throttle != 0.0) == (t < 1.0 + HOLD), t
-    assert commands.said() == [f"{silent} has been silent for 0.3 s: neutral"]
-    commands.safety(1.0, 3.0)
-    commands.throttle(0.25, 3.0)
+    (text,) = commands.said()
+    assert text == (f"{silent} has been silent for 0.3 s: neutral; to drive again send "
+                    "safety_value 0, then 1")
+    release(commands, 3.0)
     assert commands.wanted(3.0).throttle == 0.25
     commands.wanted(4.0)
-    assert len(commands.said()) == 2, "both fell silent, and it is another silence"
+    assert len(commands.said()) == 1, "it is another silence"
+
+
+def release(commands, t):
+    """The operator lets go and presses again."""
+    for value in (0.0, 1.0):
+        commands.safety(value, t)
+        commands.wanted(t)
+    commands.throttle(0.25, t)
+
+
+@pytest.mark.parametrize("silent", ["safety_value", "throttle", "both"])
+def test_messages_that_come_after_a_silence_do_not_drive(commands, silent):
+    """The network may have held them back, or a node was restarted that publishes 1 at once."""
+    for t in np.arange(1.0, 6.0, 0.01):
+        frozen = 2.0 < t < 4.0
+        if not (frozen and silent != "throttle"):
+            commands.safety(1.0, t)
+        if not (frozen and silent != "safety_value"):
+            commands.throttle(0.25, t)
+        throttle = commands.wanted(t).throttle
+        if t > 2.0 + HOLD + 0.01:
+            assert throttle == 0.0, t
+            assert commands.logged(t)[0] == 0.0
+    release(commands, 6.0)
+    assert commands.wanted(6.0).throttle == 0.25
+
+
+def test_a_throttle_of_zero_may_fall_silent(commands):
+    """A controller has ended, and the next one begins."""
+    commands.throttle(0.0, 1.0)
+    for t in np.arange(1.0, 3.0, 0.01):
+        commands.safety(1.0, t)
+        commands.wanted(t)
+    commands.throttle(0.25, 3.0)
+    assert commands.wanted(3.0).throttle == 0.25
+    assert commands.said() == []
+
+
+def test_control_without_the_age_limit_silence_drives_on(commands, monkeypatch):
+    monkeypatch.setattr(InputAge, "is_over", lambda self, now: False)
+    assert commands.wanted(20.0).throttle == 0.25
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf, 1.0001, -1.0001, 3e38])

@@ -41,7 +41,7 @@ def check(seen, pins):
     assert seen["after"] == 0.0
     assert seen["stamp_age"] < 0.5
     assert seen["frames"] == ["odom_1", "base_link_1", "base_link_1"]
-    assert pins["said"][-1] == "safety_value has been silent for 0.3 s: neutral"
+    assert pins["said"][-1].startswith("safety_value has been silent for 0.3 s: neutral")
 
 
 def test_a_node_of_upstreams_interface_drives(world):

@@ -63,13 +63,13 @@ class Client:
         return heard
 
     def publish(self, channel, value):
+        """What a client sends that means to drive."""
         self.socket.send(struct.pack("<BI", 1, channel) + json.dumps(value).encode())
 
-    def advertise(self, **topics):
-        """Channels by their numbers: c7="/cmd_vel"."""
+    def advertise(self, number, topic):
+        """Announce a channel of the client's own."""
         self.send(op="advertise", channels=[
-            {"id": int(number[1:]), "topic": topic, "encoding": "json", "schemaName": "x"}
-            for number, topic in topics.items()])
+            {"id": number, "topic": topic, "encoding": "json", "schemaName": "x"}])
 
     def last_said(self, seconds=2.0):
         """The status that comes next."""
@@ -109,13 +109,9 @@ class Driven:
 
 
 @contextmanager
-def served(*, operate=False, arm=False, **options):
-    """A car whose world is paced by itself; an armed one by its loop, for a machine that is busy
-    for 60 ms is no broken link."""
-    url = URL if arm else URL + "&pace=1"
-    with (Car.open(url, **options) as car, serve(car, port=0, operate=operate) as server):
-        if arm:
-            car.arm()
+def served(**options):
+    """A car whose world is paced by itself."""
+    with (Car.open(URL + "&pace=1", **options) as car, serve(car, port=0) as server):
         driven = Driven(car, server)
         try:
             yield driven
@@ -125,7 +121,7 @@ def served(*, operate=False, arm=False, **options):
 
 @pytest.fixture(scope="module")
 def shown():
-    """One that is read-only."""
+    """One for all tests of a file."""
     with served() as driven:
         yield driven
 

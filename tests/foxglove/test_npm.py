@@ -1,4 +1,4 @@
-"""Foxglove's own packages, as npm has them: they decode a recording, and drive a served car."""
+"""Foxglove's own packages, as npm has them: they decode a recording, and watch a served car."""
 
 from __future__ import annotations
 
@@ -50,9 +50,8 @@ def test_they_decode_every_message_of_a_recording(node, tmp_path):
     assert node("decode.mjs", path) == Counter(m.topic for m in RunReader(path).messages())
 
 
-def test_their_client_sees_every_channel_and_drives(node, serving):
-    with serving(operate=True, arm=True) as driven:
-        told = node("drive.mjs", f"ws://localhost:{driven.server.port}")
+def test_their_client_sees_every_channel(node, serving):
+    with serving() as driven:
+        told = node("watch.mjs", f"ws://localhost:{driven.server.port}")
     assert {"/rx", "/tx", "/odom", "/imu", "/drive", "/applied", "/command"} == set(told["counts"])
     assert told["counts"]["/odom"] > 200
-    assert 0.3 < told["speed"] < 0.7, "of 0.5 m/s"

@@ -58,8 +58,8 @@ class AtTheDesk:
     def say(self, page, message):
         return self.desk.said(page, message)
 
-    def hold(self, page="one", throttle=1.0, old=ON_THE_WAY):
-        self.say(page, m.Drive(0.0, throttle, self.now() - old))
+    def hold(self, page="one", throttle=1.0, old=ON_THE_WAY, unchanged=0.0):
+        self.say(page, m.Drive(0.0, throttle, self.now() - old, unchanged))
 
     def take_and_arm(self, page="one"):
         self.say(page, m.Take(TOKEN))

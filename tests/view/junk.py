@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-RIGHT = ('{"type":"drive","steering":0,"throttle":1,"heard":0}', '{"type":"arm"}',
+RIGHT = ('{"type":"drive","steering":0,"throttle":1,"heard":0,"unchanged":0}', '{"type":"arm"}',
          '{"type":"unlock"}', '{"type":"release"}', '{"type":"leave"}',
          '{"type":"record","on":true}', '{"type":"take","token":"x"}')
 """Of a page that does not drive."""

@@ -25,6 +25,7 @@ def test_what_a_page_may_say_is_read_back(message):
 @pytest.mark.parametrize("text", [
     "", "{", "[]", "null", '"stop"', '{"type":"go"}', '{"type":"stop","x":1}', '{"type":"take"}',
     '{"type":"take","token":7}', '{"type":"drive","steering":1,"throttle":"1","heard":0}',
+    '{"type":"drive","steering":0,"throttle":1,"heard":0,"unchanged":1e999}',
     '{"type":"drive","steering":NaN,"throttle":1,"heard":0}',
     '{"type":"drive","steering":1e999,"throttle":1,"heard":0}', '{"type":"drive"}',
     '{"type":"take","token":"' + "x" * 5000 + '"}', "[" * 900, b"\xff\xfe", b"\x00" * 40])

@@ -8,6 +8,7 @@ import pytest
 from at_the_desk import AtTheDesk
 from junk import Junk
 
+from dart_hal.control.input_age import InputAge
 from dart_hal.view import desk, operator
 from dart_hal.view import messages as m
 from dart_hal.view.messages import Malformed, read
@@ -59,6 +60,35 @@ def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
 def test_control_a_release_that_nobody_hears_is_seen_at_the_pin(monkeypatch):
     monkeypatch.setattr(Operator, "release", lambda self, page: None)
     assert end_of_hold(ENDS["released"])[0] > AT_ONCE
+
+
+def still_hand(seconds=3.0):
+    """Hold the stick, then let the page repeat its last state for so long; (last driving, desk)."""
+    at = AtTheDesk()
+    at.take_and_arm()
+    at.drive(0.3, lambda t: at.hold())
+    last_report = at.now()
+    at.drive(seconds, lambda t: at.hold(unchanged=t - last_report))
+    return at.last_driving(last_report), at
+
+
+def test_a_page_whose_hand_reports_nothing_is_neutral_within_a_second():
+    last, at = still_hand()
+    assert 0.8 < last <= 1.0
+    assert at.car.mode == "ARMED"
+    assert len([text for text in at.said() if "did not change for 0.95 s" in text]) == 1
+    began = at.now()
+    at.drive(1.0, lambda t: at.hold())
+    assert at.driving(began) == [], "a report alone is not enough: let go first"
+    at.say("one", m.Release())
+    at.take_and_arm()
+    at.drive(0.3, lambda t: at.hold())
+    assert at.driving(at.now() - 0.1)
+
+
+def test_control_without_the_age_limit_a_still_hand_drives_on(monkeypatch):
+    monkeypatch.setattr(InputAge, "is_over", lambda self, now: False)
+    assert still_hand()[0] > 2.9
 
 
 def test_the_age_of_a_command_is_taken_off_its_validity():

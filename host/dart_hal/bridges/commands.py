@@ -3,6 +3,10 @@
 The throttle is neutral unless ``safety_value`` says 1, throttle and steering are numbers of -1 to
 1, and safety and throttle are both younger than ``HOLD``. Why it is neutral is said once, until
 it has driven again.
+
+A drive that ended because a publisher fell silent does not go on by itself when messages come
+again: they may be old ones that the network held back (Float32 has no stamp). ``safety_value`` must
+be 0 once, then 1.
 """
 
 from __future__ import annotations
@@ -10,9 +14,10 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 
+from dart_hal.control.input_age import InputAge
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
@@ -20,8 +25,9 @@ HOLD = 0.3
 """s that ``safety_value`` and a throttle hold: upstream's time-out of the former. Its controllers
 send a throttle at 10 Hz: two may be lost."""
 GO = 1.0
-SHUT = ("safety", "disarmed", "held")
+SHUT = ("safety", "disarmed", "held", "stale")
 """Why no throttle would drive."""
+RELEASE = "send safety_value 0, then 1"
 
 steering_angle: Callable[[float], float] = make_steering(PAPER.steering)
 """Command to angle [rad] of upstream's car 1: the curve that its ``steering_angle_2_command``
@@ -38,10 +44,15 @@ class Wanted:
 
 @dataclass(slots=True)
 class _Heard:
-    """The newest of one topic; value None: it was none that can be meant."""
+    """The newest of one topic and its age; value None: it was none that can be meant."""
 
     value: float | None = 0.0
-    at: float = -inf
+    age: InputAge = field(default_factory=lambda: InputAge(HOLD))
+
+    @property
+    def came(self) -> bool:
+        """Whether anything has come at all."""
+        return self.age.reported_at > -inf
 
 
 class Commands:
@@ -50,14 +61,17 @@ class Commands:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._safety, self._throttle, self._steering = _Heard(), _Heard(), _Heard()
-        self._armed, self._held = False, False
-        self._angle, self._going = 0.0, False
+        self._armed, self._held, self._stale = False, False, False
+        self._angle, self._going, self._open = 0.0, False, False
         self._said: deque[str] = deque(maxlen=100)
         self._told: set[str] = set()
 
     def safety(self, value: float, now: float) -> None:
         """``safety_value``, of all cars: 1 go, 0 stand."""
         self._hear("safety_value", self._safety, value, now, value in (0.0, GO), "0 or 1")
+        if value == 0.0:
+            with self._lock:
+                self._held = self._stale = False
 
     def throttle(self, value: float, now: float) -> None:
         """``throttle_N``: -1..1."""
@@ -76,7 +90,7 @@ class Commands:
     def wanted(self, now: float) -> Wanted:
         """What the car is to do now."""
         with self._lock:
-            if self._steering.value is not None and self._steering.at > -inf:
+            if self._steering.value is not None and self._steering.came:
                 self._angle = steering_angle(self._steering.value)
             why = self._why_not(now)
             self._notice(why, now)
@@ -99,21 +113,24 @@ class Commands:
     def _hear(self, topic: str, heard: _Heard, value: float, now: float, good: bool,
               expected: str) -> None:
         with self._lock:
-            heard.value, heard.at = (value if good else None), now
+            heard.value = value if good else None
+            heard.age.report(now)
             if not good:
                 self._say(topic, f"{topic} was {value:g}, expected {expected}: neutral")
 
     def _why_not(self, now: float) -> str:
         """Why the throttle is neutral; "": it drives."""
-        if self._safety.value != GO or now - self._safety.at >= HOLD:
+        if self._safety.value != GO or self._safety.age.is_over(now):
             return "safety"
         if not self._armed:
             return "disarmed"
         if self._held:
             return "held"
+        if self._stale:
+            return "stale"
         if self._throttle.value is None or self._steering.value is None:
             return "no number"
-        return "throttle" if now - self._throttle.at >= HOLD else ""
+        return "throttle" if self._throttle.age.is_over(now) else ""
 
     def _notice(self, why: str, now: float) -> None:
         """Say a silence that ended a drive, and a go that was there before."""
@@ -124,11 +141,17 @@ class Commands:
         elif why == "held":
             self._say(why, "safety_value was 1 while the car was armed: send 0, or nothing for "
                            f"{HOLD} s, then 1")
-        elif self._going:
-            for topic, heard in (("safety_value", self._safety), ("throttle", self._throttle)):
-                if heard.value is not None and now - heard.at >= HOLD:
-                    self._say(topic, f"{topic} has been silent for {HOLD} s: neutral")
+        elif self._open and self._safety.value == GO and self._safety.age.is_over(now):
+            self._refuse("safety_value")
+        elif self._going and self._throttle.value and self._throttle.age.is_over(now):
+            self._refuse("throttle")
         self._going = not why
+        self._open = why in ("", "no number", "throttle")
+
+    def _refuse(self, topic: str) -> None:
+        """Keep the throttle neutral until safety_value was 0."""
+        self._stale = True
+        self._say(topic, f"{topic} has been silent for {HOLD} s: neutral; to drive again {RELEASE}")
 
     def _say(self, what: str, text: str) -> None:
         if what not in self._told:

@@ -28,7 +28,6 @@ from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.errors import DartHalError, ScriptFailed, UsageError
-from dart_hal.foxglove.operate import Operator
 from dart_hal.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
@@ -40,8 +39,6 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.argument("script", required=False, type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
 @click.option("--gamepad", is_flag=True, help="/dev/input/js0, right bumper held")
-@click.option("--operate", is_flag=True, help="what one client of Foxglove publishes drives; the "
-              "verb ends at neutral when it goes or falls silent")
 @click.option("--duration", type=Number(min=0.1), default=None,
               help="seconds of the car's time (a script: 10)")
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
@@ -55,13 +52,13 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
-            keyboard: bool, gamepad: bool, operate: bool, duration: float | None,
-            max_throttle: float, waive: tuple[str, ...], record: Path | None, poses: str | None,
-            foxglove: bool, port: int, view: bool, as_json: bool) -> None:
+            keyboard: bool, gamepad: bool, duration: float | None, max_throttle: float,
+            waive: tuple[str, ...], record: Path | None, poses: str | None, foxglove: bool,
+            port: int, view: bool, as_json: bool) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
-    if keyboard + gamepad + operate + (script is not None) != 1:
+    if keyboard + gamepad + (script is not None) != 1:
         raise UsageError("say how to drive",
-                         expected="one of --keyboard, --gamepad, --operate, SCRIPT.py",
+                         expected="one of --keyboard, --gamepad, SCRIPT.py",
                          remedy="dart-hal drive --keyboard")
     control = load(script) if script else None
     manual = Gamepad() if gamepad else Keyboard() if keyboard else None
@@ -75,14 +72,12 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
             raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
                              remedy="sim://, or serial:///dev/ttyUSB0?i2c=1; "
                              "dart-hal replay runs a recording")
-        with shown_live(car, foxglove or operate, port, operate) as operator:
+        with shown_live(car, foxglove, port):
             car.arm(waive=waive)
             if control is not None:
                 run_script(car, control, duration or 10.0, in_time=foxglove)
             elif manual is not None:
                 run_manual(car, manual, max_throttle, duration or float("inf"))
-            elif operator is not None:
-                run_operated(car, operator, duration or float("inf"))
         car.stop()
         result = summary.as_json({"recording": record} if record else {})
     if as_json:
@@ -158,25 +153,20 @@ def run_script(car: Car, control: Control, duration: float, *, in_time: bool = F
         car.drive(steering=wanted[0], throttle=wanted[1], source="script")
 
 
-def run_operated(car: Car, operator: Operator, duration: float) -> None:
-    """Whoever is connected drives, until he goes or falls silent."""
-    console.print("armed; who advertises /cmd_vel or /drive_command drives")
-    for _ in in_real_time(car.states(duration=duration)):
-        if operator.over:
-            ended = "has gone" if operator.over == "gone" else "fell silent"
-            console.print(f"the operator {ended}: the car is stopped")
-            return
-
-
 def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -> None:
     """A person drives; full deflection is the car's full lock and ``max_throttle``."""
     lock = car.files.config.limits.max_steering
     name = type(source).__name__.lower()
     console.print(HELP if name == "keyboard" else "hold the right bumper to drive, B ends")
+    notice = ""
     for n, state in enumerate(in_real_time(car.states(duration=duration))):
         steering, throttle, ended = source.read()
         if ended:
             break
+        if source.notice and source.notice != notice:
+            console.print(f"\n{name}: {source.notice}", style="yellow", markup=False,
+                          highlight=False)
+        notice = source.notice
         car.drive(steering=lock * steering, throttle=max_throttle * throttle, source=name)
         if n % 10 == 0:
             console.print(f"{state.speed:5.2f} m/s  steering {state.applied.steering:+.2f} rad"

@@ -12,7 +12,6 @@ from dart_hal.car.car import backend_of
 from dart_hal.cli.output import notices, progress_bar
 from dart_hal.errors import DartHalError, UsageError
 from dart_hal.foxglove import LAYOUT
-from dart_hal.foxglove.operate import Operator
 from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
@@ -38,17 +37,16 @@ def opened(url: str | None, car_name: str, cars: Path | None,
 
 
 @contextmanager
-def shown_live(car: Car, wanted: bool, port: int, operate: bool = False
-               ) -> Iterator[Operator | None]:
+def shown_live(car: Car, wanted: bool, port: int) -> Iterator[None]:
     """The car in Foxglove while a verb drives it, where that is wanted."""
     if not wanted:
-        yield None
+        yield
         return
     from dart_hal.foxglove.server import serve  # asyncio: 15 ms that other verbs need not pay
 
-    with serve(car, port=port, operate=operate) as server:
+    with serve(car, port=port) as server:
         notices((f"Foxglove: open ws://localhost:{server.port}; layout to import: {LAYOUT}",))
-        yield server.operator
+        yield
 
 
 def check_drives_by_lidar(car: Car, room: str) -> None:

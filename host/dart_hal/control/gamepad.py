@@ -2,15 +2,24 @@
 
 Events are 8 bytes, ``struct js_event``: time u32 [ms], value i16, type u8,
 number u8 (kernel documentation, input/joydev). No library is needed.
+
+The device reports changes only. A pad whose radio link is lost looks like a stick that is held
+perfectly still, so a throttle without any event for ``MAX_UNCHANGED_S`` is refused: neutral until
+the dead-man button was released and pressed again. An event of any axis or button counts, because
+it proves that the pad is alive and would have reported a change of the throttle. The state that
+the kernel reports by itself when the device is opened (the INIT bit) is no event of the pad.
 """
 
 from __future__ import annotations
 
 import os
 import struct
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_UNCHANGED_S, InputAge
 from dart_hal.errors import PortMissing
 
 EVENT = struct.Struct("<IhBB")
@@ -18,13 +27,18 @@ BUTTON, AXIS, INIT = 0x01, 0x02, 0x80
 FULL = 32767
 DEAD_ZONE = 0.05
 """Worn sticks rest up to 5 % beside the centre."""
+PRESS_AGAIN = "release the right bumper and press it again"
 
 
 class Manual(Protocol):
     """A source of manual commands."""
 
+    @property
+    def notice(self) -> str:
+        """Why the throttle is neutral although the control is pressed, and the remedy; or ""."""
+
     def read(self) -> tuple[float, float, bool]:
-        """Steering -1..1 (+1 = left), throttle -1..1, True = stop was asked."""
+        """Steering -1..1 (+1 = left), throttle -1..1, True = stop was requested."""
 
     def close(self) -> None: ...
 
@@ -44,12 +58,20 @@ class Layout:
 
 
 class Gamepad:
-    """Reads ``/dev/input/js0`` without blocking. Raises PortMissing."""
+    """Reads ``/dev/input/js0`` without blocking; clock [s]: by which reports age.
 
-    def __init__(self, path: str = "/dev/input/js0", layout: Layout | None = None) -> None:
+    Raises PortMissing.
+    """
+
+    def __init__(self, path: str = "/dev/input/js0", layout: Layout | None = None,
+                 clock: Callable[[], float] = time.monotonic) -> None:
         self._layout = layout or Layout()
+        self._clock = clock
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
+        self._age = InputAge(MAX_UNCHANGED_S)
+        self._read_at = clock()
+        self._refused = ""
         try:
             self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
@@ -57,7 +79,18 @@ class Gamepad:
                               likely="not plugged in, or the joydev module is not loaded",
                               remedy="ls /dev/input/js* ; dart-hal drive --keyboard") from error
 
+    @property
+    def notice(self) -> str:
+        """Why a pressed dead-man button gives no throttle, and the remedy; or ""."""
+        return self._refused
+
     def read(self) -> tuple[float, float, bool]:
+        """Steering, throttle and stop after all events so far.
+
+        Raises PortMissing when the gamepad is unplugged.
+        """
+        now = self._clock()
+        pause, self._read_at = now - self._read_at, now
         try:
             while data := os.read(self._fd, EVENT.size * 64):
                 self.feed(data)
@@ -67,21 +100,55 @@ class Gamepad:
             raise PortMissing("the gamepad is gone", found=str(error),
                               likely="pulled out, or its battery is empty",
                               remedy="plug it in again") from error
+        if pause > MAX_READ_GAP_S:
+            self._refuse(f"the gamepad was not read for {pause:.1f} s (limit {MAX_READ_GAP_S} s)")
         layout = self._layout
-        held = self._buttons.get(layout.dead_man, False)
-        throttle = -self._axes.get(layout.throttle, 0.0) if held else 0.0
-        ended = self._buttons.get(layout.stop, False)
-        return -self._axes.get(layout.steering, 0.0), throttle, ended
+        steering = -self._axes.get(layout.steering, 0.0)
+        return steering, self._throttle(now), self._buttons.get(layout.stop, False)
 
     def feed(self, data: bytes) -> None:
-        """Take whole events; the kernel never splits one, so a torn end is dropped."""
+        """Process whole events; the kernel never splits one, so a torn end is dropped."""
         whole = len(data) - len(data) % EVENT.size
         for _, value, kind, number in EVENT.iter_unpack(data[:whole]):
+            initial = bool(kind & INIT)
             if kind & ~INIT == AXIS:
-                x = max(-1.0, value / FULL)
-                self._axes[number] = x if abs(x) > DEAD_ZONE else 0.0
+                self._move(number, value, initial)
             elif kind & ~INIT == BUTTON:
-                self._buttons[number] = bool(value)
+                self._press(number, bool(value), initial)
+            else:
+                continue
+            if not initial:
+                self._age.report(self._clock())
 
     def close(self) -> None:
         os.close(self._fd)
+
+    def _move(self, number: int, value: int, initial: bool) -> None:
+        if initial and number == self._layout.throttle:
+            value = 0  # before its first report a pad may claim a deflection that nobody commands
+        x = max(-1.0, value / FULL)
+        self._axes[number] = x if abs(x) > DEAD_ZONE else 0.0
+
+    def _press(self, number: int, pressed: bool, initial: bool) -> None:
+        self._buttons[number] = pressed
+        if number != self._layout.dead_man:
+            return
+        if not pressed:
+            self._refused = ""
+        elif initial:
+            self._refuse("the right bumper was pressed before the gamepad was opened")
+
+    def _throttle(self, now: float) -> float:
+        """Throttle that may be applied at ``now`` [s]."""
+        if not self._buttons.get(self._layout.dead_man, False):
+            return 0.0
+        throttle = -self._axes.get(self._layout.throttle, 0.0)
+        if throttle != 0.0 and self._age.is_over(now):
+            self._refuse(f"no event from the gamepad for {MAX_UNCHANGED_S} s with the stick "
+                         "deflected")
+        return 0.0 if self._refused else throttle
+
+    def _refuse(self, reason: str) -> None:
+        """Keep the throttle neutral until a pressed dead-man button was released."""
+        if self._buttons.get(self._layout.dead_man, False) and not self._refused:
+            self._refused = f"{reason}: the throttle is neutral; {PRESS_AGAIN}"

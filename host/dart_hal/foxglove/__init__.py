@@ -5,7 +5,7 @@
     with serve(car):        # ws://localhost:8765
         ...
 
-Read-only. ``serve(car, operate=True)`` lets one client drive by publishing.
+Read-only: no client can move the car.
 """
 
 from __future__ import annotations

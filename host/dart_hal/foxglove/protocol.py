@@ -13,21 +13,20 @@ from typing import Any
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """Newest first; both begin with the messages below."""
 _DATA = Struct("<BIQ")  # opcode, subscription, ns since 1970
-_PUBLISHED = Struct("<BI")  # opcode, the client's channel
 _IS_DATA = 1
 
-INFO, WARNING, ERROR = 0, 1, 2
-"""Levels of a status."""
+ERROR = 2
+"""Level of a status message."""
 
 
 class Malformed(ValueError):
     """What a client sent is none of the protocol's messages; says what is wrong with it."""
 
 
-def server_info(name: str, *, operate: bool) -> str:
-    capabilities = ["clientPublish"] if operate else []
-    return json.dumps({"op": "serverInfo", "name": name, "capabilities": capabilities,
-                       "supportedEncodings": ["json"] if operate else [], "metadata": {}})
+def server_info(name: str) -> str:
+    """First message to a client: the server offers no capability beyond subscriptions."""
+    return json.dumps({"op": "serverInfo", "name": name, "capabilities": [],
+                       "supportedEncodings": [], "metadata": {}})
 
 
 def advertise(channels: Mapping[int, tuple[str, str]], definitions: Mapping[str, str]) -> str:
@@ -45,14 +44,6 @@ def status(level: int, message: str) -> str:
 def data(subscription: int, ns: int, payload: bytes) -> bytes:
     """A message of ours for one subscription."""
     return _DATA.pack(_IS_DATA, subscription, ns) + payload
-
-
-def published(message: bytes) -> tuple[int, Any]:
-    """A client's message: its channel, and the JSON in it. Raises Malformed."""
-    if len(message) < _PUBLISHED.size or message[0] != _IS_DATA:
-        raise Malformed(f"a binary message that begins with {message[:5].hex() or 'nothing'}")
-    _, channel = _PUBLISHED.unpack_from(message)
-    return channel, _json(message[_PUBLISHED.size:])
 
 
 def request(text: str) -> dict[str, Any]:

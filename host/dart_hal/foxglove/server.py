@@ -9,18 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
-from math import inf
 from typing import Any, Protocol
 
 from dart_hal.config import CarFiles
 from dart_hal.errors import UsageError
 from dart_hal.foxglove import protocol
-from dart_hal.foxglove.operate import HOLD, Drives, Operator
 from dart_hal.foxglove.protocol import Malformed
 from dart_hal.process.extras import install_command
 from dart_hal.recording.run_file import RunFile
@@ -39,11 +35,10 @@ MOMENT = 4000
 """Messages within one tick: some 4 s of all channels."""
 LARGEST = 1 << 16
 """Bytes of a client's message; a longer one ends its connection."""
-ASKED = round(HOLD / TICK)
-"""Pings that may wait for their answer: an older one would let no command through."""
+READ_ONLY = "this server is read-only: drive by the live page, a gamepad or a program"
 
 
-class LiveCar(Drives, Protocol):
+class LiveCar(Protocol):
     """What is served of a ``Car``."""
 
     @property
@@ -52,15 +47,13 @@ class LiveCar(Drives, Protocol):
 
 
 @contextmanager
-def serve(car: LiveCar, *, port: int = PORT, operate: bool = False,
-          origins: Sequence[str] = ORIGINS) -> Iterator[Server]:
+def serve(car: LiveCar, *, port: int = PORT, origins: Sequence[str] = ORIGINS
+          ) -> Iterator[Server]:
     """Serve ``car`` to Foxglove on this computer alone; port 0: any that is free.
 
-    operate: one client may drive, by publishing on ``operate.TWIST`` or ``COMMAND``; the car is
-    stopped when it goes. Raises UsageError without websockets, and for a port that is in use.
+    Raises UsageError without websockets, and for a port that is in use.
     """
-    operator = Operator(car, car.files.config.geometry.wheelbase) if operate else None
-    server = Server(car.messages(), car.files.config.name, operator)
+    server = Server(car.messages(), car.files.config.name)
     server.start(port, origins)
     try:
         yield server
@@ -78,10 +71,6 @@ class Client:
         self.queue: deque[str | bytes] = deque()
         self.behind = 0  # bytes
         self.wake = asyncio.Event()
-        self.heard = -inf
-        """s of the monotonic clock: the newest ping that it has answered. What it sends behind the
-        answer, it sends later."""
-        self._asked = 0
 
     def tell(self, message: str | bytes) -> None:
         self.queue.append(message)
@@ -103,30 +92,12 @@ class Client:
                 self.behind -= len(message)
                 await self.connection.send(message)
 
-    async def ask(self) -> None:
-        """Ping it, for ever; waits where it does not read."""
-        while True:
-            if self._asked < ASKED:
-                sent = time.monotonic()
-                self._asked += 1
-                answer = await self.connection.ping()
-                answer.add_done_callback(partial(self._answered, sent))
-            await asyncio.sleep(TICK)
-
-    def _answered(self, sent: float, answer: asyncio.Future[float]) -> None:
-        self._asked -= 1
-        if not answer.cancelled() and answer.exception() is None:
-            self.heard = max(self.heard, sent)
-
 
 class Server:
-    """``port``: where it listens; ``operator``: None read-only.
+    """``port``: where it listens. ``start`` and ``stop`` are called by one thread."""
 
-    ``start`` and ``stop`` are called by one thread.
-    """
-
-    def __init__(self, file: RunFile, name: str, operator: Operator | None) -> None:
-        self._file, self._name, self.operator = file, name, operator
+    def __init__(self, file: RunFile, name: str) -> None:
+        self._file, self._name = file, name
         self._clients: set[Client] = set()
         self._wanted: frozenset[int] = frozenset()
         self._came: deque[tuple[int, int, bytes]] = deque(maxlen=MOMENT)
@@ -198,7 +169,6 @@ class Server:
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(TICK)
-            self._end_drive()
             for client in self._clients:
                 self._advertise(client)
             while self._came:
@@ -206,13 +176,6 @@ class Server:
                 for client in self._clients:
                     if (number := client.subscriptions.get(channel)) is not None:
                         client.tell(protocol.data(number, ns, data))
-
-    def _end_drive(self) -> None:
-        """Tell an operator that has fallen silent that the car was stopped."""
-        silent = self.operator.silent() if self.operator is not None else None
-        if isinstance(silent, Client):
-            silent.tell(protocol.status(protocol.WARNING, f"no command came for {HOLD} s: the car "
-                                        "is stopped and disarmed"))
 
     def _advertise(self, client: Client) -> None:
         """Channels that have come into being since the last time."""
@@ -225,13 +188,11 @@ class Server:
     async def _attend(self, connection: Any) -> None:
         """One client, from its opening to its end."""
         client = Client(connection)
-        client.tell(protocol.server_info(self._name, operate=self.operator is not None))
+        client.tell(protocol.server_info(self._name))
         self._advertise(client)
         self._clients.add(client)
-        talks = [client.send] if self.operator is None else [client.ask, client.send]
-        tasks = [asyncio.create_task(talk()) for talk in talks]  # asked before it can command
-        for task in tasks:
-            task.add_done_callback(lambda task: task.cancelled() or task.exception())
+        sending = asyncio.create_task(client.send())
+        sending.add_done_callback(lambda task: task.cancelled() or task.exception())
         try:
             while (message := await self._next(connection)) is not None:
                 try:
@@ -241,10 +202,7 @@ class Server:
         finally:
             self._clients.discard(client)
             self._count_wanted()
-            if self.operator is not None:
-                self.operator.leave(client)
-            for task in tasks:
-                task.cancel()
+            sending.cancel()
 
     async def _next(self, connection: Any) -> str | bytes | None:
         """What a client sends next; None: it is gone."""
@@ -257,9 +215,7 @@ class Server:
     def _take(self, client: Client, message: str | bytes) -> None:
         """What a client sent. Raises Malformed."""
         if isinstance(message, bytes):
-            channel, value = protocol.published(message)
-            self._operated().publish(client, channel, value, client.heard)
-            return
+            raise Malformed(READ_ONLY)
         request = protocol.request(message)
         if request["op"] == "subscribe":
             for number, channel in protocol.pairs(request, "subscriptions", "id", "channelId"):
@@ -268,13 +224,8 @@ class Server:
             gone = request.get("subscriptionIds")
             gone = gone if isinstance(gone, list) else []
             client.subscriptions = {c: n for c, n in client.subscriptions.items() if n not in gone}
-        elif request["op"] == "advertise":
-            for number, topic in protocol.pairs(request, "channels", "id", "topic"):
-                self._operated().advertise(client, _whole(number), topic)
-        elif request["op"] == "unadvertise":
-            gone = request.get("channelIds")
-            for number in gone if isinstance(gone, list) else []:
-                self._operated().unadvertise(client, _whole(number))
+        elif request["op"] in ("advertise", "unadvertise"):
+            raise Malformed(READ_ONLY)
         else:
             raise Malformed(f"op {request['op'][:40]!r} is not served")
         self._count_wanted()
@@ -283,11 +234,6 @@ class Server:
         if _whole(channel) not in self._file.channels:
             raise Malformed(f"there is no channel {channel!r}"[:200])
         client.subscriptions[_whole(channel)] = _whole(number)
-
-    def _operated(self) -> Operator:
-        if self.operator is None:
-            raise Malformed("this server is read-only: start it with --operate to drive")
-        return self.operator
 
     def _count_wanted(self) -> None:
         self._wanted = frozenset(c for client in self._clients for c in client.subscriptions)

@@ -163,7 +163,8 @@ class Desk:
             elif isinstance(message, m.Release):
                 self.operator.release(page)
             elif isinstance(message, m.Drive):
-                self.operator.drive(page, message.steering, message.throttle, message.heard, now)
+                self.operator.drive(page, message.steering, message.throttle, message.heard,
+                                    now, message.unchanged)
             else:
                 self.operator.check(page)
                 self._wishes.append(message)
@@ -234,7 +235,9 @@ class Desk:
     def _end_drive(self) -> None:
         """A drive by the page that is over leaves the car disarmed."""
         with self._lock:
-            why = self.operator.ended()
+            why, refusal = self.operator.ended(), self.operator.refusal()
+        if refusal:
+            self._say(refusal)
         if why:
             self.car.stop()
             self._say({"released": "the stick was let go", "gone": "the page that drove is gone",

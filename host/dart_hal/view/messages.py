@@ -34,11 +34,13 @@ class Unlock(msgspec.Struct, tag="unlock", forbid_unknown_fields=True):
 
 class Drive(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
     """steering (+1: full lock to the left), throttle, both -1..1 and cut there; heard: the newest
-    time of the server that the page knows, so that the age of the command shows."""
+    time of the server that the page knows, so that the age of the command shows; unchanged [s]:
+    since the page's stick, keys or gamepad last reported anything."""
 
     steering: float
     throttle: float
     heard: float
+    unchanged: float = 0.0
 
 
 class Release(msgspec.Struct, tag="release", forbid_unknown_fields=True):
@@ -67,7 +69,6 @@ def read(data: str | bytes) -> Message:
         message: Message = _decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
         raise Malformed(str(why)) from why
-    if isinstance(message, Drive) and not all(map(isfinite, (message.steering, message.throttle,
-                                                             message.heard))):
+    if isinstance(message, Drive) and not all(map(isfinite, msgspec.structs.astuple(message))):
         raise Malformed("a command that is no finite number")
     return message

@@ -4,6 +4,10 @@ A page tells with each command the newest time of this computer that it has hear
 since is at least the age of the command, whatever the two clocks say: it is taken off how long the
 command holds. When that is over without the next one, driving has ended, and the car is armed
 again by hand alone.
+
+A page sends commands in a loop, also while its hand reports nothing: a gamepad out of range, a
+mouse or a keyboard that hangs. So it also sends the time since the last report of the hand. Beyond
+``MAX_UNCHANGED_S`` the throttle is neutral until the hand has let go.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 
+from dart_hal.control.input_age import MAX_UNCHANGED_S, InputAge
 from dart_hal.view.access import Access
 
 HOLD = 0.2
@@ -49,6 +54,9 @@ class Operator:
         self._until = 0.0
         self._over = ""
         self._let_go = True
+        self._hand = InputAge(MAX_UNCHANGED_S)
+        self._hand_is_still = False
+        self._reason = ""
 
     def take(self, page: Hashable, token: str) -> None:
         """Raises Refused: another drives, or the token is wrong."""
@@ -59,6 +67,7 @@ class Operator:
         if self.page not in (None, page):
             raise Refused("another page has the wheel: it has to let go of it first")
         self.page, self._let_go = page, True
+        self._hand_is_still = False
 
     def check(self, page: Hashable) -> None:
         """Raises Refused for all but the page that drives."""
@@ -66,14 +75,24 @@ class Operator:
             raise Refused("this page does not drive: take the wheel first")
 
     def drive(self, page: Hashable, steering: float, throttle: float, heard: float,
-              now: float) -> None:
-        """Raises Refused: not the driver, or the command is too old, or of the future."""
+              now: float, unchanged: float = 0.0) -> None:
+        """Hold this command; unchanged [s]: since the hand last reported.
+
+        Raises Refused: not the driver, or the command is too old, or of the future.
+        """
         self.check(page)
         if not self._let_go:
             return
         if not 0.0 <= now - heard < HOLD:
             raise Refused(f"a command {1e3 * (now - heard):.0f} ms old, at most "
                           f"{1e3 * HOLD:.0f} are obeyed")
+        self._hand.report(heard - max(unchanged, 0.0))
+        if throttle != 0.0 and self._hand.is_over(now) and not self._hand_is_still:
+            self._hand_is_still = True
+            self._reason = (f"the stick, keys or gamepad did not change for {MAX_UNCHANGED_S} s: "
+                            "the throttle is neutral; let go and hold again")
+        if self._hand_is_still:
+            throttle = 0.0
         self._command = (min(1.0, max(-1.0, steering)), min(1.0, max(-1.0, throttle)))
         self._until = heard + HOLD
 
@@ -81,6 +100,7 @@ class Operator:
         """The stick was let go: the drive is over, the page stays the one that drives."""
         if page == self.page:
             self._let_go = True
+            self._hand_is_still = False
             self._end("released")
 
     def gone(self, page: Hashable) -> None:
@@ -112,6 +132,11 @@ class Operator:
         """Why a drive ended since the last call: released, gone, silent; "": none did."""
         over, self._over = self._over, ""
         return over
+
+    def refusal(self) -> str:
+        """Why the throttle became neutral since the last call although a hand holds it; or ""."""
+        reason, self._reason = self._reason, ""
+        return reason
 
     def _end(self, why: str) -> None:
         if self._command is not None:

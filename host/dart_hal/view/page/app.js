@@ -118,7 +118,7 @@
     if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT) badge("no news");
     const at = Stick.read();
     if (!mine || heard === null) { holding = false; return; }
-    if (at) { holding = true; send({ type: "drive", steering: at[0], throttle: at[1], heard }); }
+    if (at) { holding = true; send({ type: "drive", steering: at[0], throttle: at[1], heard, unchanged: Stick.unchanged() / 1000 }); }
     else if (holding) { holding = false; send({ type: "release" }); }
   }, SEND_EVERY);
   const letGo = () => { if (holding && mine) { holding = false; send({ type: "release" }); } };

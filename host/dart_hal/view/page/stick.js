@@ -6,20 +6,25 @@ const Stick = (() => {
   const BUMPER = 5, STEER = 0, THROTTLE = 3, DEAD_ZONE = 0.05;  // of the standard gamepad
   const down = new Set();
   let held = null, pointer = null;
+  // Times of the last report of each source [ms]. A value that is merely read again is no report: its device may be out of range.
+  const reported = { pointer: 0, keys: 0, pad: 0 };
+  let source = "pointer", padState = "";
+  const report = (name) => { reported[name] = performance.now(); };
 
   const show = (at) => { knob.style.transform = at ? `translate(${-at[0] * 62}px, ${-at[1] * 62}px)` : ""; };
   function put(event) {
     const box = face.getBoundingClientRect(), r = box.width / 2;
     const cut = (v) => Math.max(-1, Math.min(1, v));
     held = [cut(-(event.clientX - box.left - r) / r), cut(-(event.clientY - box.top - r) / r)];
+    report("pointer");
   }
   function drop() { held = null; pointer = null; }
   face.addEventListener("pointerdown", (event) => { if (pointer === null) { pointer = event.pointerId; face.setPointerCapture(pointer); put(event); event.preventDefault(); } });
   face.addEventListener("pointermove", (event) => { if (event.pointerId === pointer) put(event); });
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) face.addEventListener(name, (event) => { if (event.pointerId === pointer) drop(); });
   const typing = (event) => ["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName);
-  addEventListener("keydown", (event) => { if (event.code in KEYS && !typing(event)) { down.add(event.code); event.preventDefault(); } });
-  addEventListener("keyup", (event) => down.delete(event.code));
+  addEventListener("keydown", (event) => { if (event.code in KEYS && !typing(event)) { down.add(event.code); report("keys"); event.preventDefault(); } });
+  addEventListener("keyup", (event) => { if (down.delete(event.code)) report("keys"); });
   // A page that is not looked at holds nothing.
   const blind = () => { drop(); down.clear(); };
   addEventListener("blur", blind);
@@ -28,8 +33,13 @@ const Stick = (() => {
 
   const worn = (v) => Math.abs(v) > DEAD_ZONE ? v : 0;
   function pad() {
-    for (const one of navigator.getGamepads ? navigator.getGamepads() : [])
-      if (one && one.buttons[BUMPER] && one.buttons[BUMPER].pressed) return [-worn(one.axes[STEER]), -worn(one.axes[THROTTLE])];
+    for (const one of navigator.getGamepads ? navigator.getGamepads() : []) {
+      if (!one || one.connected === false || !one.buttons[BUMPER] || !one.buttons[BUMPER].pressed) continue;
+      const state = JSON.stringify([one.axes, one.buttons.map((button) => [button.pressed, button.value])]);
+      if (state !== padState) { padState = state; report("pad"); }
+      return [-worn(one.axes[STEER]), -worn(one.axes[THROTTLE])];
+    }
+    padState = "";
     return null;
   }
   function keys() {
@@ -39,7 +49,15 @@ const Stick = (() => {
     return sum.map((v) => Math.max(-1, Math.min(1, v)));
   }
   return {
-    read() { const at = document.hidden ? null : held || keys() || pad(); show(at); return at; },
+    read() {
+      const hands = { pointer: () => held, keys, pad };
+      let at = null;
+      for (source of document.hidden ? [] : Object.keys(hands)) if ((at = hands[source]())) break;
+      show(at);
+      return at;
+    },
+    // ms since the source of the last read() reported anything
+    unchanged() { return performance.now() - reported[source]; },
     enable(on) { face.classList.toggle("off", !on); },
     drop: blind,
   };
