@@ -121,10 +121,15 @@ def test_keys_that_a_frozen_connection_delivers_late_do_not_drive(keys, clock, f
 
 def test_keys_that_were_typed_while_the_program_did_not_read_do_not_drive(keys, clock):
     clock.now += 0.8
-    assert keys.press(UP)[1] == 0.0
-    assert set(hold(keys, clock, 1.0)) == {0.0}
+    assert keys.press(3 * UP)[1] == 0.0
+    assert hold(keys, clock, 0.5)[-1] > 0.0, "the key is still held, and its reports are new"
+    clock.now += 0.8
+    assert keys.press(20 * UP)[1] == 0.0
+    assert set(hold(keys, clock, 1.0)) == {0.0}, "old keys in a burst: the connection hangs"
     wait(keys, clock, 0.2)
     assert hold(keys, clock, 0.5)[-1] > 0.0
+    clock.now += 0.3
+    assert keys.press(b"q")[2], "the end of a drive is never old"
 
 
 def test_keys_without_a_meaning_are_no_report(keys, clock):

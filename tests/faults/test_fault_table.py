@@ -26,8 +26,10 @@ def parameters(fast: bool):
 
 
 QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*",
-         "18-mock-dead, throttle*", "29-mock-wild speeds")
-"""One each of line, board, bus, cut-off and power; the others are for ``make test-more``."""
+         "18-mock-dead, throttle*", "29-mock-wild speeds",
+         "51-mock*", "52-mock*", "53-mock*", "54-mock*")
+"""One each of line, board, bus, cut-off, power and human input; the others are for
+``make test-more``."""
 
 
 def check(case: Case, full: bool) -> None:

@@ -18,13 +18,9 @@ import time
 import tty
 from collections.abc import Callable
 
-<<<<<<< HEAD
-from dart_hal.errors import UsageError
-from dart_hal.process.waiting import wait_readable
-=======
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_REPORT_AGE_S, InputAge
 from dart_hal.errors import PortMissing, UsageError
->>>>>>> 41a860db (wip)
+from dart_hal.process.waiting import wait_readable
 
 KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
         b"w": "up", b"s": "down", b"d": "right", b"a": "left", b" ": "stop", b"q": "quit",
@@ -58,13 +54,8 @@ class Terminal:
         tty.setcbreak(self._fd)
 
     def keys(self) -> bytes:
-<<<<<<< HEAD
-        """What was typed since the last call."""
-        return os.read(self._fd, 64) if wait_readable(self._fd, 0.0) else b""
-=======
         """Bytes typed since the last call. Raises PortMissing when the terminal is gone."""
-        ready, _, _ = select.select([self._fd], [], [], 0)
-        if not ready:
+        if not wait_readable(self._fd, 0.0):
             return b""
         try:
             data = os.read(self._fd, 4096)
@@ -73,7 +64,6 @@ class Terminal:
         if not data:
             raise _gone("end of input")
         return data
->>>>>>> 41a860db (wip)
 
     def close(self) -> None:
         termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
@@ -118,9 +108,12 @@ class Keyboard(Terminal):
         if names and now - self._age.reported_at >= RELEASE_S:
             self._ignores_keys = False
             self._backlog = len(names)
-        if names and (pause > MAX_READ_GAP_S or self._backlog > MAX_BURST_KEYS):
+        if self._backlog > MAX_BURST_KEYS:
             self._ignores_keys = True
             self._refuse("keys came that were typed earlier")
+        elif pause > MAX_READ_GAP_S:
+            names = [name for name in names if name in ("stop", "quit")]
+            self._refuse(f"the keyboard was not read for {pause:.1f} s")
         for name in names:
             self._age.report(now)
             if name == "quit":

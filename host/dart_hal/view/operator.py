@@ -90,7 +90,7 @@ class Operator:
         if throttle != 0.0 and self._hand.is_over(now) and not self._hand_is_still:
             self._hand_is_still = True
             self._reason = (f"the stick, keys or gamepad did not change for {MAX_UNCHANGED_S} s: "
-                            "the throttle is neutral; let go and hold again")
+                            "the throttle is neutral; let go, arm and hold again")
         if self._hand_is_still:
             throttle = 0.0
         self._command = (min(1.0, max(-1.0, steering)), min(1.0, max(-1.0, throttle)))

@@ -223,3 +223,11 @@ host("room_key", "a message must be signed with the key of the room",
      "dart_hal.fleet.key.RoomKey.verify", always(True))
 host("stop_answers", "each session of a name has to answer a stop",
      "dart_hal.fleet.stopping.StopCall.silent", property(by_name))
+host("input_age", "a human input whose source is silent is neutral",
+     "dart_hal.control.input_age.InputAge.is_over", always(False))
+host("key_backlog", "keys that were typed earlier do not drive",
+     "dart_hal.control.keyboard.MAX_BURST_KEYS", FOREVER)
+host("page_hold", "a command of a live page holds 0.2 s, its age taken off",
+     "dart_hal.view.operator.HOLD", FOREVER)
+host("topic_release", "ROS drives again after a silence only when safety_value was 0",
+     "dart_hal.bridges.commands.Commands._refuse", nothing)

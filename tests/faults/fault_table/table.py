@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from fault_table import (
     rows_fleet,
+    rows_inputs,
     rows_nano,
     rows_owner,
     rows_pins,
@@ -22,7 +23,7 @@ from fault_table.row import Row
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
 ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_processes,
-         rows_soak, rows_fleet)
+         rows_soak, rows_fleet, rows_inputs)
 
 
 def joined() -> tuple[Row, ...]:
