@@ -86,6 +86,17 @@ def recordings() -> Path:
     pytest.skip(f"full recordings absent: $DART_DATA is {places[0]!r} and {places[1]} is no folder")
 
 
+@pytest.fixture(scope="session")
+def other_cars() -> Path:
+    """Recordings of other cars than DART's; a test that needs them is skipped where absent."""
+    places = [os.environ.get("OTHER_CARS_DATA"), HOME.parent / "shared" / "data" / "other"]
+    for place in places:
+        if place and Path(place).is_dir():
+            return Path(place)
+    pytest.skip(f"recordings of other cars absent: $OTHER_CARS_DATA is {places[0]!r} and "
+                f"{places[1]} is no folder")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
@@ -101,4 +112,5 @@ def no_car_of_the_user(monkeypatch, tmp_path_factory):
     """Neither the environment nor the home folder of the developer decides a test."""
     monkeypatch.delenv("DART_HAL_URL", raising=False)
     monkeypatch.delenv("DART_CARS", raising=False)
+    monkeypatch.delenv("DART_HAL_CAR", raising=False)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path_factory.getbasetemp() / "share"))

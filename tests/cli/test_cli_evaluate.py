@@ -127,14 +127,13 @@ def test_bad_arguments_are_refused(verb, arguments):
 
 
 @pytest.mark.more
-def test_a_day_of_no_table_gets_a_fitted_mounting_and_says_so(verb, moved_to):
+def test_a_file_that_is_not_published_gets_a_fitted_mounting_and_says_so(verb, moved_to):
     path = moved_to(2.0 * 365.25 * 86400.0)
     got = verb("evaluate", "--json", path).json
     (use,) = got["files"].values()
-    assert "fitted L_x" in use["why"][0]
-    assert "2026-09" in use["why"][0]
+    assert "marker frame fitted" in use["why"][0]
     (reference,) = got["references"].values()
-    assert reference["lx"] == pytest.approx(0.115, abs=0.02), "where September's markers sat"
+    assert reference["lx"] == pytest.approx(0.115, abs=3.0 * reference["std"]["lx"]), "September's"
     given = verb("evaluate", "--json", "--reference", "0.115,0.01,-0.01", path).json
     known = verb("evaluate", "--json", one(FREE)).json
     for channel in CHANNELS:
@@ -145,12 +144,13 @@ def test_a_day_of_no_table_gets_a_fitted_mounting_and_says_so(verb, moved_to):
 def test_a_day_of_no_table_without_turns_asks_for_the_mounting(verb, moved_to):
     path = moved_to(2.0 * 365.25 * 86400.0, rows=900)
     error = verb("evaluate", "--json", path).error
-    assert "where the markers sat" in error["what"]
+    assert "the marker frame on this car is not known" in error["what"]
     assert "--reference" in error["try"]
 
 
 def test_a_recording_without_a_window_is_refused_by_name(verb, moved_to):
-    error = verb("evaluate", "--json", moved_to(0.0, rows=160)).error
+    error = verb("evaluate", "--json", "--reference", "0.115,0.01,-0.01",
+                 moved_to(0.0, rows=160)).error
     assert "no window" in error["what"]
 
 
@@ -251,6 +251,9 @@ def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
     """It has vicon columns: asking for schema B or C would send the user in a circle."""
     folder = moved_to(0.0, rows=160).parent
     error = verb("evaluate", "--json", folder).error
+    assert "marker frame" in error["what"]
+    assert "--reference" in error["try"]
+    error = verb("evaluate", "--json", "--reference", "0.115,0.01,-0.01", folder).error
     assert "no recording can be used" in error["what"]
     assert "schema B or C" not in error["try"]
     assert "2 s" in error["try"]

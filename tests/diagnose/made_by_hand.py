@@ -9,6 +9,7 @@ from tempfile import mkdtemp
 
 import hidden_drive
 import numpy as np
+from known_frame import read
 
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.residuals import Evidence
@@ -24,7 +25,6 @@ from dart_hal.diagnose.result import (
     Unexplained,
 )
 from dart_hal.evaluate import evaluate
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 

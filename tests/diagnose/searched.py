@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
+from known_frame import read
 from stranger import Car
 from stranger_causes import hide
 from stranger_files import Habits, record
@@ -18,7 +19,6 @@ from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.identify.shooting.fit import FREE, free_names
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
 USUAL = Habits()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hidden_drive
 import numpy as np
+from known_frame import read
 
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
 STEP = 0.002  # s

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hidden_drive import Plan, write
+from known_frame import read
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.conclude import _verdict
@@ -27,7 +28,6 @@ from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
 from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.words import claim
 from dart_hal.diagnose.result import Change, Claim, Constancy
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
 from dart_hal.vehicle.load import find_model

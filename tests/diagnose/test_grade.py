@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hidden_drive import Plan, write
+from known_frame import read
 from searched import drive
 
 from dart_hal.diagnose import diagnose, judge
@@ -22,7 +23,6 @@ from dart_hal.diagnose.grade.names import Judged, _least, shown
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.fit import refit
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model

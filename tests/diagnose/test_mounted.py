@@ -9,6 +9,7 @@ import made_by_hand as made
 import onboard_files
 import pytest
 import searched
+from known_frame import read
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.evidence.noise import measure
@@ -21,7 +22,7 @@ from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.diagnose.write import extended_model
-from dart_hal.recording.dart import RUN, read
+from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import vehicle_from

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import hidden_drive
 import pytest
+from known_frame import read
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of

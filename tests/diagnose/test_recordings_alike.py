@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_frame import read
 from onboard_files import recorded
 
 from dart_hal.diagnose import diagnose
@@ -21,7 +22,6 @@ from dart_hal.diagnose.policy import USUAL, AlikePolicy
 from dart_hal.diagnose.result import Moved
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import at
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model

@@ -46,8 +46,9 @@ Answer = dict[str, Any]
 
 def ask(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
     """What the diagnosis says about files, as its JSON document; how: as for ``diagnose``."""
+    from known_frame import read
+
     from dart_hal.diagnose import diagnose
-    from dart_hal.recording.dart import read
     from dart_hal.vehicle.load import find_model
 
     file, vehicle = find_model(model)

@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import numpy as np
 from campaign import done
 from campaign_cases import Case, car, cases, habits
+from known_frame import read
 from rich.progress import track
 from scipy.stats import binomtest
 from stranger_files import pair
@@ -36,7 +37,6 @@ from dart_hal.diagnose.parameters.sets import all_sets, posterior
 from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.process.jobs import each
-from dart_hal.recording.dart import read
 from dart_hal.vehicle.load import find_model
 
 SECONDS = (60.0, 60.0)

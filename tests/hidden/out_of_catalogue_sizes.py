@@ -19,6 +19,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
+from known_frame import read
 from out_of_catalogue import FAR
 from stranger import Car
 from stranger_causes import SIZES, hide
@@ -30,7 +31,6 @@ from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.policy import BlockPolicy
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import Point, refit
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 
 MEASURE, MEDIUM = "steering_lag", 1

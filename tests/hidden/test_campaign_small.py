@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
 from campaign_score import confusion, grades, rows, score
+from known_frame import read
 from out_of_catalogue import FAMILY, FAR, NEAR
 from stranger import Car
 from stranger_causes import CAUSES, EITHER_SIGN, SIZES
 from stranger_files import Habits, record
 
-from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 

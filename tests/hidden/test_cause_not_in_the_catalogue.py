@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from known_frame import read
 from stranger import Car
 from stranger_causes import SIZES, hide
 from stranger_files import Habits, pair
@@ -14,7 +15,6 @@ from dart_hal.diagnose.inputs import effects_named
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import scan
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hidden_drive import Plan, write
+from known_frame import read
 
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
@@ -11,7 +12,6 @@ from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import scan
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 

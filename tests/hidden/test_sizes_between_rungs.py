@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hidden_drive import Plan, write
+from known_frame import read
 
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.noise import measure
@@ -13,7 +14,6 @@ from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.policy import USUAL, ScanPolicy
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import Scan, scanned
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from known_frame import read
 from stranger import Car
 from stranger_causes import SIZES, hide
 from stranger_files import Habits, record
-
-from dart_hal.recording.dart import read
 
 HOW = Habits(style="steps")
 APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them

@@ -72,7 +72,7 @@ def test_yaw_rate_in_degrees_below_the_limit_is_found_against_the_wheels(write, 
     table = table_a()
     table["W (IMU)"] *= DEGREES
     assert table["W (IMU)"].max() < 35.0
-    refused(write(table), "'W (IMU)'", "deg/s?", "28.6479", "0.175 m")
+    refused(write(table), "'W (IMU)'", "deg/s?", "28.6479", "0.06 m")
 
 
 def test_spinning_on_the_spot_for_a_while_is_no_unit(write, table_a):

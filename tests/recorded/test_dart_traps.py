@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.recording.dart import encoder_quantum, grid, read, read_all
+from dart_hal.recording.dart import Reference, encoder_quantum, grid, read, read_all
 from dart_hal.recording.dart.mocap import outliers, unwrap
 from dart_hal.recording.dart.reference import SEP_24, fit_reference
 
@@ -242,7 +242,8 @@ def test_derived_columns_of_schema_c_are_not_believed(write, table_b):
     assert said(with_them, "derived columns")
     without = read(write(plain, "plain.csv"))
     assert not said(without, "derived columns")
-    a, b = grid(with_them), grid(without)
+    frame = Reference(0.1, 0.0, 0.0, "of this test")
+    a, b = grid(with_them, frame), grid(without, frame)
     assert np.array_equal(a.v_x, b.v_x)
     assert np.array_equal(a.omega, b.omega)
 

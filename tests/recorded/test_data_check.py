@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from dart_hal.recording.check import DONE, check, summary
 from dart_hal.recording.check.facts import marks, named_time
 from dart_hal.recording.check.findings import DROPPED
 from dart_hal.recording.dart import read, read_all
+from dart_hal.recording.dart.reference import SEP_24
 
 
 @pytest.fixture
@@ -128,18 +130,18 @@ def test_slip_is_told_from_grip(write, table_b):
     assert not {"friction", "motor", "steering"} & set(spun.good_for)
 
 
-def test_unknown_date_has_no_reference_point(write, table_b):
+def test_one_circle_has_no_reference_point(write, table_b):
     c = check(read(write(table_b(epoch=1.9e9, speed=0.6))))
     assert c.motion.reference is None
     assert "reference_unknown" in kinds(c)
     assert c.to_json()["reference"] is None
-    known = check(read(write(table_b(speed=0.6), "known.csv")))
-    assert known.motion.reference.lx == 0.115
-    assert known.motion.fitted is None, "one circle fixes no reference point"
+    assert c.motion.fitted is None, "one circle fixes no reference point"
 
 
 def test_one_turning_direction_is_said_of_the_tyres(write, table_b):
-    use = check(read(write(table_b(n=900, speed=1.2)))).uses["tyres"]
+    circle = read(write(table_b(n=900, speed=1.2)))
+    assert not check(circle).uses["tyres"].good, "side slip hangs on a frame that is not known"
+    use = check(replace(circle, marker=SEP_24)).uses["tyres"]
     assert use.good
     assert "left only" in use.why
 
@@ -147,7 +149,9 @@ def test_one_turning_direction_is_said_of_the_tyres(write, table_b):
 # ---- the verb: bad input
 
 def test_mixed_schemas_and_what_was_skipped(cli, write, table_a, table_b, tmp_path):
-    write(table_a(), "a.csv")
+    straight = table_a()
+    straight["steering"][:] = 0.0
+    write(straight, "a.csv")
     write(table_b(), "b.csv")
     (tmp_path / "odd.csv").write_text("hello\n1\n")
     code, out, said = cli(tmp_path)

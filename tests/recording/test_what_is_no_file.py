@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from dart_hal.errors import RecordingError
-from dart_hal.recording.dart.table import read_text
+from dart_hal.recording.dart.table import read_content
 from dart_hal.recording.mcap_records import read_mcap
 
 
-@pytest.mark.parametrize("read", [read_text, read_mcap],
+@pytest.mark.parametrize("read", [read_content, read_mcap],
                          ids=["csv", "mcap"])
 @pytest.mark.parametrize("kind", ["pipe", "device"])
 def test_what_has_no_end_is_refused(read, kind, tmp_path):

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.identify.submodels.samples import Samples, answered, samples_of_turn
-from dart_hal.recording.dart import RUN, Recording, grid, reference_for
-from dart_hal.recording.dart.reference import SEP_24
+from dart_hal.recording.dart import RUN, Recording, grid, rolling_reference
 from dart_hal.types import FloatArray, IntArray
 
 from .notes import FileNote
@@ -69,8 +68,7 @@ def _motion(recording: Recording
     m = recording.messages
     if recording.encoder not in ("dead", "none"):
         return m.t, m.speed, m.yaw_rate, m.steering, m.segment, []
-    reference = reference_for(recording)
-    motion = grid(recording, reference or SEP_24)
+    motion = grid(recording, rolling_reference(recording))
     good = ~motion.bad
     rows = np.flatnonzero(good)[::THIN]
     gap = np.concatenate([[0], np.cumsum(np.diff(rows) > 3 * THIN)]) if len(rows) else rows

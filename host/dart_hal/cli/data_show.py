@@ -70,10 +70,9 @@ def _block(c: Check) -> None:
 
 def _reference(c: Check) -> str:
     known, fitted = c.motion.reference, c.motion.fitted
-    text = (f"L_x {known.lx:.4f} m, theta {known.theta:+.4f} rad, L_y {known.ly:+.3f} m "
-            f"({known.source})" if known else "not known: fit it")
-    if fitted:
-        text += f"; this recording alone: L_x {fitted.lx:.3f} m, theta {fitted.theta:+.4f} rad"
+    text = f"{known} ({known.source})" if known else "not known, and not identified by this driving"
+    if fitted and fitted != known:
+        text += f"; fitted to this recording alone: {fitted}"
     return text
 
 

@@ -28,8 +28,8 @@ from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
 from dart_hal.identify.measured import named_model
-from dart_hal.identify.runs import read_any
-from dart_hal.recording.dart import Recording, Reference
+from dart_hal.identify.runs import read_all_unframed
+from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 
 READ = 0.05
@@ -66,7 +66,8 @@ Skipped = list[tuple[str, str]]
               help="processes (default: every core from five minutes of driving on); the result "
                    "does not depend on it")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
-              help="position and yaw of the mocap marker frame: m, rad, m (default: known by date)")
+              help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
+                   "but known for the published recordings)")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="seed of the random draws for intervals and significance")
 @click.option("--suggest", is_flag=True,
@@ -91,7 +92,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
         number = count(1)
-        recordings, skipped = _read(train, test, lambda file: bar.update(
+        recordings, skipped = _read(train, test, reference, lambda file: bar.update(
             task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.diagnose import diagnose
@@ -148,11 +149,14 @@ def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) ->
                          remedy=f"dart-hal diagnose --model {models[0]} --train FILES")
 
 
-def _read(train: tuple[Path, ...], test: tuple[Path, ...], told: Callable[[Path], None]
+def _read(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference | None,
+          on_file: Callable[[Path], None]
           ) -> tuple[tuple[list[Recording], list[Recording]], Skipped]:
-    first, skipped = read_any(find(train), told)
-    second, more = read_any(find(test), told) if test else ([], [])
-    return (first, second), [*skipped, *more]
+    """(training recordings, test recordings), skipped files. Both share the marker frames."""
+    first, skipped = read_all_unframed(find(train), on_file)
+    second, more = read_all_unframed(find(test), on_file) if test else ([], [])
+    both = with_marker_frames([*first, *second], reference)
+    return (both[:len(first)], both[len(first):]), [*skipped, *more]
 
 
 def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str]) -> Diagnosis:

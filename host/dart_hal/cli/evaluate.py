@@ -29,7 +29,7 @@ from dart_hal.vehicle.parameters import Vehicle
               help="the kinematic model with the same parameters: no tyre slip")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m "
-                   "(default: known by date, else fitted)")
+                   "(default: fitted, but known for the published recordings)")
 @click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="FILE|DIR",
               help="picture of the errors, or all pictures into a folder")
 @html_option
@@ -91,7 +91,7 @@ def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None,
          fitted_to: frozenset[str]) -> Evaluation:
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
-        recordings, skipped = read_any(files)
+        recordings, skipped = read_any(files, reference=reference)
         bar.update(task, completed=0.2, description="predicting")
         return evaluate(vehicle, recordings, reference=reference, skipped=skipped,
                         fitted_to=fitted_to,

@@ -64,7 +64,8 @@ def _files(e: Evaluation) -> None:
     for case in e.prepared.cases:
         for why in files[case.file].why:
             if LEFT_OUT not in why:  # these are in the sum
-                results.print(f"  {short(case.file)}: {why}", style="dim", markup=False,
+                style = "yellow" if why.startswith("caution:") else "dim"
+                results.print(f"  {short(case.file)}: {why}", style=style, markup=False,
                               highlight=False)
 
 

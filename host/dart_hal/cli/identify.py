@@ -55,7 +55,8 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               metavar="DIR", help="pictures of data, fit and the paper's curve")
 @html_option
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
-              help="position and yaw of the mocap marker frame: m, rad, m (default: known by date)")
+              help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
+                   "but known for the published recordings)")
 @click.option("--joint", is_flag=True,
               help="fit all sub-models together on their prediction errors, from recordings with "
                    "motion capture; starts at the base")

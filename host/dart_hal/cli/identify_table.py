@@ -75,7 +75,7 @@ def _files(outcome: Identification) -> None:
         counts: dict[str, int] = {}
         for report in reports.values():
             for why in report.why:
-                head, _, rest = why.partition(":")
+                head, _, rest = why.removeprefix("caution: ").partition(":")
                 kind = NUMBER.sub("N", head if head not in SECTIONS
                                   else f"{head}:{rest.partition(':')[0]}")
                 counts[kind] = counts.get(kind, 0) + 1
@@ -84,7 +84,8 @@ def _files(outcome: Identification) -> None:
         lines += [f"  every row used: {whole} file(s)"] if whole else []
         lines.append("  (--json tells it file by file)")
     for line in lines:
-        results.print(line, style="dim", markup=False, highlight=False)
+        style = "yellow" if "caution:" in line else "dim"
+        results.print(line, style=style, markup=False, highlight=False)
 
 
 def parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:

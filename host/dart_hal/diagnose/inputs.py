@@ -73,12 +73,24 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
         notes.append(f"no test recordings: the last {100 * policy.test_share:.0f} % of each "
                      "training recording is held out and only used to measure the gain; other "
                      "days would tell more")
+    notes += about_frames([*sides[0], *sides[1]])
     notes += check_model(sides[0], p, policy)
     seconds = sum(map(driving_seconds, sides[0]))
     if seconds < policy.small_train_s:
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen")
     notes += fitted_before(sides[1], fitted_to)
     return Inputs(tuple(sides[0]), tuple(sides[1]), tuple(notes))
+
+
+def about_frames(recordings: Sequence[Recording]) -> list[str]:
+    """What is to be known of the marker frames that the recordings were given."""
+    kinds = ("marker", "marker_differs", "reference_unknown")
+    found: dict[str, list[str]] = {}
+    for r in recordings:
+        for note in r.notes:
+            if note.kind in kinds:
+                found.setdefault(str(note), []).append(r.name)
+    return [f"{some(list(dict.fromkeys(names)))}: {note}" for note, names in found.items()]
 
 
 def fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:

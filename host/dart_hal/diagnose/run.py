@@ -45,7 +45,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     false_alarm: probability that anything is named where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
-    of the mocap; None = by date, else fitted. policy: its thresholds. progress(share, what).
+    of the mocap; None: known or fitted, see ``with_marker_frames``. policy: its thresholds.
+    progress(share, what).
     Errors: RecordingError for recordings that hold nothing to predict.
     """
     began = time.monotonic()
@@ -103,6 +104,7 @@ def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Ref
     count = {r.sha256: n for r, n in zip(ordered, windows, strict=True)}
     for r in recordings:
         entry: Mapping[str, Any] = {"role": role, "windows": count[r.sha256], "sha256": r.sha256,
+                                    "reference": r.marker and r.marker.to_json(),
                                     "why": [str(note) for note in r.notes]}
         name = r.name if r.name not in files else f"{r.name} ({role})"
         files[name] = dict(entry)

@@ -15,15 +15,16 @@ from dart_hal.recording.dart import (
     Grid,
     Recording,
     Reference,
-    fit_reference,
     grid,
-    reference_for,
+    with_marker_frames,
 )
-from dart_hal.recording.dart.grid import L_R
+from dart_hal.recording.dart.grid import L_R, UNKNOWN_FRAME
+from dart_hal.recording.dart.reference import NEEDED, OPTION
 
 LEFT_OUT = "window(s) left out"
 NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"
-SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead", "marker")
+FRAME = ("marker", "marker_differs")
+SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead")
 OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
               "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")
 
@@ -78,21 +79,19 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
     """Grid and windows of every recording that motion capture saw.
 
     l_r [m]: rear axle to centre of mass of the model under test. reference:
-    marker frame of all recordings; None = by date, for other dates fitted to
-    the recordings of that day. named: files that were asked for by themselves,
-    which are refused when they cannot be used; the others are listed. skipped:
-    (file, reason) of files that could not be read. Errors: RecordingError for
-    a file of ``named``, and when no window is left.
+    marker frame of all recordings; None: known or fitted, see ``with_marker_frames``.
+    named: files that were asked for by themselves, which are refused when they cannot
+    be used; the others are listed. skipped: (file, reason) of files that could not be
+    read. Errors: RecordingError for a file of ``named``, and when no window is left.
     """
     asked = {path.resolve() for path in named}
     files = {_key(Path(file)): FileUse(why=(reason,)) for file, reason in skipped}
-    references = _References(recordings, reference)
     cases = []
-    for recording in recordings:
+    for recording in with_marker_frames(recordings, reference):
         key = _key(recording.path)
         key = key if key not in files else str(recording.path)
         try:
-            case, use = _case(key, recording, references, l_r)
+            case, use = _case(key, recording, reference, l_r)
         except RecordingError as err:
             if recording.path.resolve() in asked:
                 raise
@@ -123,36 +122,7 @@ def short(file: str, folder: int = 26) -> str:
     return f"{above[:folder]}/{name[:28]}" if above else name[:40]
 
 
-class _References:
-    """Marker frames: given, by date, or fitted once per day."""
-
-    def __init__(self, recordings: Sequence[Recording], given: Reference | None) -> None:
-        self._recordings, self._given = recordings, given
-        self._fitted: dict[str, Reference | None] = {}
-
-    def of(self, recording: Recording) -> tuple[Reference, tuple[str, ...]]:
-        """(marker frame, what must be said about it). Raises RecordingError."""
-        known = self._given or reference_for(recording)
-        if known is not None:
-            return known, ()
-        day = _day(recording)
-        if day not in self._fitted:
-            same = [r for r in self._recordings if r.mocap is not None and _day(r) == day]
-            self._fitted[day] = fit_reference(same)
-        fitted = self._fitted[day]
-        when = recording.when
-        date = f"{when:%Y-%m-%d}" if when else "no date in the mocap clock"
-        if fitted is None:
-            raise RecordingError(
-                f"{recording.name}: where the markers sat on the car is not known",
-                found=f"{date}; not enough turns to both sides to find it",
-                expected="a date of the table, or 2 s of turning to each side below 2 m/s2",
-                read=str(recording.path), remedy="--reference LX,THETA,LY (m, rad, m)")
-        return fitted, (f"{date} is in no table of marker mountings: fitted L_x {fitted.lx:.4f} m, "
-                        f"theta {fitted.theta:+.4f} rad (--reference gives it)",)
-
-
-def _case(key: str, recording: Recording, references: _References,
+def _case(key: str, recording: Recording, reference: Reference | None,
           l_r: float) -> tuple[Case, FileUse]:
     if recording.mocap is None:
         own = recording.schema == RUN
@@ -162,11 +132,11 @@ def _case(key: str, recording: Recording, references: _References,
             expected="30 poses or more on /external_pose" if own
             else "vicon columns (schema B or C)", read=str(recording.path),
             remedy=OWN_REMEDY if own else "give a recording with vicon columns")
-    reference, said = references.of(recording)
     g = grid(recording, reference, l_r)
     windows = find_windows(g)
     used = int(covered(windows, len(g)).sum())
-    why = [*said, *(f"{count} {LEFT_OUT}: {reason}" for count, reason in (
+    why = [*(str(note) for note in recording.notes if note.kind in FRAME),
+           *(f"{count} {LEFT_OUT}: {reason}" for count, reason in (
         (windows.slow, "start at 0.3 m/s or slower"),
         (windows.bad, "hold samples that the mocap or the messages got wrong")) if count)]
     if not len(windows) and not why:
@@ -174,11 +144,6 @@ def _case(key: str, recording: Recording, references: _References,
     why += [str(note) for note in recording.notes if note.kind in SAID]
     return (Case(key, g, windows, recording.sha256),
             FileUse(used, len(windows), len(g) - used, tuple(why)))
-
-
-def _day(recording: Recording) -> str:
-    when = recording.when
-    return f"{when:%Y-%m-%d}" if when else str(recording.path.parent)
 
 
 def _key(path: Path) -> str:
@@ -193,6 +158,11 @@ def _nothing(files: Mapping[str, FileUse]) -> RecordingError:
             "runs without poses from outside cannot be evaluated",
             found=f"{len(files)} run(s)", expected="recordings with motion capture",
             read=", ".join(list(files)[:3]), remedy=OWN_REMEDY)
+    if UNKNOWN_FRAME in common:
+        return RecordingError(
+            "no recording can be used for open-loop prediction: the marker frame is not known",
+            found=f"{len(files)} file(s) whose driving does not identify it", expected=NEEDED,
+            read=", ".join(list(files)[:3]), remedy=OPTION)
     return RecordingError(
         "no recording can be used for open-loop prediction",
         found=f"{len(files)} file(s), most of them: {common}",

@@ -51,9 +51,7 @@ class Evaluation:
             "horizons": self.model.to_json(), "ctrv": self.ctrv.to_json(),
             "gain_over_ctrv": over,
             "kinematic_limit": self.limit.to_json() if self.limit else None,
-            "references": {c.file: {"lx": c.grid.reference.lx, "theta": c.grid.reference.theta,
-                                    "ly": c.grid.reference.ly, "source": c.grid.reference.source}
-                           for c in cases},
+            "references": {c.file: c.grid.reference.to_json() for c in cases},
             "files": {file: use.to_json() for file, use in self.prepared.files.items()}}
 
 

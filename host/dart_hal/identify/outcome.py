@@ -16,7 +16,7 @@ from dart_hal.identify.mass import never_weighed, of_mass, weighed
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.runs import read_any
 from dart_hal.identify.write import SECTIONS, Source, rounded, why_unsound
-from dart_hal.recording.dart import Recording, Reference, reference_for
+from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import value as flat_value
 from dart_hal.vehicle.load import vehicle_of
@@ -34,6 +34,7 @@ class Identification:
     where single parameters are not identifiable; source: for the file's provenance;
     joint: covariance across sub-models, where they were fitted together;
     mass [kg]: as weighed with the recordings, None = the base's was taken.
+    frames: marker frame by file, of the recordings with motion capture.
     """
 
     fits: Mapping[str, Fit]
@@ -43,6 +44,7 @@ class Identification:
     derived: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     joint: Covariance | None = None
     mass: Estimate | None = None
+    frames: Mapping[str, Reference] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
@@ -60,7 +62,8 @@ class Identification:
         """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
         return {"fits": {name: self._fit(name) for name in self.fits},
                 "files": {file: {"used": r.used, "dropped": r.dropped, "why": list(r.why)}
-                          for file, r in self.files.items()}}
+                          for file, r in self.files.items()},
+                "references": {file: r.to_json() for file, r in self.frames.items()}}
 
     def _fit(self, name: str) -> dict[str, Any]:
         fit = self.fits[name]
@@ -92,7 +95,7 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, comman
     """
     from dart_hal.identify.shooting import fit_from_recordings
 
-    recordings, skipped = read_any(paths)
+    recordings, skipped = read_any(paths, reference=reference)
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
                                               progress, _known(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}
@@ -109,7 +112,9 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, comman
                     "one fit of all sub-models by multiple shooting, errors over blocks")
     published = {name: published_values(name) for name in made.fits}
     joint = Covariance(made.names, rounded(made.covariance))
-    return Identification(made.fits, files, published, source, joint=joint), recordings
+    frames = {file: g.reference for file, (_, g) in used.items()}
+    return (Identification(made.fits, files, published, source, joint=joint, frames=frames),
+            recordings)
 
 
 def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -131,7 +136,7 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     """
     from dart_hal.identify.submodels import fit_submodels
 
-    recordings, skipped = read_any(paths)
+    recordings, skipped = read_any(paths, reference=reference)
     mass = weighed(recordings)
     fits, reports = fit_submodels(recordings, names, base=of_mass(base, mass), mass=mass,
                                   reference=reference, progress=progress)
@@ -139,17 +144,17 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
         fits = {name: replace(fit, notes=(*fit.notes, vague)) if name in ("friction", "motor")
                 else fit for name, fit in fits.items()}
     files: dict[str, FileReport] = {}
-    points: dict[str, tuple[float, float, float]] = {}
+    frames: dict[str, Reference] = {}
     for r in recordings:
         found = reports.get(str(r.path)) or reports.get(r.name)
         why = dict.fromkeys([*map(str, r.notes), *(found.why if found else ())])
         files[str(r.path)] = FileReport(found.used if found else 0, found.dropped if found else 0,
                                         tuple(why), r.sha256)
-        where = reference or (reference_for(r) if r.mocap is not None else None)
-        if where is not None and files[str(r.path)].used:
-            points[str(r.path)] = (where.lx, where.theta, where.ly)
+        if r.mocap is not None and r.marker is not None and files[str(r.path)].used:
+            frames[str(r.path)] = r.marker
     files |= {file: FileReport(0, 0, (f"skipped: {reason}",)) for file, reason in skipped}
+    points = {file: (r.lx, r.theta, r.ly) for file, r in frames.items()}
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "per recording, robust, errors over blocks")
     published = {name: published_values(name) for name in fits}
-    return Identification(fits, files, published, source, mass=mass), recordings
+    return Identification(fits, files, published, source, mass=mass, frames=frames), recordings

@@ -21,8 +21,16 @@ from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.odometry import GYRO_LATENCY
-from dart_hal.identify.run_poses import calibrated, marked, mocap_of, on_clock
-from dart_hal.recording.dart import RUN, Messages, Note, Recording, Reference, read
+from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock
+from dart_hal.recording.dart import (
+    RUN,
+    Messages,
+    Note,
+    Recording,
+    Reference,
+    read,
+    with_marker_frames,
+)
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
@@ -39,6 +47,11 @@ SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
 def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Recording:
+    """As ``read_unframed``, with the marker frame fitted to this run where it is not calibrated."""
+    return with_marker_frames([read_unframed(path, every, poses=poses)])[0]
+
+
+def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Recording:
     """A run as a Recording: schema "run", 10 Hz; mocap where poses from outside were recorded.
 
     With poses, the messages are what the published recordings have beside theirs:
@@ -59,10 +72,9 @@ def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Rec
         mocap, start, more = seen
         notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *lost, *more]
         marker, late = run.marker or (None, 0.0)
-        seen_run = note_false_lock(Recording(
+        return note_false_lock(Recording(
             path, RUN, on_clock(run.moments, start - late), mocap, "ok", None, digest,
             tuple(notes), mass=_weighed(path), marker=marker))
-        return seen_run if marker else marked(seen_run)
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
                                                        else "all used")), *lost]
     messages = run.messages[every] if every in run.messages else _messages(
@@ -263,11 +275,21 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
     return np.where(known, told, np.nan)
 
 
-def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None
+def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
+             reference: Reference | None = None
              ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """(recordings, skipped as (file, reason)) of files and folders, in name order.
 
+    The recordings carry their marker frames, see ``with_marker_frames``; reference: a given one.
     told: of each file, before it is read.
+    """
+    recordings, skipped = read_all_unframed(paths, told)
+    return with_marker_frames(recordings, reference), skipped
+
+
+def read_all_unframed(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None
+                      ) -> tuple[list[Recording], list[tuple[str, str]]]:
+    """As ``read_any`` without marker frames, for a caller that pools several calls.
 
     In a folder a file that cannot be used is skipped and listed; a file named
     by itself is refused. Errors: RecordingError, also for a folder without any.
@@ -306,4 +328,4 @@ def _in_folder(folder: Path) -> list[Path]:
 
 
 def _read(file: Path) -> Recording:
-    return read_run(file) if file.suffix == ".mcap" else read(file)
+    return read_unframed(file) if file.suffix == ".mcap" else read(file)

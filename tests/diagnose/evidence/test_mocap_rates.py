@@ -7,6 +7,7 @@ from dataclasses import replace
 import hidden_drive
 import numpy as np
 import pytest
+from known_frame import read
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.evidence.drive import prepare
@@ -14,7 +15,7 @@ from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.recording.dart import Reference, grid, read
+from dart_hal.recording.dart import Reference, grid
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model

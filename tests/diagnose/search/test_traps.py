@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from campaign_cases import car as known_roughly
 from campaign_cases import cases, model_file
+from known_frame import read
 from searched import (
     ALL_FREE,
     drive,
@@ -28,7 +29,6 @@ from dart_hal.diagnose.search import forward as searching
 from dart_hal.diagnose.search import scan as scanning
 from dart_hal.diagnose.search.scan import scan
 from dart_hal.identify.shooting.fit import FREE, free_names
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_frame import read
 from searched import car, drive, evidence, fitted, names, search, size_of
 from stranger_files import Habits, record
 
@@ -16,7 +17,6 @@ from dart_hal.diagnose.evidence.space import Space
 from dart_hal.diagnose.policy import NamingPolicy, Policy
 from dart_hal.diagnose.search import forward as searching
 from dart_hal.diagnose.search.scan import Trial, ladder, scan
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue

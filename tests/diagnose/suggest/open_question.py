@@ -11,6 +11,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2] / "hidden"))
 
 from hidden_drive import Plan, write
+from known_frame import read
 
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.space import Space, Timing
@@ -19,7 +20,6 @@ from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import Scan
 from dart_hal.experiment.floor import Floor
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value

@@ -7,12 +7,12 @@ from functools import cache
 
 import pytest
 from hidden_drive import Plan, write
+from known_frame import read
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.suggest import sharpen
 from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
 from dart_hal.experiment.floor import Floor
-from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 

@@ -14,7 +14,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.predict.commands import Command, step_of, throttle_of
-from dart_hal.recording.dart import Grid, Recording, Reference, grid
+from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_reference
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
@@ -77,8 +77,13 @@ class Speeds:
 
 
 def mocap_grid(recording: Recording, reference: Reference | None) -> Grid | None:
-    """The grid, or None without mocap. Errors: RecordingError as ``grid``."""
-    return None if recording.mocap is None else grid(recording, reference)
+    """The grid for speed and yaw rate, or None without mocap; its v_y may be that of another point.
+
+    Errors: RecordingError as ``grid``.
+    """
+    if recording.mocap is None:
+        return None
+    return grid(recording, reference or rolling_reference(recording))
 
 
 def speeds_of(recording: Recording, reference: Reference | None, ledger: Ledger) -> Speeds | None:

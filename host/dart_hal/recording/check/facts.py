@@ -15,7 +15,7 @@ from dart_hal.types import FloatArray
 from .motion import Motion, windows
 
 Range = tuple[float, float]
-SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft: 2 pi (11/39) 0.0233 m
+SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft of DART: 2 pi (11/39) 0.0233 m
 COUNTED = 0.1  # s; the recorder counts edges over this time
 MARKS_OFF = 0.015  # relative; a quantum further from a whole number of marks gives none
 BY_NAME = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
@@ -53,7 +53,7 @@ class Facts:
     duration [s] without gaps; rows of the table, messages, their usual step [s];
     throttle while the gate was open; speed of the drive shaft [m/s]; yaw_rate
     of the gyro [rad/s]; marks: encoder edges per shaft turn that the quantum
-    stands for; rounded: sensor values have 2 decimals.
+    stands for, of the published recordings; rounded: sensor values have 2 decimals.
     """
 
     date: str | None
@@ -82,7 +82,8 @@ def facts(m: Motion, false_lock: float = 0.0) -> Facts:
         messages=len(messages), step=float(np.median(step)) if len(step) else float("nan"),
         throttle=_range(messages.throttle_raw[messages.gate]),
         steering=_range(messages.steering) or (0.0, 0.0), speed=_range(messages.speed),
-        yaw_rate=_range(messages.yaw_rate), marks=marks(recording.quantum),
+        yaw_rate=_range(messages.yaw_rate),
+        marks=marks(recording.quantum) if recording.published else None,
         rounded=_rounded(recording), mocap=_mocap(m, false_lock))
 
 

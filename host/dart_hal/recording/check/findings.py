@@ -11,8 +11,11 @@ from .motion import SLIP, SLIPS, STANDING, Motion
 
 DROPPED = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
            "mocap_repeated")
+SAID = ("quantum", "lost_messages", "encoder_zero", "read", "reference_unknown", "marker_differs",
+        "steering_reversed")
 SERIOUS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
-           "never_moves", "too_short", "message_gap")
+           "never_moves", "too_short", "message_gap", "reference_unknown", "marker_differs",
+           "mostly_bad", "steering_reversed")
 SHORT = 3.0  # s
 TILT = 0.15  # m/s2 at rest
 REST_ROWS = 10
@@ -39,7 +42,12 @@ class Finding:
 def findings(m: Motion, f: Facts) -> list[Finding]:
     """Everything to know about one recording, serious things first."""
     out = [_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
-    if not m.moves:
+    if m.mostly_bad:
+        share = 1.0 - float(m.good.mean())
+        out.insert(0, _said("mostly_bad", f"{share:.0%} of the motion capture is marked bad (gaps, "
+                            "jumps, false lock, or messages that are missing): nothing may be "
+                            "concluded from the rest"))
+    elif not m.moves:
         out.append(_said("never_moves", "the car never moves: no speed above "
                          f"{STANDING} m/s in any sensor"))
     if f.duration < SHORT:
@@ -57,7 +65,7 @@ def findings(m: Motion, f: Facts) -> list[Finding]:
 
 def _of_note(kind: str, why: str, rows: int) -> Finding:
     effect = ("dropped" if kind in DROPPED else
-              "said" if kind in ("quantum", "lost_messages", "encoder_zero", "read") else "changed")
+              "said" if kind in SAID else "changed")
     return Finding(kind, why, rows, effect, kind in SERIOUS)
 
 
@@ -72,12 +80,7 @@ def _mocap(m: Motion, f: Facts) -> list[Finding]:
     if f.mocap.wraps:
         out.append(Finding("yaw_wraps", f"yaw passes +-pi {f.mocap.wraps} time(s): unwrapped after "
                            "the outliers were set aside", effect="changed"))
-    if m.reference is None:
-        fitted = (f"; from this recording alone L_x {m.fitted.lx:.3f} m, theta "
-                  f"{np.degrees(m.fitted.theta):+.2f} deg" if m.fitted else "")
-        out.append(Finding("reference_unknown", "where the markers sat is not known for this date: "
-                           "fit it from driving to both sides" + fitted, serious=True))
-    if f.mocap.bad > 0.0:
+    if f.mocap.bad > 0.0 and not m.mostly_bad:
         out.append(Finding("bad_samples", f"{f.mocap.bad:.1%} of the motion is marked bad, 0.2 s "
                            "to both sides included", effect="changed"))
     return out

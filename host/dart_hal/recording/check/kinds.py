@@ -11,7 +11,7 @@ DONE = {
     "gate": "throttle logged behind a closed safety gate is 0",
     "held_copies": "rows that repeat the last sensor message are dropped",
     "message_gap": "cut where sensor messages are more than 0.3 s apart",
-    "marker": "where the markers of a run sat was found from its own driving",
+    "marker": "the marker frame is fitted to the driving",
     "mocap_gap": "nothing inside gaps of the mocap is used",
     "mocap_repeated": "mocap rows whose time does not advance are dropped",
     "mocap_time_back": "cut where the mocap time steps back",

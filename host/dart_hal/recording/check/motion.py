@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.recording.dart.grid import L_R, Grid, grid
+from dart_hal.recording.dart.grid import Grid, grid
 from dart_hal.recording.dart.model import Recording, Reference
-from dart_hal.recording.dart.reference import fit_reference, reference_for
+from dart_hal.recording.dart.reference import fit_reference, rolling_reference
 from dart_hal.types import BoolArray
 
-UNKNOWN = Reference(L_R, 0.0, 0.0, "not known: markers taken to sit at the centre of mass")
 LEAD, FIRST, STRIDE, TAIL, SPAN = 8, 20, 25, 220, 207  # samples of 10 ms
 START_SPEED = 0.3  # m/s
 STANDING = 0.05  # m/s; below it the car stands
 SLIP, SLIP_ROWS = 0.3, 100  # m/s between wheels and ground; samples to judge it by
+MOSTLY_BAD = 0.9  # of the time; what is left are the pauses between failures
 SLIPS = 0.2  # of the driven time; then the wheels tell no speed
 
 
@@ -24,9 +24,9 @@ SLIPS = 0.2  # of the driven time; then the wheels tell no speed
 class Motion:
     """A recording with its grid.
 
-    grid: None without motion capture, or with too little of it. reference: by
-    date, None = not known. fitted: from this recording, None without turns to
-    both sides.
+    grid: None without motion capture, or with too little of it. reference: marker frame of
+    the recording (``with_marker_frames``), None = not known. fitted: to this recording alone,
+    None where it does not identify one.
     """
 
     recording: Recording
@@ -38,6 +38,11 @@ class Motion:
     def good(self) -> BoolArray:
         """(n,) samples of the grid that may be used."""
         return np.zeros(0, dtype=bool) if self.grid is None else ~self.grid.bad
+
+    @property
+    def mostly_bad(self) -> bool:
+        """Whether so much of the motion capture is bad that nothing may be concluded from it."""
+        return self.grid is not None and float(self.grid.bad.mean()) > MOSTLY_BAD
 
     @property
     def moves(self) -> bool:
@@ -65,13 +70,14 @@ class Motion:
 
 
 def motion(recording: Recording) -> Motion:
-    """Grid and reference point of ``recording``, as far as it has any."""
+    """Grid of ``recording``, which has been through ``with_marker_frames``."""
     if recording.mocap is None:
         return Motion(recording, None, None, None)
-    known = reference_for(recording)
+    known = recording.marker
     fitted = fit_reference([recording])
     try:
-        return Motion(recording, grid(recording, known or fitted or UNKNOWN), known, fitted)
+        return Motion(recording, grid(recording, known or rolling_reference(recording)), known,
+                      fitted)
     except RecordingError:  # less than 0.25 s of motion capture
         return Motion(recording, None, known, None)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.recording.dart import Reference
+from dart_hal.recording.dart import Reference, with_marker_frames
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.model import Recording
 
@@ -112,7 +112,7 @@ def stem_of(path: Path) -> str:
 
 def check(recording: Recording) -> Check:
     """Look through one recording."""
-    m = motion(recording)
+    m = motion(with_marker_frames([recording])[0])
     lock = 0.0
     if recording.schema == "B" and m.grid is not None:
         lock = float(marker_grid(recording).false_lock.mean())
@@ -179,4 +179,5 @@ def _pair(values: Range | None) -> list[float] | None:
 def _reference(r: Reference | None) -> dict[str, Any] | None:
     if r is None:
         return None
-    return {"lx_m": r.lx, "theta_rad": r.theta, "ly_m": r.ly, "source": r.source}
+    return {"lx_m": r.lx, "theta_rad": r.theta, "ly_m": r.ly, "source": r.source,
+            "std": r.to_json()["std"]}

@@ -40,6 +40,10 @@ def uses(m: Motion, f: Facts) -> dict[str, Use]:
     """By purpose, in the order of ``PURPOSES``."""
     a = m.recording.messages
     speed, source = _speed(m)
+    if m.mostly_bad:
+        no = Use(False, 0, "messages", f"{1.0 - float(m.good.mean()):.0%} of the motion is marked "
+                 "bad")
+        return dict.fromkeys(PURPOSES, no)
     if m.slip >= SLIPS:
         no = Use(False, 0, "messages", "the wheels slip: their speed is not the car's")
         return {**dict.fromkeys(PURPOSES[:4], no), "tyres": _tyres(m),
@@ -125,6 +129,8 @@ def _delay(rows: BoolArray, steering: FloatArray) -> Use:
 def _tyres(m: Motion) -> Use:
     if m.grid is None:
         return Use(False, 0, "samples", "no motion capture: side slip is not measured")
+    if m.reference is None:
+        return Use(False, 0, "samples", "the marker frame is not known")
     lateral = m.grid.v_x * m.grid.omega
     rows = m.good & (np.abs(lateral) > LATERAL)
     n = int(rows.sum())
@@ -142,9 +148,9 @@ def _evaluation(m: Motion, f: Facts) -> Use:
     if f.mocap is None:
         return Use(False, 0, "windows", "no motion capture to compare with")
     n = f.mocap.windows
-    known = "" if m.reference else "; the reference point is not known"
-    return Use(n > 0, n, "windows", ("of 2 s" if n else "no 2 s of clean driving above 0.3 m/s")
-               + known)
+    if m.reference is None:
+        return Use(False, n, "windows", "the marker frame is not known")
+    return Use(n > 0, n, "windows", "of 2 s" if n else "no 2 s of clean driving above 0.3 m/s")
 
 
 def _seconds(n: int, step: float) -> str:

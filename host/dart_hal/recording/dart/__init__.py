@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from .frames import with_marker_frames
 from .grid import Grid, grid
 from .marker import savgol_derivative
 from .model import RUN, Messages, Mocap, Note, Recording, Reference
 from .quantum import encoder_quantum
 from .reader import read, read_all
-from .reference import fit_reference, reference_for
+from .reference import fit_reference, reference_for, rolling_reference
 
 __all__ = ["RUN", "Grid", "Messages", "Mocap", "Note", "Recording", "Reference", "encoder_quantum",
-           "fit_reference", "grid", "read", "read_all", "reference_for", "savgol_derivative"]
+           "fit_reference", "grid", "read", "read_all", "reference_for", "rolling_reference",
+           "savgol_derivative", "with_marker_frames"]

@@ -12,8 +12,9 @@ from dart_hal.types import BoolArray, FloatArray
 
 from .marker import marker_grid
 from .model import Recording, Reference, freeze, freeze_flags
-from .reference import reference_for
+from .reference import NEEDED, OPTION, fit_reference, reference_for
 
+UNKNOWN_FRAME = "the marker frame on this car is not known"
 L_R = 0.0945  # m, rear axle to centre of mass of the paper's code
 
 
@@ -44,20 +45,22 @@ class Grid:
 
 
 def grid(recording: Recording, reference: Reference | None = None, l_r: float = L_R) -> Grid:
-    """Motion of the centre of mass; ``reference`` None takes the table by date.
+    """Motion of the centre of mass; ``reference`` None: the known frame, else one fitted to it.
 
     l_r [m]: rear axle to centre of mass. Errors: RecordingError as for
-    ``marker_grid``, and when no reference point is known for the date.
+    ``marker_grid``, and when the marker frame is neither known nor identified by the driving.
     """
     m = marker_grid(recording)
-    ref = reference if reference is not None else reference_for(recording)
+    ref = reference or reference_for(recording)
+    if ref is None and not recording.framed:
+        ref = fit_reference([recording])
     if ref is None:
-        when = recording.when
         raise RecordingError(
-            f"{recording.name}: where the markers sat is not known for this date",
-            found=f"date {when:%Y-%m-%d}" if when else "no date in the mocap clock",
-            expected="a date of 2024, or schema C", read=str(recording.path),
-            remedy="--reference LX,THETA,LY (m, rad, m), or fit it from driving to both sides")
+            f"{recording.name}: {UNKNOWN_FRAME}",
+            found="driving that does not identify it, and no --reference",
+            expected=NEEDED, read=str(recording.path),
+            likely="a recording of turns to one side, or of straight driving",
+            remedy=f"{OPTION}; or add a recording of the same day with turns to both sides")
     yaw = m.yaw + ref.theta
     x, y, v_x, v_y = map(freeze, ref.centre(l_r, (m.x, m.y, yaw), (m.dx, m.dy, m.omega)))
     return Grid(

@@ -13,7 +13,7 @@ import numpy as np
 from dart_hal.errors import RecordingError
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
-from .mocap import POSITION_STEP, YAW_STEP, longest_step
+from .mocap import POSITION_STEP, YAW_STEP, longest_step, position_jumps
 from .model import Recording
 from .sensors import GAP
 
@@ -83,13 +83,17 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     arrived = np.searchsorted(messages.arrival, t + ARRIVED, side="right") - 1
     last = np.maximum(arrived, 0)
     encoder = messages.speed[last]
-    if recording.schema == "C":
-        lock = np.zeros(len(t), dtype=bool)
-        bad = _widen(_jumps_c(x, y, yaw))
-    else:
+    lock = np.zeros(len(t), dtype=bool)
+    if recording.schema != "C":
         lock = _false_lock(np.hypot(dx, dy), encoder)
-        stale = (arrived < 0) | (t - messages.arrival[last] > GAP + ARRIVED)
-        bad = _widen(lock | stale | _in_gap(t, mocap.t) | _jumps(x, y, yaw))
+    stale = (arrived < 0) | (t - messages.arrival[last] > GAP + ARRIVED)
+    # the published evaluation of schema C has a longer limit and drops the sample before only
+    if recording.schema == "C":
+        jumps = np.append(_jumps(x, y, yaw, POSITION_STEP_C), False)
+    else:
+        steps = _jumps(x, y, yaw, POSITION_STEP)
+        jumps = np.append(steps, False) | np.append(False, steps)
+    bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps)
     return MarkerGrid(t, x, y, yaw, dx, dy, omega, messages.throttle[last],
                       messages.steering[last], encoder, last, bad, lock)
 
@@ -106,14 +110,11 @@ def _widen(bad: BoolArray, by: int = WIDEN) -> BoolArray:
     return np.asarray(np.convolve(bad, np.ones(2 * by + 1), mode="same") > 0.5)
 
 
-def _jumps(x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-    step = (np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP) | (np.abs(np.diff(yaw)) > YAW_STEP)
-    return np.asarray(np.append(step, False) | np.append(False, step))
-
-
-def _jumps_c(x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-    step = (np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP_C) | (np.abs(np.diff(yaw)) > YAW_STEP)
-    return np.append(step, False)
+def _jumps(x: FloatArray, y: FloatArray, yaw: FloatArray, limit: float) -> BoolArray:
+    """Steps (n - 1,) of the grid that no motion explains; limit: m per sample."""
+    dx, dy = np.diff(x), np.diff(y)
+    jumps = position_jumps(np.full(len(dx), SAMPLE), dx, dy, limit)
+    return np.asarray(jumps | (np.abs(np.diff(yaw)) > YAW_STEP))
 
 
 def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dart_hal.types import SAMPLE, BoolArray, FloatArray
 
@@ -11,7 +12,15 @@ from .schema import MOCAP
 from .sensors import BREAK
 
 MIN_ADVANCE = 1e-4  # s
-POSITION_STEP = 0.06  # m per 10 ms
+POSITION_STEP = 0.06  # m per 10 ms; a shorter step is no jump
+DEVIATION = 0.03
+"""m per 10 ms between a longer step and the usual one of its neighbours, from which on it is a
+jump. A car that drives at 30 m/s makes steps of 0.3 m, all alike; the other half of POSITION_STEP
+is the 3 m/s that a car may well drive, so that no outlier at that speed passes as motion."""
+NOISE, NOISE_SHARE = 6.0, 0.5
+"""Times the usual deviation of a file, up to that share of the usual step: a tracker of large cars
+scatters by centimetres. 6 median deviations are 4 standard deviations of normal noise."""
+NEIGHBOURS = 10  # steps to each side
 YAW_STEP = 0.2  # rad per 10 ms
 MAX_GAP = 0.05  # s
 GAP_STEPS = 2.0  # usual steps between two rows; a 20 Hz recording has a row each 0.05 s
@@ -51,14 +60,21 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     against the encoder, on the grid.
     """
     bad = np.zeros(len(t), dtype=bool)
+    duration, dx, dy = np.diff(t), np.diff(x), np.diff(y)
+    u, v = usual_velocity(duration, dx, dy)
+    allowed = deviation_limit(duration, u, v, np.hypot(dx - u * duration, dy - v * duration))
 
     def jump(i: int, k: int) -> bool:
-        scale = max((t[k] - t[i]) / SAMPLE, 1.0)
-        return bool(np.hypot(x[k] - x[i], y[k] - y[i]) > POSITION_STEP * scale
+        time = t[k] - t[i]
+        scale = max(time / SAMPLE, 1.0)
+        way = x[k] - x[i], y[k] - y[i]
+        apart = np.hypot(way[0] - u[i] * time, way[1] - v[i] * time)
+        return bool((np.hypot(*way) > POSITION_STEP * scale
+                     and apart > max(allowed[i], DEVIATION * scale))
                     or abs(wrap(yaw[k] - yaw[i])) > YAW_STEP * scale)
 
-    scale = np.maximum(np.diff(t) / SAMPLE, 1.0)
-    step = ((np.hypot(np.diff(x), np.diff(y)) > POSITION_STEP * scale)
+    scale = np.maximum(duration / SAMPLE, 1.0)
+    step = (position_jumps(duration, dx, dy)
             | (np.abs(wrap(np.diff(yaw))) > YAW_STEP * scale))
     for i in np.flatnonzero(step).tolist():
         if bad[i]:
@@ -68,6 +84,40 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
                 bad[i + 1:k] = True
                 break
     return bad
+
+
+def position_jumps(duration: FloatArray, dx: FloatArray, dy: FloatArray,
+                   limit: float = POSITION_STEP) -> BoolArray:
+    """Which steps (n,) [m] of ``duration`` (n,) [s] no motion explains; limit: m per 10 ms.
+
+    A jump is longer than a slow car drives, and differs from the usual velocity of the steps
+    around it: what a whole stretch of a recording shows is the speed of the car.
+    """
+    scale = np.maximum(duration / SAMPLE, 1.0)
+    long = np.hypot(dx, dy) > limit * scale
+    if not long.any():
+        return np.asarray(long)
+    u, v = usual_velocity(duration, dx, dy)
+    apart = np.hypot(dx - u * duration, dy - v * duration)
+    return np.asarray(long & (apart > deviation_limit(duration, u, v, apart)))
+
+
+def deviation_limit(duration: FloatArray, u: FloatArray, v: FloatArray, apart: FloatArray
+                    ) -> FloatArray:
+    """How far [m], (n,), a step may deviate from the usual velocity (u, v) [m/s]; apart: does."""
+    noise = np.minimum(NOISE * float(np.median(apart)), NOISE_SHARE * np.hypot(u, v) * duration)
+    return np.asarray(np.maximum(DEVIATION * np.maximum(duration / SAMPLE, 1.0), noise))
+
+
+def usual_velocity(duration: FloatArray, dx: FloatArray, dy: FloatArray
+                   ) -> tuple[FloatArray, FloatArray]:
+    """Median velocity (u, v) [m/s], (n,) each, of the steps from 10 before to 10 after."""
+    span = min(2 * NEIGHBOURS + 1, len(dx))
+    def median(step: FloatArray) -> FloatArray:
+        rate = np.pad(step / duration, (span // 2, (span - 1) // 2), mode="edge")
+        return np.asarray(np.median(sliding_window_view(rate, span), axis=1))
+
+    return median(dx), median(dy)
 
 
 def longest_step(t: FloatArray) -> float:

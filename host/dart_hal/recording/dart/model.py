@@ -81,12 +81,32 @@ class Mocap:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words."""
+    """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words.
+
+    std: standard errors of L_x, theta and L_y, NaN where one was not measured; None: not known.
+    """
 
     lx: float
     theta: float
     ly: float
     source: str
+    std: tuple[float, float, float] | None = None
+
+    def __str__(self) -> str:
+        values = (("L_x", self.lx, "m"), ("theta", self.theta, "rad"), ("L_y", self.ly, "m"))
+        errors = self.std or (float("nan"),) * 3
+        return ", ".join(f"{name} {value:+.4f} {unit}" if not np.isfinite(error)
+                         else f"{name} {value:+.4f} +- {error:.4f} {unit}"
+                         for (name, value, unit), error in zip(values, errors, strict=True))
+
+    def to_json(self) -> dict[str, Any]:
+        """Entries of one frame as the verbs print them with ``--json``."""
+        names = ("lx", "theta", "ly")
+        std = None if self.std is None else {
+            name: error if np.isfinite(error) else None
+            for name, error in zip(names, self.std, strict=True)}
+        return {"lx": self.lx, "theta": self.theta, "ly": self.ly, "source": self.source,
+                "std": std}
 
     def marker(self, l_r: float, x: FloatArray, y: FloatArray, yaw: FloatArray
                ) -> tuple[FloatArray, FloatArray]:
@@ -115,6 +135,8 @@ class Recording:
     mass: as weighed for this recording, (kg, one sigma); None: it was not.
     marker: where its marker frame sat, as this recording itself tells.
     span [s]: messages are means of so much before their stamp; 0: of the moment.
+    published: its content is that of a published file of DART. framed: ``marker`` and the notes
+    about it are those of ``with_marker_frames``.
     """
 
     path: Path
@@ -129,6 +151,8 @@ class Recording:
     mass: tuple[float, float] | None = None
     marker: Reference | None = None
     span: float = 0.0
+    published: bool = False
+    framed: bool = False
 
     @property
     def name(self) -> str:

@@ -1,8 +1,11 @@
-"""Values that no small car can have: a file that holds one is refused.
+"""Values that no car can have: a file that holds one is refused.
 
 They come from units (mm/s, deg/s, ms) or from damage. One is enough: a file
-with a corrupt number is not to be trusted with the others. The limits stand at
-least three times above the largest of the published recordings.
+with a corrupt number is not to be trusted with the others. The limits are those
+of small cars, at least three times above the largest of the published
+recordings. A file may exceed those of speed and position where its own motion
+supports it: a car that drives 30 m/s does so smoothly, and motion capture and
+encoder agree.
 """
 
 from __future__ import annotations
@@ -12,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.errors import RecordingError
-from dart_hal.types import FloatArray
-from dart_hal.vehicle.sets import PAPER
+from dart_hal.types import BoolArray, FloatArray
 
 from .mocap import MIN_ADVANCE
 from .schema import SENSOR_TIME
@@ -32,15 +34,21 @@ class Limit(NamedTuple):
 
 
 LIMITS = (
-    Limit(SPEED, 15.0, "m/s", "mm/s or cm/s"),
     Limit(YAW_RATE, 35.0, "rad/s", "deg/s"),  # 2000 deg/s ends the gyro's range
     Limit("acc x (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
     Limit("acc y (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
     Limit(SENSOR_TIME, 1e10, "s", "ms, us or ns"),
     Limit("vicon time", 1e10, "s", "ms, us or ns"),
-    Limit("vicon x", 1000.0, "m", "mm"),
-    Limit("vicon y", 1000.0, "m", "mm"),
 )
+SPEED_LIMIT = Limit(SPEED, 15.0, "m/s", "mm/s or cm/s")
+PLACE_LIMITS = tuple(Limit(column, 1000.0, "m", "mm") for column in ("vicon x", "vicon y"))
+MAX_SPEED = 150.0  # m/s; nothing on wheels that is controlled by these commands is faster
+MAX_ACCELERATION = 50.0
+"""m/s2, of a motion that is averaged over SMOOTH s. Grip gives 10, wings 50; a speed in cm/s or a
+position in mm gives 100 and more where a car changes its speed by 1 m/s in a second."""
+SMOOTH = 0.2  # s
+AGREEING = 2.0  # times the speed of the mocap that an encoder may show
+CONTINUOUS = 0.02  # of a position beyond its limit, that it may differ from its neighbours
 FACTORS = {
     "mm": "1000", "mm/s or cm/s": "1000 or 100", "deg/s": "57.2958", "degrees": "57.2958",
     "mm/s2 or mg": "1000 or 102", "ms, us or ns": "1e3, 1e6 or 1e9",
@@ -50,21 +58,23 @@ SHORTEST, LONGEST = 1e-3, 1.0  # s, median step of the sensor messages; they com
 SHORTEST_MOCAP = MIN_ADVANCE  # s
 LONGEST_PAUSE = 86_400.0  # s; no recorder waits for a day
 YAW_JUMP = 50.0  # rad from one mocap row to the next
-MOCAP_SPEED, MOCAP_SHARE = 30.0, 0.2  # m/s in a fifth of the rows: no tracking error, a unit
-WHEELBASE = PAPER.body.wheelbase
+MOCAP_SPEED, MOCAP_SHARE = 30.0, 0.2  # m/s in a fifth of the rows: no tracking error
+SMALLEST_WHEELBASE = 0.06  # m, of a 1:43 car; every other car turns less tightly
 TIGHTEST = 2.0 * 0.684  # twice tan(0.6 rad): no steering angle turns the car that tightly
 MOVING, MOVING_ROWS, TURN_SHARE = 0.3, 10, 0.2  # m/s; rows; share of them
 
 
 def check_values(columns: dict[str, FloatArray], file: str) -> None:
     """Errors: RecordingError when a cell holds what no car can have. Columns (rows,), finite."""
-    for limit in LIMITS:
+    for limit in (*LIMITS, _speed_limit(columns), *PLACE_LIMITS):
         if limit.column not in columns:
             continue
         size = np.abs(columns[limit.column])
         odd = size > limit.most
+        if limit in PLACE_LIMITS:
+            odd &= _isolated(columns[limit.column])
         if odd.any():
-            worst = columns[limit.column][int(np.argmax(size))]
+            worst = columns[limit.column][int(np.argmax(np.where(odd, size, 0.0)))]
             raise _refused(file, limit.column, f"{worst:.6g} {limit.unit}",
                            f"at most {limit.most:g} {limit.unit} either way",
                            limit.mistaken, f", in {int(odd.sum())} of {len(odd)} row(s)")
@@ -109,27 +119,72 @@ def _check_yaw_rate(columns: dict[str, FloatArray], file: str) -> None:
     moves = speed > MOVING
     if int(moves.sum()) < MOVING_ROWS:
         return
-    slope = WHEELBASE * np.abs(columns[YAW_RATE][moves]) / speed[moves]
+    slope = SMALLEST_WHEELBASE * np.abs(columns[YAW_RATE][moves]) / speed[moves]
     share = float((slope > TIGHTEST).mean())
     if share > TURN_SHARE:
         raise _refused(
             file, YAW_RATE, f"{float(np.max(np.abs(columns[YAW_RATE]))):.6g} at most; in "
-            f"{share:.0%} of the driven rows a tighter turn than {WHEELBASE / TIGHTEST:.2f} m",
-            f"rad/s that a wheelbase of {WHEELBASE} m can turn at the speed of {SPEED!r}",
+            f"{share:.0%} of the driven rows a tighter turn than "
+            f"{SMALLEST_WHEELBASE / TIGHTEST:.3f} m",
+            f"rad/s that a wheelbase of {SMALLEST_WHEELBASE} m can turn at the speed of {SPEED!r}",
             "deg/s")
 
 
 def _check_mocap_speed(columns: dict[str, FloatArray], file: str) -> None:
-    step = np.diff(columns["vicon time"])
-    good = step > MIN_ADVANCE
-    if not good.any():
+    """Errors: RecordingError where the motion is too fast, or changes too fast, for metres."""
+    speed, acceleration = _motion(columns)
+    if not len(speed) or float((speed > MOCAP_SPEED).mean()) <= MOCAP_SHARE:
         return
-    way = np.hypot(np.diff(columns["vicon x"]), np.diff(columns["vicon y"]))[good]
-    speed = way / step[good]
-    if float((speed > MOCAP_SPEED).mean()) > MOCAP_SHARE:
-        raise _refused(file, "vicon x", f"a median speed of "
-                       f"{float(np.median(speed)):.6g} m/s", f"at most {MOCAP_SPEED:g} m/s",
-                       "mm")
+    usual = float(np.median(speed))
+    if usual > MAX_SPEED:
+        raise _refused(file, "vicon x", f"a median speed of {usual:.6g} m/s",
+                       f"at most {MAX_SPEED:g} m/s", "mm")
+    change = float(np.quantile(acceleration, 0.75)) if len(acceleration) else 0.0
+    if change > MAX_ACCELERATION:
+        raise _refused(file, "vicon x", f"a median speed of {usual:.6g} m/s, and an acceleration "
+                       f"of {change:.6g} m/s2 and more in a quarter of the time",
+                       f"at most {MAX_ACCELERATION:g} m/s2 at such a speed", "mm")
+
+
+def _motion(columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """(speed [m/s] from row to row, acceleration [m/s2] over SMOOTH s) of the mocap."""
+    t, x, y = (columns[c] for c in ("vicon time", "vicon x", "vicon y"))
+    advance = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
+    t, x, y = t[advance], x[advance], y[advance]
+    if len(t) < 2:
+        return np.empty(0), np.empty(0)
+    speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(t)
+    span = max(round(SMOOTH / float(np.median(np.diff(t)))), 1)
+    t, x, y = t[::span], x[::span], y[::span]
+    if len(t) < 3:
+        return speed, np.empty(0)
+    step = np.diff(t)
+    u, v = np.diff(x) / step, np.diff(y) / step
+    return speed, np.hypot(np.diff(u), np.diff(v)) / (0.5 * (step[1:] + step[:-1]))
+
+
+def _speed_limit(columns: dict[str, FloatArray]) -> Limit:
+    """Largest speed of the encoder: that of small cars, or what the file itself supports."""
+    if SPEED not in columns or not len(columns[SPEED]):
+        return SPEED_LIMIT
+    if "vicon time" in columns:
+        speed, _ = _motion(columns)
+        usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
+        supported = AGREEING * min(usual, MAX_SPEED)
+    else:
+        t, value = columns[SENSOR_TIME], columns[SPEED]
+        fresh = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
+        change = np.abs(np.diff(value[fresh])) / np.diff(t[fresh])
+        smooth = len(change) > 0 and float(np.max(change)) <= MAX_ACCELERATION
+        supported = MAX_SPEED if smooth else 0.0
+    return SPEED_LIMIT._replace(most=max(SPEED_LIMIT.most, supported))
+
+
+def _isolated(place: FloatArray) -> BoolArray:
+    """Rows (n,) that are far from both neighbours: a damaged number, no place far away."""
+    apart = np.abs(np.diff(place)) > CONTINUOUS * np.abs(place[:-1])
+    ends = np.concatenate([[True], apart, [True]])
+    return np.asarray(ends[:-1] & ends[1:])
 
 
 def _refused(file: str, column: str, found: str, expected: str, mistaken: str,

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.fetch.published import published_content
 from dart_hal.types import FloatArray
 
 from .marker import marker_grid
@@ -19,7 +20,7 @@ from .quantum import encoder_quantum
 from .ranges import check_units, check_values
 from .schema import DERIVED_C, NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
-from .table import keep_finite, parse
+from .table import keep_finite, parse_text, read_content, text_of
 
 MOVING = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
 MIN_MOCAP_ROWS = 30
@@ -32,7 +33,8 @@ def read(path: str | Path) -> Recording:
     """
     path = Path(path)
     file = str(path)
-    schema, columns, dropped = parse(path)
+    content = read_content(path)
+    schema, columns, dropped = parse_text(text_of(content, file), file)
     rows = len(next(iter(columns.values()))) + sum(n for _, n in dropped)
     notes = [Note(why, n, "cut_off_line") for why, n in dropped]
     notes += _never_measured(columns)
@@ -57,7 +59,8 @@ def read(path: str | Path) -> Recording:
         columns = {c: v[~idle] for c, v in columns.items()}
     check_units(columns, file)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return replace(_assemble(path, schema, columns, notes, digest), rows=rows)
+    return replace(_assemble(path, schema, columns, notes, digest), rows=rows,
+                   published=hashlib.sha256(content).hexdigest() in published_content())
 
 
 def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: list[Note],

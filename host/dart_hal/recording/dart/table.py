@@ -21,10 +21,10 @@ GZIP = b"\x1f\x8b"
 MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not scratched
 
 
-def read_text(path: Path) -> str:
-    """Contents of ``path``.
+def read_content(path: Path) -> bytes:
+    """Uncompressed bytes of ``path``.
 
-    Errors: RecordingError for a missing file, a folder, a pipe, 0 bytes or binary.
+    Errors: RecordingError for a missing file, a folder, a pipe or 0 bytes.
     """
     file = str(path)
     check_regular(path)
@@ -50,6 +50,11 @@ def read_text(path: Path) -> str:
                              expected="a header line and rows of numbers",
                              likely="the recorder was stopped before the first row",
                              remedy="leave this file out")
+    return raw
+
+
+def text_of(raw: bytes, file: str) -> str:
+    """The text of a file. Errors: RecordingError for a binary one."""
     try:
         text = decode_text(raw)
         if "\x00" in text[:65536]:
@@ -62,12 +67,17 @@ def read_text(path: Path) -> str:
 
 
 def parse(path: Path) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]]:
-    """(schema, columns by name, what was dropped as (reason, rows)).
+    """As ``parse_text``, of the file ``path``. Errors: also those of ``read_content``."""
+    return parse_text(text_of(read_content(path), str(path)), str(path))
 
-    Errors: RecordingError, naming the file and where it can be said the line.
+
+def parse_text(text: str, file: str
+               ) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]]:
+    """(schema, columns by name, what was dropped as (reason, rows)) of the text of a recording.
+
+    Errors: RecordingError, naming the file and where possible the line.
     """
-    file = str(path)
-    head, _, body = read_text(path).partition("\n")
+    head, _, body = text.partition("\n")
     names = split_header(head.rstrip("\r"))
     schema = detect(names, file)
     if not body.strip():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 NOTICE = Path(__file__).with_name("LICENSE")
@@ -22,3 +23,9 @@ def load() -> dict[str, str]:
     """SHA-256 of each file by its path, as ``pooch.make_registry`` lists a folder of originals."""
     lines = LIST.read_text(encoding="utf-8").splitlines()
     return dict(line.split() for line in lines if not line.startswith("#"))
+
+
+@cache
+def published_content() -> frozenset[str]:
+    """SHA-256 of the content of every published file, uncompressed."""
+    return frozenset(load().values())

@@ -1,0 +1,22 @@
+"""Recordings of other cars than DART's through the verbs."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.mark.more
+def test_frame_of_a_published_car_leaves_the_side_slip_of_another_car_small(other_cars, verb):
+    """v_y of the zheng car at 1 s with the fitted frame as with the one of an independent fit."""
+    day = other_cars / "zheng2022" / "day1.csv.gz"
+    base = other_cars / "zheng2022" / "base.toml"
+    fitted = verb("evaluate", "--json", "--model", base, day).json
+    given = verb("evaluate", "--json", "--model", base, "--reference", "0.21,-0.0117,0", day).json
+    dart = verb("evaluate", "--json", "--model", base, "--reference", "0.093,0.01,0", day).json
+    v_y = [got["horizons"]["1.0"]["pooled"]["vy"] for got in (fitted, given, dart)]
+    assert v_y[0] == pytest.approx(v_y[1], rel=0.05)
+    assert v_y[2] > 2.0 * v_y[1], "negative control: the frame of another car"
+    (frame,) = fitted["references"].values()
+    assert set(frame["std"]) == {"lx", "theta", "ly"}
+    (use,) = dart["files"].values()
+    assert "differs" in use["why"][0]
