@@ -14,6 +14,12 @@ from dart_hal.estimation.imu_clock import ImuClock
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.phase import RingPhase
 from dart_hal.estimation.room import RoomEstimator
+from dart_hal.estimation.single_samples import (
+    MIN_ACCELERATION_JUMP,
+    MIN_RATE_JUMP,
+    Accepted,
+    SingleSampleFilter,
+)
 from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.types import Applied, Doubt, Health, Limit, State
 from dart_hal.vehicle.load import vehicle_of
@@ -26,6 +32,9 @@ SLIDES = 0.5
 """Share of the speed that goes sideways where CAR_SLIDES is said: a slip angle of 30 degrees of the
 rear axle, beyond which a car spins."""
 UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
+JUMPED = frozenset({Doubt.SAMPLES_JUMPED.value})
+REPORT_JUMP = 1.0
+"""s for which a jump is reported: it covers one wrong sample in a hundred."""
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 
@@ -62,11 +71,16 @@ class Telemetry:
         self.phase = RingPhase() if encoder.rings == 2 else None
         self.imu_clock = ImuClock()
         self.imu = ImuCheck(self._wheelbase)
+        self._filters = tuple(SingleSampleFilter(jump) for jump in (
+            MIN_RATE_JUMP, MIN_ACCELERATION_JUMP, MIN_ACCELERATION_JUMP))
+        self._jumped = 0
+        self._jumped_until = 0.0
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
                                     files.metres_per_edge.value, files.config.imu.x)
         self.room: RoomEstimator | None = None
         """Fuses external poses, where there is a source of them."""
         self._ticks = 0
+        self._along = 0.0
         self.last_dev = 0.0
         self.restarted = False
         """The Nano's clock began anew with the newest frame."""
@@ -93,6 +107,9 @@ class Telemetry:
             self.clock.restart()
             self.odometry.restart()
             self.imu.restart()
+            self._jumped_until = 0.0
+            for channel in self._filters:
+                channel.restart()
             self.imu_clock.restart()
             self.encoder.restart()
             if self.phase is not None:
@@ -104,15 +121,18 @@ class Telemetry:
         hint = (throttle > 0.0) - (throttle < 0.0)
         speed, speed_std = self.speed.update(sample.ticks, sample.edge_t, sample.edge_dt,
                                              sample.t_dev, rate, hint)
-        gyro_z, acc = self._judged(sample, speed, speed_std, applied, rate)
+        t_gyro = self.imu_clock.mean_read(sample.imu_t, sample.look)
+        accepted, acc = self._judged(sample, t_gyro, speed, speed_std, applied, rate)
+        gyro_z = accepted.value if accepted is not None else None
         odometry = self.odometry
         motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z,
-                                 self.imu_clock.mean_read(sample.imu_t, sample.look), rate,
+                                 accepted.stamp if accepted is not None else t_gyro, rate,
                                  speed * tan(applied.steering) / self._wheelbase,
-                                 self._missed(speed, speed_std), self.imu_clock.std)
+                                 self._missed(speed, speed_std), self.imu_clock.std, accepted)
         self.last_dev = sample.t_dev
         health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
-                        t_std, "linear", sample.calib, self._doubts())
+                        t_std, "linear", sample.calib, self._doubts(sample.t_dev),
+                        self._jumped)
         pose = odometry.pose
         external = (self.room.moved(t, pose, motion, acc[0] if acc else None)
                     if self.room is not None else None)
@@ -122,8 +142,10 @@ class Telemetry:
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,
             applied, health, external)
 
-    def _doubts(self) -> frozenset[str]:
+    def _doubts(self, now: float) -> frozenset[str]:
         found = self.imu.doubts | self.encoder.doubts
+        if now < self._jumped_until:
+            found |= JUMPED
         return found | UNSURE if self.speed.unsure else found
 
     def _missed(self, speed: float, std: float) -> float:
@@ -147,8 +169,8 @@ class Telemetry:
             speed.witnessed, felt)
         speed.feel(shown or felt, certain=shown != 0)
 
-    def _judged(self, sample: Sample, speed: float, std: float, applied: Applied,
-                rate: float) -> tuple[float | None, Vector | None]:
+    def _judged(self, sample: Sample, t_gyro: float, speed: float, std: float, applied: Applied,
+                rate: float) -> tuple[Accepted | None, Vector | None]:
         """Yaw rate and acceleration if they can be trusted; the encoder judged by them."""
         armed = Limit.NOT_ARMED.value not in applied.limited
         gyro, acc = sample.gyro, sample.acc
@@ -157,11 +179,37 @@ class Telemetry:
         if not self.imu.judge(sample.t_dev, sample.imu_t, gyro, acc, turn, compared,
                               applied.steering):
             gyro = acc = None
+        accepted, acc, felt = self._filtered(sample, t_gyro, gyro, acc)
+        turn = accepted.value - self.odometry.bias.value if accepted else 0.0
         dt = (sample.t_dev - self.last_dev) * rate if self.last_dev else 0.0
         throttle = 0.0 if sample.flags & TRIPPED else applied.throttle
-        self._ask_direction(sample, dt, acc)
+        self._ask_direction(sample, dt, felt)
         self.encoder.judge(dt, speed, std, sample.ticks - self._ticks, self.speed.rejected,
-                           throttle, applied.steering, armed, acc[0] if acc else None,
-                           turn if gyro else None)
+                           throttle, applied.steering, armed, felt[0] if felt else None,
+                           turn if accepted else None)
         self._ticks = sample.ticks
-        return gyro[2] if gyro else None, acc
+        return accepted, acc
+
+    def _filtered(self, sample: Sample, t_gyro: float, gyro: Vector | None, acc: Vector | None,
+                  ) -> tuple[Accepted | None, Vector | None, Vector | None]:
+        """Without single wrong samples: yaw rate, acceleration, acceleration to be integrated.
+
+        A withheld acceleration that was motion is added to the next one to be integrated: both
+        frames last 10 ms, so that the integral is that of the samples.
+        """
+        if gyro is None or acc is None:
+            for channel in self._filters:
+                channel.restart()
+            return None, None, None
+        turn, along, aside = self._filters
+        accepted = turn.add(sample.imu_t, gyro[2], t_gyro)
+        x = along.add(sample.imu_t, acc[0], sample.imu_t)
+        y = aside.add(sample.imu_t, acc[1], sample.imu_t)
+        # A pair of accelerations is no fault: a pulse of the ESC's brake lasts 20 ms.
+        jumped = sum(channel.rejected for channel in self._filters) + turn.pairs
+        if jumped > self._jumped:
+            self._jumped = jumped
+            self._jumped_until = sample.t_dev + REPORT_JUMP
+        late = x.late[1] - self._along if x.late else 0.0
+        self._along = x.value
+        return accepted, (x.value, y.value, acc[2]), (x.value + late, y.value, acc[2])

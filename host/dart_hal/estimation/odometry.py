@@ -6,7 +6,8 @@ Exact arc between frames (travel s, turn w, both from the sensors):
 
 Travel comes from edge counts, not from integrating a speed: it does not drift.
 Yaw is the trapezoid of gyro samples at *their own* times, carried from the
-last sample to the frame with the newest rate; what is carried telescopes.
+last sample to the frame with the newest rate; what is carried telescopes. A
+single wrong sample is left out of it (see ``single_samples``).
 
 In a bend the rear axle slides outwards by a slip angle of about slip_gain times
 the lateral acceleration (m l_f / (l C_r) of the linear rear tyre: 0.011 and
@@ -28,6 +29,7 @@ import numpy as np
 
 from dart_hal.estimation.gyro import GyroBias
 from dart_hal.estimation.imu_clock import AGE_STD
+from dart_hal.estimation.single_samples import Accepted
 from dart_hal.types import Pose
 
 GYRO_LATENCY = 0.010
@@ -116,6 +118,7 @@ class Odometry:
         self._t_valid = -inf
         self._distance: float | None = None
         self._now = self._blind = self._astray = 0.0
+        self._residual = self._worst_residual = 0.0
 
     def restart(self) -> None:
         """The device clock began anew: keep the pose, forget the times."""
@@ -130,7 +133,8 @@ class Odometry:
 
     def update(self, now: float, distance: float, speed: float, gyro_z: float | None,
                t_gyro: float, rate: float = 1.0, yaw_rate_hint: float = 0.0,
-               missed: float = 0.0, age_std: float = AGE_STD) -> Motion:
+               missed: float = 0.0, age_std: float = AGE_STD,
+               accepted: Accepted | None = None) -> Motion:
         """One frame; returns the motion since the last one, for a filter.
 
         now, t_gyro [s]: device times of the latch and of the IMU read;
@@ -139,7 +143,8 @@ class Odometry:
         device second; yaw_rate_hint [rad/s]: used while there is no gyro
         (speed tan(delta) / wheelbase of the applied steering angle); missed
         [m/s]: what the car may do that its wheels do not tell, 0.0 = nothing;
-        age_std [s]: of the sample at t_gyro, AGE_STD where only its read is known.
+        age_std [s]: of the sample at t_gyro, AGE_STD where only its read is known;
+        accepted: what the filter of single samples adds to gyro_z.
         """
         if self._distance is None or now < self._now:
             self._distance, self._now = distance, now
@@ -147,18 +152,31 @@ class Odometry:
         dt = (now - self._now) * rate
         self._distance, self._now = distance, now
         standing = speed == 0.0 and travel == 0.0 and missed == 0.0
+        late = accepted.late if accepted is not None else None
         turn, unsure, seconds = self._turn(now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, standing,
-                                         age_std)
+                                         age_std, late)
         if standing:
             return Motion(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, standing=True)
         white = self.noise.gyro_noise**2 * seconds
-        self._move(travel, turn, white + unsure, seconds, speed * self._rate)
+        wrong = self._single_samples(accepted, rate) if accepted is not None else 0.0
+        self._move(travel, turn, white + unsure + wrong, seconds, speed * self._rate)
         place = self._stray(missed, dt)
         if dt <= 0.0:
             return Motion(0.0, 0.0, 0.0)
         biased, known = turn + self.bias.value * seconds, seconds > 0.0
-        return Motion(dt, travel / dt, biased / dt, 0.0 if known else unsure, known,
+        return Motion(dt, travel / dt, biased / dt, wrong if known else unsure, known,
                       missed=missed, place_variance=place)
+
+    def _single_samples(self, accepted: Accepted, rate: float) -> float:
+        """Variance of the turn [rad2] by single wrong samples, rejected or not.
+
+        The residuals of accepted samples add up where they have one sign: the variance is the
+        square of their sum, at its largest so far.
+        """
+        self._residual += accepted.residual * rate
+        before = self._worst_residual
+        self._worst_residual = max(before, abs(self._residual))
+        return accepted.variance * rate * rate + self._worst_residual**2 - before**2
 
     def _stray(self, missed: float, dt: float) -> float:
         """What a doubted wheel adds to the variance of the place [m2]: the same error for as long
@@ -171,7 +189,8 @@ class Odometry:
         return added
 
     def _turn(self, now: float, gyro_z: float | None, t_gyro: float, rate: float, dt: float,
-              hint: float, standing: bool, age_std: float) -> tuple[float, float, float]:
+              hint: float, standing: bool, age_std: float,
+              late: tuple[float, float] | None = None) -> tuple[float, float, float]:
         """Yaw since the last frame [rad], its variance beyond white noise, seconds under bias."""
         if gyro_z is None:
             if (now - self._t_valid) * rate > STALE:
@@ -195,8 +214,15 @@ class Odometry:
             turn, self._smooth = omega * dt, omega
         else:
             turn = carried - self._carried
-            if t_gyro > self._t_gyro:
-                turn += 0.5 * (self._rate + omega) * (t_gyro - self._t_gyro) * rate
+            begin = self._t_gyro
+            first = self._rate
+            if late is not None and begin < late[0] < t_gyro:
+                middle = late[1] - self.bias.value
+                turn += 0.5 * (first + middle) * (late[0] - begin) * rate
+                begin = late[0]
+                first = middle
+            if t_gyro > begin:
+                turn += 0.5 * (first + omega) * (t_gyro - begin) * rate
         self._t_gyro, self._rate, self._carried = t_gyro, omega, carried
         change = (omega - self._smooth) / SMOOTH
         self._smooth += change * min(dt, SMOOTH)

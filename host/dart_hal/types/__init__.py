@@ -62,7 +62,8 @@ class Doubt(str, Enum):
     cannot be; IMU_DISAGREES: a yaw rate that the wheels contradict. CAR_SLIDES:
     it turns faster than its wheels explain; the gyro is believed. DIRECTION_UNSURE: the wheels
     turn, and neither command nor acceleration says which way: speed and travel may have the
-    other sign.
+    other sign. SAMPLES_JUMPED: within the last second samples of the IMU jumped and returned.
+    A single one was replaced; two in a row are in the yaw, and its covariance covers them.
     """
 
     ENCODER_DEAD = "ENCODER_DEAD"
@@ -76,6 +77,7 @@ class Doubt(str, Enum):
     IMU_DISAGREES = "IMU_DISAGREES"
     CAR_SLIDES = "CAR_SLIDES"
     DIRECTION_UNSURE = "DIRECTION_UNSURE"
+    SAMPLES_JUMPED = "SAMPLES_JUMPED"
 
     def __str__(self) -> str:
         return self.value
@@ -270,7 +272,8 @@ class Health:
     and ``beat_age`` in s (inf = none); ``lost`` frames since open; ``vcc`` in V
     (None = not measured); ``t_std`` s, one sigma of ``State.t``;
     ``accel_kind`` "linear" (gravity removed) or "raw"; ``calib`` the
-    BNO055's (sys, gyr, acc, mag) levels 0..3; ``doubts`` names of ``Doubt``.
+    BNO055's (sys, gyr, acc, mag) levels 0..3; ``doubts`` names of ``Doubt``;
+    ``jumped`` samples of the IMU since open that jumped and returned at once.
     """
 
     flags: frozenset[str]
@@ -283,6 +286,7 @@ class Health:
     accel_kind: str
     calib: tuple[int, int, int, int]
     doubts: frozenset[str] = frozenset()
+    jumped: int = 0
 
     @property
     def encoder_lost(self) -> bool:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from dart_hal.car import Car
 from dart_hal.errors import CalibrationFailed
+from dart_hal.estimation.frames import Sample
 from dart_hal.types import State
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
@@ -15,6 +16,8 @@ from fault_table.rows_pins import MS, PULSE, alone
 
 FAR_OFF = 1.0
 """rad/s by which no yaw rate that is called valid may be wrong."""
+GYRO_Z = 11
+"""Place of the yaw rate in a STATE frame."""
 
 
 def circle(throttle: float = 0.3) -> Callable[[Car, State], object]:
@@ -48,6 +51,32 @@ def believed(nano: str, text: str) -> Callable[[Bench], Measured]:
             worst = max(worst, off)
             wrong += off > FAR_OFF or error > 3 * sigma
         return Measured(wrong, f"{valid} of {len(seen)} valid, worst {worst:.2f} rad/s")
+    return measure
+
+
+def wrong_bit(every: int, run: int) -> Callable[[Bench], Measured]:
+    """Error of the yaw in stated deviations: one bit is wrong in ``run`` of ``every`` samples."""
+    def measure(bench: Bench) -> Measured:
+        drive = bench.drive().armed()
+        frames = drive.car._engine.telemetry._frames
+        read, count = frames.read, 0
+
+        def flipped(values: Sequence[int], t_arrival: float) -> Sample:
+            nonlocal count
+            count += 1
+            words = list(values)
+            words[GYRO_Z] ^= (count % every < run) << 10
+            return read(words, t_arrival)
+
+        drive.run(0.5, cruise)
+        before = drive.states[-1]
+        start = drive.world.truth(before.t).yaw
+        frames.read = flipped  # type: ignore[method-assign]
+        last = drive.run(6.0, cruise)[-1]
+        error = last.pose.yaw - before.pose.yaw - (drive.world.truth(last.t).yaw - start)
+        sigma = math.sqrt(last.pose.cov[2, 2])
+        return Measured(abs(error) / sigma, f"{math.degrees(error):.2f} deg, stated "
+                        f"{math.degrees(sigma):.2f}, {last.health.jumped} jumps")
     return measure
 
 
@@ -279,6 +308,10 @@ ROWS = (
         case("mock", "true speed", lambda b: fastest("enc:wrong=0.5", b), 1.3, "m/s",
              "encoder_check", fast=True),
         case("mock", "told", doubted("enc:wrong=0.5", "ENCODER_LOW"), 500, MS, "encoder_check"),
+    )),
+    Row(57, "one bit of the yaw rate wrong in single samples", "left out or covered, counted", (
+        case("mock", "1 of 100", wrong_bit(100, 1), 3.0, "sigma", "single_samples", fast=True),
+        case("mock", "2 in a row of 100", wrong_bit(100, 2), 3.0, "sigma", "single_samples"),
     )),
     Row(39, "encoder dies in a calibration", "stopped", (
         case("mock", "calibrate steering", calibrating, 300, MS, "encoder_check",

@@ -21,6 +21,7 @@ from dart_hal.car.pump import ThreadPump
 from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
+from dart_hal.estimation.single_samples import Accepted, SingleSampleFilter
 from dart_hal.fleet.peers import Order, Sender
 from dart_hal.fleet.stopping import StopCall, StopRule
 from dart_hal.wire.blocks import BlockReader
@@ -87,6 +88,13 @@ def trusting(check: ImuCheck, now: float, t_imu: float, gyro: Any, acc: Any, *_:
     """Whatever the Nano vouches for is good."""
     check.trusted, check.doubts = gyro is not None, frozenset()
     return check.trusted
+
+
+class Unfiltered(SingleSampleFilter):
+    """Accepts every sample and states no residual."""
+
+    def add(self, t: float, value: float, stamp: float) -> Accepted:
+        return Accepted(value, stamp)
 
 
 def as_adafruit(pca: Pca9685, neutral: tuple[int, int]) -> None:
@@ -191,6 +199,8 @@ host("signals", "SIGTERM and SIGHUP end through the with block",
 host("close_neutral", "closing writes neutral", "dart_hal.car.driver.Driver.close", nothing)
 host("imu_check", "a sample of the IMU must be possible",
      "dart_hal.car.telemetry.ImuCheck.judge", trusting)
+host("single_samples", "a single wrong sample of the IMU is left out, and covered",
+     "dart_hal.car.telemetry.SingleSampleFilter", Unfiltered)
 host("encoder_check", "the encoder is held against model and accelerometer",
      "dart_hal.car.telemetry.EncoderCheck.judge", nothing)
 host("margins", "a weak or loaded car is no dead encoder", "dart_hal.estimation.bounds.UNKNOWN",
