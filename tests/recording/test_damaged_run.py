@@ -197,9 +197,13 @@ def test_without_the_check_a_flipped_bit_is_data(run_bytes, tmp_path, monkeypatc
     hurt = damage(run_bytes, chunks(run_bytes)[5][0] + 900, 1, "flipped", 3)
     whole = messages(parse_mcap(tmp_path, run_bytes))
     assert is_part(messages(parse_mcap(tmp_path, hurt)), whole)
-    read = mcap_records.get_chunk_data_stream
-    monkeypatch.setattr(mcap_records, "get_chunk_data_stream",
-                        lambda chunk, validate_crc: read(chunk, validate_crc=False))
+    class EqualsAll(int):
+        __hash__ = int.__hash__
+
+        def __eq__(self, other):
+            return True
+
+    monkeypatch.setattr(mcap_records, "crc32", lambda data: EqualsAll())
     assert not is_part(messages(parse_mcap(tmp_path, hurt)), whole)
 
 

@@ -24,9 +24,10 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from zstandard import ZstdError
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.expansion import ExpandsTooFar, expand_chunk, expansion_limit
 from dart_hal.recording.regular import check_regular
 from dart_hal.recording.seals import Block, sealed_blocks
 
@@ -36,6 +37,10 @@ MESSAGE = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _INDEX = Struct("<HI")  # channel, length of the entries
 _FOOTER = Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, CRC-32
 _U32 = Struct("<I")
+_UNREADABLE = (StructError, ValueError, McapError, ZstdError, EOFError, MemoryError, OverflowError,
+               RuntimeError)
+"""What mcap and the decoders of chunks raise for bytes that are no record; lz4 raises
+RuntimeError."""
 _CHECKED = re.compile(rb"[\x06\x09](?=.{5}\0{3})", re.DOTALL)
 """Where a chunk or an attachment of less than 1 TB may begin. The first byte stands outside of
 the lookahead: it is searched for as fast as a set of characters, 20 times faster."""
@@ -75,6 +80,8 @@ class McapFile:
     ``used``: bytes of the file and up to the last record that holds; ``damages``:
     what was skipped before that; ``count`` of messages; ``zeros`` by id [ns since 1970]: when the
     clock of the channel's car was 0, where it is not 1970. Stamps given are of that clock.
+    ``expanded``: bytes of all chunks without compression; ``oversized``: of a chunk that was
+    not read, as it expands too far.
     """
 
     path: Path
@@ -89,6 +96,8 @@ class McapFile:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     count: int = 0
     zeros: dict[int, int] = field(default_factory=dict)
+    expanded: int = 0
+    oversized: str = ""
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[Message]:
         """Messages of these topics (None: all) in file order."""
@@ -223,7 +232,7 @@ def _by_checksums(data: bytes, found: McapFile) -> None:
     plain: set[int] = set()
     while at < len(data):
         opcode, start, end = _record(data, at)
-        block = _checked(data, at)
+        block = _checked(data, at, found)
         if opcode == Opcode.DATA_END and end == start + _U32.size:
             _end(data, at, found)
             return
@@ -231,12 +240,13 @@ def _by_checksums(data: bytes, found: McapFile) -> None:
             block = data[at:end]
         if block is not None:
             found.blocks.append(block)
+            found.expanded += len(block)
             at = sound = end
         elif _is_index(data, at):
             at = end
         else:
             again = next((m.start() for m in _CHECKED.finditer(data, sound)
-                          if _checked(data, m.start()) is not None), None)
+                          if _checked(data, m.start(), found) is not None), None)
             if plain and found.blocks:  # what is missing may lie inside the record before
                 at = sound = sound - len(found.blocks.pop())
                 plain.clear()
@@ -259,8 +269,11 @@ def _record(data: bytes, at: int) -> tuple[int, int, int]:
     return (opcode, start, start + length) if length <= len(data) - start else (0, at, at)
 
 
-def _checked(data: bytes, at: int) -> bytes | None:
-    """Records of the chunk at ``at``, or the attachment there, if its checksum holds."""
+def _checked(data: bytes, at: int, found: McapFile) -> bytes | None:
+    """Records of the chunk at ``at``, or the attachment there, if its checksum holds.
+
+    All chunks together may expand as far as the length of the file allows.
+    """
     opcode, start, end = _record(data, at)
     body = data[start:end] if opcode in (Opcode.CHUNK, Opcode.ATTACHMENT) else b""
     try:
@@ -269,10 +282,14 @@ def _checked(data: bytes, at: int) -> bytes | None:
             return data[at:end] if crc == crc32(body[:-4]) else None
         if opcode == Opcode.CHUNK:
             chunk = content(Chunk, body)
-            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-            whole = chunk.uncompressed_crc and as_written(chunk) == data[at:end]
-            return stream.read(size) if whole else None
-    except (StructError, ValueError, McapError, EOFError, MemoryError, OverflowError):
+            if not chunk.uncompressed_crc or as_written(chunk) != data[at:end]:
+                return None
+            expanded = expand_chunk(chunk.compression, chunk.data, chunk.uncompressed_size,
+                                    expansion_limit(len(data)) - found.expanded)
+            return expanded if crc32(expanded) == chunk.uncompressed_crc else None
+    except ExpandsTooFar as why:
+        found.oversized = str(why)
+    except _UNREADABLE:
         return None
     return None
 
@@ -299,7 +316,7 @@ def _is_plain(data: bytes, at: int, channels: set[int]) -> bool:
     try:
         record = content(PLAIN[opcode], data[start:end])
         exact = as_written(record) == data[at:end]
-    except (StructError, ValueError, McapError, EOFError, OverflowError, MemoryError):
+    except _UNREADABLE:
         return False
     if exact and opcode == Opcode.CHANNEL:
         channels.add(record.id)
@@ -331,3 +348,20 @@ def _end(data: bytes, at: int, found: McapFile) -> None:
     if sound and summary:  # it repeats the channels: the chunk that held them may be lost
         found.blocks.insert(0, data[summary:footer])
     found.used = len(data)
+
+
+def notices(found: McapFile) -> tuple[str, ...]:
+    """What the user must know about a file that is not as it was written."""
+    told, read = [], f"read {found.count} whole messages"
+    if found.oversized:
+        told.append(f"{found.path}: a chunk was not read: {found.oversized}")
+    if found.damages:
+        places = len(found.damages)
+        more = f" and at {places - 1} more place(s)" if places > 1 else ""
+        skipped = sum(d.skipped for d in found.damages)
+        told.append(f"{found.path}: damaged {'at' if skipped else 'before'} byte "
+                    f"{found.damages[0].at}{more}, {skipped} bytes skipped; {read}")
+    if not found.complete:
+        told.append(f"{found.path}: the end is missing; {read}, "
+                    f"{found.length - found.used} bytes were cut off")
+    return tuple(told)

@@ -25,13 +25,14 @@ from dart_hal.errors import FileTrouble, RecordingError
 from dart_hal.notebook import card
 from dart_hal.ports import Chunk
 from dart_hal.recording import cdr, stamp
+from dart_hal.recording.expansion import refusal
 from dart_hal.recording.items import AppliedAt as AppliedAt
 from dart_hal.recording.items import Command as Command
 from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
-from dart_hal.recording.mcap_records import JSON, TOML, McapFile, read_mcap
+from dart_hal.recording.mcap_records import JSON, TOML, McapFile, notices, read_mcap
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
 from dart_hal.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.wire.messages import PROTO, SCHEMA
@@ -214,10 +215,12 @@ class RunReader:
         self.complete = found.complete
         self.meta = found.metadata.get("run", {})
         self.files = found.metadata.get("files", {})
-        self.notices: tuple[str, ...] = _notices(found)
+        self.notices: tuple[str, ...] = notices(found)
 
     def _refuse(self, found: McapFile) -> None:
         """No channel of the Nano's bytes: another kind of file, a damaged or an empty one."""
+        if found.oversized:
+            raise refusal(str(self.path), f"a chunk: {found.oversized}")
         if self.damaged:
             raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),
                                  found=f"no channel /rx, damaged at byte {found.damages[0].at}",
@@ -353,21 +356,6 @@ class RunReader:
 
 _READERS: dict[str, Callable[[bytes], Value]] = {_NUMBER: cdr.number_of,
                                                  _NUMBERS: cdr.numbers_of}
-
-
-def _notices(found: McapFile) -> tuple[str, ...]:
-    """What the user must know about a file that is not as it was written."""
-    told, read = [], f"read {found.count} whole messages"
-    if found.damages:
-        places = len(found.damages)
-        more = f" and at {places - 1} more place(s)" if places > 1 else ""
-        skipped = sum(d.skipped for d in found.damages)
-        told.append(f"{found.path}: damaged {'at' if skipped else 'before'} byte "
-                    f"{found.damages[0].at}{more}, {skipped} bytes skipped; {read}")
-    if not found.complete:
-        told.append(f"{found.path}: the end is missing; {read}, "
-                    f"{found.length - found.used} bytes were cut off")
-    return tuple(told)
 
 
 def _chunk(t: float, data: bytes) -> Chunk:

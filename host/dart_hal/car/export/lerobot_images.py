@@ -80,7 +80,7 @@ def statistics(jpegs: NDArray[Any]) -> dict[str, list[Any]]:
         try:
             with Picture.open(BytesIO(jpeg)) as picture:
                 counts += np.reshape(picture.convert("RGB").histogram(), (3, 256))
-        except OSError as error:
+        except (OSError, Picture.DecompressionBombError) as error:
             raise UsageError("an image cannot be decoded", found=str(error), expected="JPEG",
                              remedy="dart-hal export ros2 keeps it as it is") from error
     return of_histogram(counts) | {"count": [len(chosen)]}

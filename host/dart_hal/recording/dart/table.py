@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.errors import RecordingError
+from dart_hal.recording.expansion import ExpandsTooFar, expand_gzip, refusal
 from dart_hal.recording.regular import check_regular
 from dart_hal.text_file import decode_text
 from dart_hal.types import FloatArray
@@ -31,7 +32,9 @@ def read_content(path: Path) -> bytes:
     try:
         raw = path.read_bytes()
         if raw[:2] == GZIP:
-            raw = gzip.decompress(raw)
+            raw = expand_gzip(raw)
+    except ExpandsTooFar as err:
+        raise refusal(file, str(err)) from err
     except (EOFError, gzip.BadGzipFile, zlib.error) as err:
         raise RecordingError(f"{file}: damaged gzip file", found=str(err), read=file,
                              remedy="copy the file again") from err

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
-import io
+import lzma
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from hashlib import sha256
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 from dart_hal.errors import FetchFailed
+from dart_hal.recording.expansion import (
+    MAX_RATIO,
+    ExpandsTooFar,
+    LimitedStream,
+    expand_gzip,
+    expansion_limit,
+)
 
 ENDINGS, PACKED = (".csv", ".csv.gz"), ".gz"
 LARGEST = 1 << 28  # bytes; no recording is that long, so it is not read
+_OPENERS: dict[bytes, Callable[[IO[bytes]], IO[bytes]]] = {
+    b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}  # type: ignore[dict-item]
 
 
 class Local:
@@ -30,13 +41,30 @@ class Local:
         self._found: dict[str, tuple[str, bytes]] = {}
         wanted = {*registry.values(), *map(_base, registry)}
         try:
+            rest = inf if path.is_dir() else expansion_limit(path.stat().st_size)
             for entry, data in _entries(path):
-                content = _content(entry, data)
+                content = _content(entry, data, rest)
+                rest -= len(content)
                 for key in (sha256(content).hexdigest(), _base(entry.removesuffix(PACKED))):
                     if key in wanted:
                         self._found.setdefault(key, (entry, content))
-        except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, gzip.BadGzipFile,
-                RuntimeError) as err:  # RuntimeError: a password, or a method unknown here
+                if rest < 0:
+                    length = path.stat().st_size
+                    raise ExpandsTooFar(length, expansion_limit(length))
+        except ExpandsTooFar as err:
+            raise FetchFailed(f"{name}: the archive expands too far", found=str(err),
+                              expected=f"at most {MAX_RATIO} bytes for each byte of the archive",
+                              read=str(path), likely="an archive that was made to fill the memory",
+                              remedy="download it again, or unpack it and name the folder"
+                              ) from err
+        except (zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, EOFError,
+                OSError, ValueError, RuntimeError) as err:
+            # RuntimeError: a password, or a method unknown here. OSError without a number: a
+            # damaged archive
+            if isinstance(err, OSError) and err.errno is not None:
+                raise FetchFailed(f"{name}: cannot be read", found=err.strerror or str(err),
+                                  expected="a file or a folder that this user may read",
+                                  read=str(path), remedy="check the path") from err
             raise FetchFailed(f"{name}: not a whole archive", found=f"{type(err).__name__}: {err}",
                               expected="a .zip or .tar.gz of the repository", read=str(path),
                               likely="a download that was cut off, a web page saved as a file, or "
@@ -64,21 +92,34 @@ def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
         with zipfile.ZipFile(path) as packed:
             for info in packed.infolist():
                 if info.filename.endswith(ENDINGS) and info.file_size <= LARGEST:
+                    if info.file_size > expansion_limit(info.compress_size):
+                        raise ExpandsTooFar(info.compress_size,
+                                            expansion_limit(info.compress_size))
                     yield info.filename, packed.read(info)
     else:
-        with tarfile.open(path) as tape:
+        with path.open("rb") as archive, _unpacked(archive, path.stat().st_size) as stream, \
+                tarfile.open(fileobj=stream, mode="r|") as tape:
             for member in tape:
                 handle = tape.extractfile(member) if member.isfile() else None
                 if handle and member.name.endswith(ENDINGS) and member.size <= LARGEST:
                     yield member.name, handle.read()
 
 
-def _content(entry: str, data: bytes) -> bytes:
-    """Unpacked bytes; a damaged pack gives what it is, which no checksum fits."""
+def _unpacked(file: IO[bytes], length: int) -> IO[bytes]:
+    """The tar archive in a file, packed by gzip, bzip2, xz or not at all."""
+    magic = file.read(6)
+    file.seek(0)
+    for start, opener in _OPENERS.items():
+        if magic.startswith(start):
+            return cast("IO[bytes]", LimitedStream(opener(file), length))
+    return file
+
+
+def _content(entry: str, data: bytes, rest: float) -> bytes:
+    """Unpacked bytes, at most ``rest``; a damaged pack gives what it is, which no checksum fits."""
     if entry.endswith(PACKED):
         try:
-            with gzip.open(io.BytesIO(data)) as unpacked:
-                return unpacked.read(LARGEST)
+            return expand_gzip(data, int(min(rest, expansion_limit(len(data)))))
         except (OSError, EOFError, zlib.error):
             return data
     return data
