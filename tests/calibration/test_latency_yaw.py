@@ -7,11 +7,11 @@ import pytest
 from scipy.signal import lfilter
 
 from dart_hal.calibration.latency import SLOWLY, STAIRS
-from dart_hal.calibration.latency_log import QUICKEST, READ, Seen, Traffic
+from dart_hal.calibration.latency_log import Seen, Traffic
 from dart_hal.calibration.latency_pulse import Grid
 from dart_hal.calibration.latency_turn import linkage_of
 from dart_hal.calibration.latency_yaw import NOISE, fit_yaw
-from dart_hal.estimation.imu_clock import AGE_STD, PERIOD
+from dart_hal.estimation.imu_clock import AGE_STD, GYRO_READ, PERIOD, QUICKEST
 from dart_hal.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 
 DELAY, PLAY, SLEW, EDGE = 0.0137, 0.03, 4200.0, 0.0021
@@ -71,7 +71,7 @@ def test_without_looks_the_interval_is_as_wide_as_the_age(files):
 
 
 @pytest.mark.parametrize(("slot", "seconds"), [
-    (np.nan, READ[0]), (5.26e-3, 3.28e-3), (1e-3, QUICKEST)])
+    (np.nan, GYRO_READ[0]), (5.26e-3, 2.43e-3), (1e-3, QUICKEST)])
 def test_the_firmware_tells_how_long_a_read_takes(slot, seconds):
     """By the emulated chip, of 180 us a byte: a sample is up to 3.28 ms younger than the begin of
     its read, and DIAG says 5.26 ms; or of no stretching."""

@@ -64,6 +64,15 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
 
 @pytest.mark.more
 @pytest.mark.cpu(60)
+@pytest.mark.parametrize("seed", [11, 8801])
+def test_the_latency_is_unbiased_on_the_real_firmware(seed):
+    """The gyro is read after the acceleration: not counted, that was 2.4 ms on every car."""
+    found, _ = measured(f"sim://?seed={seed}&mocap=1")
+    assert abs(found.quantities["mocap.latency"].value - hidden_mocap(seed).latency) < 0.8e-3
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
 @pytest.mark.parametrize(("change", "words", "remedy"), [
     (lambda p: replace(p, x=1e3 * p.x, y=1e3 * p.y), "told in mm", "units=mm"),
     (lambda p: replace(p, y=-p.y, yaw=-p.yaw), "left-handed", "hand=left"),

@@ -30,8 +30,12 @@ from .spin import LiftedCar, Spin, Spinner, spinning
 
 LEVELS = (12.0, 25.0, 40.0, 60.0)
 """us beyond the first motion: 1 to 3 m/s of the tread."""
-ORDER = (3, 1, 2, 0, None, 2, 0, 3, None, 1, 3, 0, 1, None, 3, None)
-"""Levels one after the other, from above and from below; None: neutral."""
+ORDER = (3, 2, 0, 3, None, 1, 2, 3, None, 2, 1, 3, None, 0, 3, None)
+"""Levels one after the other, from above and from below; None: neutral.
+
+Neutral follows the highest level: only wheels that roll out from there roll long enough to tell the
+friction, without which the begin of the pull is not known. After a low level they stop within the
+time that SETTLE leaves out."""
 HELD = 0.6
 """s of each; the wheels go half of the way in 0.15 s."""
 QUICK = 1

@@ -17,7 +17,7 @@ import numpy as np
 from dart_hal.car.identity import Hello
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import FrameReader, Sample
-from dart_hal.estimation.imu_clock import AGE_STD, ImuClock
+from dart_hal.estimation.imu_clock import AGE_STD, ImuClock, gyro_read_delay
 from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import DOWN, UP
 from dart_hal.wire.decoder import Decoder
@@ -29,16 +29,6 @@ from .sensor_log import WatchedCar
 FEW = 50
 """Frames below which nothing can be said."""
 WRAP = 1 << 32
-WORK, WORK_STD = 0.8e-3, 0.3e-3
-"""s of a slot of the firmware beside the IMU, by its emulator, and one sigma."""
-YAW_BYTE = 16 / 22
-"""Of the time that the IMU takes, before the yaw rate's low byte, which is taken when its turn
-comes: the 17th of 22 bytes where a status is read after the sample. 3.28 ms of the emulator's."""
-READ = (1.8e-3, 0.85e-3)
-"""s from the begin of the read to the yaw rate, and one sigma, where the Nano does not say: 16
-bytes of 22.5 us, each stretched by 0 to 180 us."""
-QUICKEST = 16 * 22.5e-6
-"""s of those bytes without stretching."""
 
 
 class LoggedCar(WatchedCar, Protocol):
@@ -92,9 +82,7 @@ class Traffic:
     @property
     def read_after(self) -> tuple[float, float]:
         """(s from the begin of a read of the IMU to the yaw rate, one sigma)."""
-        if math.isnan(self.slot):
-            return READ
-        return max(YAW_BYTE * (self.slot - WORK), QUICKEST), WORK_STD
+        return gyro_read_delay(self.slot)
 
     @property
     def edges(self) -> tuple[FloatArray, FloatArray]:

@@ -113,6 +113,7 @@ class Receiver:
             self._hello(Hello.from_frame(self.hello_values))
         elif frame.message is DIAG:
             self.diag = frame.as_dict()
+            self._telemetry.set_slot(1e-6 * self.diag["loop_max_us"])
         elif frame.message is TIME_PONG:
             behind = (self.fed - frame.end) * self._telemetry.clock.byte_time
             pong = frame.as_dict()

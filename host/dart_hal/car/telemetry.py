@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from math import tan
+from collections import deque
+from math import nan, tan
+from statistics import median_low
 
 from dart_hal.config import CarFiles, Quantity
 from dart_hal.estimation.clock import ClockFit
@@ -10,7 +12,7 @@ from dart_hal.estimation.consistency import EncoderCheck, covering
 from dart_hal.estimation.direction import FeltDirection
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
 from dart_hal.estimation.imu_checks import ImuCheck
-from dart_hal.estimation.imu_clock import ImuClock
+from dart_hal.estimation.imu_clock import PERIOD, ImuClock, gyro_read_delay
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.phase import RingPhase
 from dart_hal.estimation.room import RoomEstimator
@@ -36,6 +38,9 @@ JUMPED = frozenset({Doubt.SAMPLES_JUMPED.value})
 REPORT_JUMP = 1.0
 """s for which a jump is reported: it covers one wrong sample in a hundred."""
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
+
+NEWEST_SLOTS = 5
+"""Reports of the firmware's loop, one in 0.5 s, whose median counts."""
 
 
 def _noise(metres_per_edge: Quantity, gyro_scale: Quantity | None) -> OdometryNoise:
@@ -70,6 +75,8 @@ class Telemetry:
         self.direction = FeltDirection()
         self.phase = RingPhase() if encoder.rings == 2 else None
         self.imu_clock = ImuClock()
+        self._slots: deque[float] = deque(maxlen=NEWEST_SLOTS)
+        self._read_delay = gyro_read_delay(nan)[0]
         self.imu = ImuCheck(self._wheelbase)
         self._filters = tuple(SingleSampleFilter(jump) for jump in (
             MIN_RATE_JUMP, MIN_ACCELERATION_JUMP, MIN_ACCELERATION_JUMP))
@@ -93,6 +100,16 @@ class Telemetry:
     def identified(self, caps: int) -> None:
         """What the firmware can do: HELLO.caps."""
         self._frames.identified(caps)
+
+    def set_slot(self, longest: float) -> None:
+        """Take over the longest turn of the firmware's loop [s] since the last DIAG.
+
+        The median of the newest counts: now and then other work is in a turn, such as a write to
+        the EEPROM.
+        """
+        if longest > 0.0:
+            self._slots.append(longest)
+            self._read_delay = gyro_read_delay(median_low(self._slots))[0]
 
     def restart(self) -> None:
         """The Nano booted again: re-base at the next frame."""
@@ -121,16 +138,17 @@ class Telemetry:
         hint = (throttle > 0.0) - (throttle < 0.0)
         speed, speed_std = self.speed.update(sample.ticks, sample.edge_t, sample.edge_dt,
                                              sample.t_dev, rate, hint)
-        t_gyro = self.imu_clock.mean_read(sample.imu_t, sample.look)
+        t_gyro = self.imu_clock.mean_read(sample.imu_t + self._read_delay, sample.look)
         accepted, acc = self._judged(sample, t_gyro, speed, speed_std, applied, rate)
         gyro_z = accepted.value if accepted is not None else None
         odometry = self.odometry
-        motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z,
-                                 accepted.stamp if accepted is not None else t_gyro, rate,
+        counted = accepted.stamp if accepted is not None else t_gyro
+        motion = odometry.update(sample.t_dev, self.speed.distance, speed, gyro_z, counted, rate,
                                  speed * tan(applied.steering) / self._wheelbase,
                                  self._missed(speed, speed_std), self.imu_clock.std, accepted)
         self.last_dev = sample.t_dev
-        health = Health(flag_names(sample.flags), sample.imu_age, sample.beat_age, lost, 0, vcc,
+        imu_age = sample.t_dev - counted + 0.5 * PERIOD
+        health = Health(flag_names(sample.flags), imu_age, sample.beat_age, lost, 0, vcc,
                         t_std, "linear", sample.calib, self._doubts(sample.t_dev),
                         self._jumped)
         pose = odometry.pose

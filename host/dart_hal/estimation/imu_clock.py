@@ -18,8 +18,19 @@ the direction needs no history.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, isnan, sqrt
 
+WORK, WORK_STD = 0.8e-3, 0.3e-3
+"""s of a slot of the firmware without the IMU, by its emulator, and one sigma."""
+GYRO_SHARE = 12 / 22
+"""Of the time that a slot spends on the IMU, until the gyro is read. A slot reads acceleration
+(3 bytes of addresses and 6 of data), gyro (3 and 6) and sometimes a status (4): the gyro's
+registers are taken after the 12th of 22 bytes. 2.44 ms at 180 us of stretching per byte."""
+GYRO_READ = (12 * 112.5e-6, 0.62e-3)
+"""s from the begin of the IMU's read to that of the gyro and one sigma, where the Nano does not
+report the length of its slots: 12 bytes of 22.5 us, each stretched by 0 to 180 us."""
+QUICKEST = 12 * 22.5e-6
+"""s of those bytes without stretching."""
 NONE, BEFORE, AFTER, BOTH = range(4)
 PERIOD = 0.010
 """s of the fusion clock, and of a slot. True to the percent that the clocks are apart by, which
@@ -41,6 +52,17 @@ BLANKS = 5
 """Reads without any change: that IMU is stuck, or stands in a world without noise."""
 AGE_STD = PERIOD / sqrt(12.0)
 """s, one sigma of an age of which nothing is known."""
+
+
+def gyro_read_delay(slot: float) -> tuple[float, float]:
+    """Compute the time from the begin of the IMU's read to that of the gyro, and one sigma [s].
+
+    slot [s]: the longest turn of the firmware's loop with its read of the IMU, as DIAG reports it
+    (``loop_max_us``); nan = no DIAG was received.
+    """
+    if isnan(slot):
+        return GYRO_READ
+    return max(GYRO_SHARE * (slot - WORK), QUICKEST), WORK_STD
 
 
 class ImuClock:
@@ -79,7 +101,7 @@ class ImuClock:
     def sampled(self, read: float, look: int) -> float | None:
         """Device time [s] of the update that a read got, None = not known.
 
-        read [s]: device time of the read; look: see the head of this file.
+        read [s]: device time at which the gyro was read; look: see the head of this file.
         """
         step = read - self._read if self._read is not None else inf
         if abs(step) < 0.5 * PERIOD:

@@ -28,13 +28,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.estimation.gyro import GyroBias
-from dart_hal.estimation.imu_clock import AGE_STD
+from dart_hal.estimation.imu_clock import AGE_STD, PERIOD
 from dart_hal.estimation.single_samples import Accepted
 from dart_hal.types import Pose
 
-GYRO_LATENCY = 0.010
-"""s: mean 5 ms until the IMU's next 100 Hz update, 5 ms of its 32 Hz filter
-(1 / (2 pi 32)); the sample is that much older than the start of its read."""
+GYRO_FILTER = 0.005
+"""s by which the IMU's 32 Hz filter delays the yaw rate, 1 / (2 pi 32 Hz)."""
+GYRO_LATENCY = 0.5 * PERIOD + GYRO_FILTER
+"""s by which the yaw rate is older than a read that finds it at its mean age."""
 SMOOTH = 0.1
 """s over which the change of the yaw rate is taken: 4e-3 rad/s of noise in a sample are 0.03
 rad/s2 then, a bend of 7 s at 1 m/s changes by 1; a steering servo needs as long."""
@@ -137,8 +138,8 @@ class Odometry:
                accepted: Accepted | None = None) -> Motion:
         """One frame; returns the motion since the last one, for a filter.
 
-        now, t_gyro [s]: device times of the latch and of the IMU read;
-        distance [m]: signed travel so far; speed [m/s]: 0.0 means standing;
+        now, t_gyro [s]: device times of the latch and of a read that finds the gyro at its mean
+        age; distance [m]: signed travel so far; speed [m/s]: 0.0 means standing;
         gyro_z [rad/s]: body axes, None = not valid; rate: host seconds per
         device second; yaw_rate_hint [rad/s]: used while there is no gyro
         (speed tan(delta) / wheelbase of the applied steering angle); missed

@@ -20,7 +20,8 @@ from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
 from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, RecordingError
-from dart_hal.estimation.odometry import GYRO_LATENCY
+from dart_hal.estimation.imu_clock import GYRO_READ
+from dart_hal.estimation.odometry import GYRO_FILTER
 from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock
 from dart_hal.recording.dart import (
     RUN,
@@ -41,7 +42,9 @@ EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
 SHORTEST = 100  # frames: 1 s
 KEPT = 32  # runs whose messages are kept: an hour of driving is 10 MB
-ACCEL_LATENCY = 0.0075  # s; as GYRO_LATENCY, with the 62.5 Hz filter of the accelerometer
+ACCEL_DELAY = 0.0025 + GYRO_READ[0]
+"""s by which an acceleration is older than the yaw rate's update: its own filter of 62.5 Hz, and
+it is read before the gyro."""
 MASS = "mass"  # metadata of a run: kg and std, as weighed
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
@@ -173,8 +176,8 @@ def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
     t = np.array([s.t for s in states])
     return _at(ends, t, _around(tau, jumps, every), command, _speed(states, t, every)[ends], (
         mean(_yaw_rate(states, t)),
-        mean(_sensed([s.accel_x for s in states], states, t, ACCEL_LATENCY)),
-        mean(_sensed([s.accel_y for s in states], states, t, ACCEL_LATENCY))))
+        mean(_sensed([s.accel_x for s in states], states, t, ACCEL_DELAY)),
+        mean(_sensed([s.accel_y for s in states], states, t, ACCEL_DELAY))))
 
 
 def _moments(states: Sequence[State], files: CarFiles) -> Messages:
@@ -185,8 +188,8 @@ def _moments(states: Sequence[State], files: CarFiles) -> Messages:
     command = undithered(_command(np.array([s.applied.steering_us for s in states]), files), count)
     t = np.array([s.t for s in states])
     gyro, a_x, a_y = (_sensed(values, states, t, latency, 0.0)[ends] for values, latency in (
-        ([s.yaw_rate for s in states], GYRO_LATENCY), ([s.accel_x for s in states], ACCEL_LATENCY),
-        ([s.accel_y for s in states], ACCEL_LATENCY)))
+        ([s.yaw_rate for s in states], GYRO_FILTER), ([s.accel_x for s in states], ACCEL_DELAY),
+        ([s.accel_y for s in states], ACCEL_DELAY)))
     return _at(ends, t, _around(tau, jumps, FINE), command[ends], _speed(states, t, EVERY)[ends],
                (gyro, a_x, a_y))
 
@@ -253,7 +256,7 @@ def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
 
 def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
     """Yaw rate (n,) rad/s in the middle of the frame that ends at t; NaN where there is none."""
-    return _sensed([s.yaw_rate for s in states], states, t, GYRO_LATENCY)
+    return _sensed([s.yaw_rate for s in states], states, t, GYRO_FILTER)
 
 
 def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArray,
@@ -262,7 +265,7 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
 
     before [s]: by how much the moment asked for precedes the end of the frame.
 
-    latency: by what a sample is older than the start of its read [s]. Encoder and
+    latency: by what a value is older than the yaw rate's update [s], of which ``imu_age`` is. Encoder and
     commands have no such age; left in, a model has to explain it.
     """
     value = np.array([np.nan if v is None else v for v in values], dtype=np.float64)

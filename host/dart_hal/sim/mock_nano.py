@@ -33,9 +33,13 @@ TO_UART = 255e-6
 """s from the latch to the first byte of STATE, as the emulated firmware takes."""
 IMU_READ = 6.5e-3
 """s by which the IMU read starts before the slot that sends it."""
+GYRO_READ = 2.43e-3
+"""s from the begin of the read, of the acceleration, to that of the gyro: 12 bytes at 180 us of
+stretching, as in the emulated firmware."""
 LOOK = 4.8e-3
-"""s from the look at the gyro to the read, as the emulated firmware takes at 180 us a byte; there
-the look is in the same slot, for the gyro is read 2.4 ms after the acceleration."""
+"""s from the look at the gyro to its read, as the emulated firmware takes."""
+LOOP_MAX = 5268e-6
+"""s of the longest turn of the emulated firmware's loop, with its read of the IMU."""
 HELD = 0.015
 """s for which a sample stays valid: past one of all zeros, which is dropped."""
 IMU_RESET = 0.650
@@ -262,8 +266,8 @@ class MockNano:
         """Take the sample that was read before this slot."""
         t = self.now - IMU_READ
         started = self.now - self._boot_at >= START and self.now >= self._imu_from
-        sample = self.imu.sample(t) if started else None
-        self._look = self._looked(sample, self.imu.sample(t - LOOK)) if sample else 0
+        sample = self._read_imu(t) if started else None
+        self._look = self._looked(sample, self.imu.sample(t + GYRO_READ - LOOK)) if sample else 0
         if sample is not None and not any(sample):
             return _FLAG["IMU_VALID"] if t - self._sample_at < HELD else 0
         if sample is not None:
@@ -275,6 +279,12 @@ class MockNano:
         age = self.now - max(self._sample_at, self._boot_at)
         stale = _FLAG["IMU_STALE"] if self._sample is not None and age > 0.020 else 0
         return stale | (_FLAG["IMU_ABSENT"] if age > 6.0 else 0)
+
+    def _read_imu(self, t: float) -> tuple[int, ...] | None:
+        """Read the acceleration at t and the gyro after it; None = no answer."""
+        first = self.imu.sample(t)
+        second = self.imu.sample(t + GYRO_READ) if first else None
+        return (*first[:3], *second[3:]) if first and second else None
 
     def _looked(self, sample: tuple[int, ...], seen: tuple[int, ...] | None) -> int:
         """Where the gyro's words changed: 1 before the look, 2 after it, 3 both."""
@@ -309,7 +319,7 @@ class MockNano:
         return zero | {"t_ck": ck, "rx_ok": c.ok & 0xFFFF, "rx_crc": (c.crc + c.cobs) & 0xFFFF,
                        "rx_len": (c.length + c.unknown) & 0xFFFF, "rx_seq_gap": c.gaps & 0xFFFF,
                        "edges_rejected": self.rings[0].rejected & 0xFFFF,
-                       "loop_max_us": 1000, "stack_free": 1000, "vcc_mv": round(1e3 * self._vcc),
+                       "loop_max_us": round(1e6 * LOOP_MAX), "stack_free": 1000, "vcc_mv": round(1e3 * self._vcc),
                        "boot_count": self.boot_count & 0xFFFF}
 
     def _event(self, code: int, arg: int) -> None:

@@ -269,7 +269,8 @@ class Health:
     """How far the numbers beside it may be trusted.
 
     ``flags``: names of ``wire.messages.STATE_FLAGS`` that are set; ``imu_age``
-    and ``beat_age`` in s (inf = none); ``lost`` frames since open; ``vcc`` in V
+    s since the IMU renewed the yaw rate (its filter is later by 5 ms), ``beat_age``
+    s (inf = none); ``lost`` frames since open; ``vcc`` in V
     (None = not measured); ``t_std`` s, one sigma of ``State.t``;
     ``accel_kind`` "linear" (gravity removed) or "raw"; ``calib`` the
     BNO055's (sys, gyr, acc, mag) levels 0..3; ``doubts`` names of ``Doubt``;
