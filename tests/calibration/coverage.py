@@ -1,15 +1,16 @@
 """How often the 90 % intervals of the calibrations hold the hidden truth.
 
-    make coverage                                 calibrate all on 100 hidden cars, gone on with
+    make coverage                                 both campaigns on 100 hidden cars, gone on with
     python -m tests.calibration.coverage --seeds 30 --jobs 2 --plot coverage.png
     python -m tests.calibration.coverage --seeds 40 throttle circle       one verb by itself
 
-A minute of CPU a car and "all". Each car of "latency" by itself, and of "lagging", which is esc,
-has a delay and a lag of its motor drawn from its seed; "steering" by itself is of a car that
-nothing has measured before. One row per quantity: the share of its intervals that hold the truth,
-rms of error by standard error, worst of both. In the pooled share every quantity of every car
-weighs the same, the 20 numbers of a ring as one. The clock's intervals are wide here: the crystal
-of a simulated host has no error.
+"all" is calibrate all, a minute of CPU a car; "joint" is identify --joint on four drives of a car
+that "all" has measured, another minute. Each car of "latency" by itself, and of "lagging", which
+is esc, has a delay and a lag of its motor drawn from its seed; "steering" by itself is of a car
+that nothing has measured before. One row per quantity: the share of its intervals that hold the
+truth, rms of error by standard error, worst of both. In the pooled share every quantity of every
+car weighs the same, the 20 numbers of a ring as one. The clock's intervals are wide here: the
+crystal of a simulated host has no error.
 """
 
 from __future__ import annotations
@@ -18,16 +19,20 @@ import argparse
 import json
 from collections import defaultdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tests.calibration.hidden_errors import VERBS, Errors, errors
+from tests.calibration.joint_errors import calibrated, joint_errors
 
 from dart_hal.errors import DartHalError
 from dart_hal.process.jobs import each
 from dart_hal.types import NINETY
 
 RESULTS = Path(__file__).resolve().parents[2] / "build" / "coverage" / "results.jsonl"
+CARS = RESULTS.parent / "cars"
+"""A folder for each seed: what ``calibrate all`` found of its car, and the drives of "joint"."""
+KEPT = ("all", "joint")
 EACH, POOLED = (0.82, 0.97), (0.87, 0.93)
 """Shares that are wanted of each quantity and of all."""
 
@@ -47,8 +52,11 @@ class Row(NamedTuple):
 def one(case: tuple[str, int]) -> dict[str, object]:
     """A line of the results: a verb on a car of a seed."""
     verb, seed = case
+    folder = CARS / str(seed)
     try:
-        return {"verb": verb, "seed": seed, "errors": errors(verb, seed)}
+        found = (errors(verb, seed) if verb not in KEPT
+                 else joint_errors(seed, folder) if verb == "joint" else calibrated(seed, folder))
+        return {"verb": verb, "seed": seed, "errors": found}
     except DartHalError as error:
         return {"verb": verb, "seed": seed, "errors": {}, "failed": str(error)}
 
@@ -98,7 +106,7 @@ def plot(rows: list[Row], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verbs", nargs="*", default=["all"], metavar="VERB",
-                        help=f"all, {', '.join(VERBS)}")
+                        help=f"{', '.join(KEPT)}, {', '.join(VERBS)}")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
@@ -116,16 +124,23 @@ def main() -> None:
             done[line["verb"], line["seed"]] = line
             file.write(json.dumps(line) + "\n")
             file.flush()
-    found = [done[case] for case in cases]
-    rows = rows_of([line["errors"] for line in found if line["errors"]])
+    for verb in given.verbs:
+        found = [done[case] for case in cases if case[0] == verb]
+        rows = rows_of([line["errors"] for line in found if line["errors"]])
+        report(verb, rows, found)
+        if given.plot and verb == given.verbs[0]:
+            plot(rows, given.plot)
+
+
+def report(verb: str, rows: list[Row], found: list[dict[str, Any]]) -> None:
+    """Print a line for each quantity of a verb, and one for each car that failed."""
+    print(f"\n{verb}")
     for row in rows:
         print(f"{row.name:30s} {row.cars:4d} cars {100 * row.share:5.1f} % inside, "
               f"z rms {row.rms:.2f}, worst {row.worst_z:.1f} sigma, worst error {row.worst:.3g}")
     for line in found:
         if "failed" in line:
-            print(f"{line['verb']} of car {line['seed']}: {line['failed']}")
-    if given.plot:
-        plot(rows, given.plot)
+            print(f"{verb} of car {line['seed']}: {line['failed']}")
 
 
 if __name__ == "__main__":

@@ -330,6 +330,6 @@ def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
 
 
 def test_neutral_follows_the_highest_level():
-    """Wheels that stop soon tell the friction only from there, and it decides where a pull begins."""
+    """Wheels that stop soon tell the friction only from there; it decides where a pull begins."""
     before = [esc.ORDER[k - 1] for k, level in enumerate(esc.ORDER) if level is None]
     assert before == [len(esc.LEVELS) - 1] * 4

@@ -265,8 +265,8 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
 
     before [s]: by how much the moment asked for precedes the end of the frame.
 
-    latency: by what a value is older than the yaw rate's update [s], of which ``imu_age`` is. Encoder and
-    commands have no such age; left in, a model has to explain it.
+    latency: by what a value is older than the yaw rate's update [s], from which ``imu_age``
+    counts. Encoder and commands have no such age; left in, a model has to explain it.
     """
     value = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
     age = np.array([s.health.imu_age for s in states])

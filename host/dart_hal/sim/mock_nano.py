@@ -319,8 +319,8 @@ class MockNano:
         return zero | {"t_ck": ck, "rx_ok": c.ok & 0xFFFF, "rx_crc": (c.crc + c.cobs) & 0xFFFF,
                        "rx_len": (c.length + c.unknown) & 0xFFFF, "rx_seq_gap": c.gaps & 0xFFFF,
                        "edges_rejected": self.rings[0].rejected & 0xFFFF,
-                       "loop_max_us": round(1e6 * LOOP_MAX), "stack_free": 1000, "vcc_mv": round(1e3 * self._vcc),
-                       "boot_count": self.boot_count & 0xFFFF}
+                       "loop_max_us": round(1e6 * LOOP_MAX), "stack_free": 1000,
+                       "vcc_mv": round(1e3 * self._vcc), "boot_count": self.boot_count & 0xFFFF}
 
     def _event(self, code: int, arg: int) -> None:
         self._events = (self._events + 1) & 0xFF

@@ -16,6 +16,7 @@ from dart_hal.vehicle import (
     make_kinematic_step,
     make_motor_gains,
 )
+from dart_hal.vehicle.integrate import RATES
 from dart_hal.vehicle.straight import straight
 
 DYNAMIC = ("x", "y", "eta", "v_x", "v_y", "omega", "k0", "k1", "brake", "cos_d", "sin_d")
@@ -25,7 +26,7 @@ KINEMATIC = ("x", "y", "eta", "v", "k0", "k1", "brake", "tan_d")
 
 def _dynamic(p: Vehicle, dt: float, xp: Namespace) -> Callable[..., Any]:
     """A tick with its inputs held."""
-    step = make_dynamic_step(make_dynamic(p, xp))
+    step = make_dynamic_step(make_dynamic(p, xp, max_rate=RATES["rk4"] / dt))
     return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
 
 

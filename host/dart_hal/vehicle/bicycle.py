@@ -45,19 +45,22 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.tyres import make_slip, make_tyres
+from dart_hal.vehicle.tyres import least_divisor, make_slip, make_tyres
 
 Rates = tuple[Value, Value, Value, Value, Value, Value]
 
 
-def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callable[..., Rates]:
+def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
+                 max_rate: Value | None = None) -> Callable[..., Rates]:
     """``rates(eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d)``: d(state)/dt.
 
     Returns (x', y', eta', v_x', v_y', omega'). What an actuator holds over an
     integration step enters as coefficients: the drive (k0, k1, brake) of
     ``make_motor_gains``, cosine and sine of the road-wheel angle. Accelerations
     in body axes are v_x' - omega v_y and v_y' + omega v_x. slip: form of the
-    slip angles, None = the vehicle's own.
+    slip angles, None = the vehicle's own. max_rate [1/s]: fastest relaxation of
+    v_y and omega, for an integrator that knows its step (``integrate.RATES``);
+    None: as fast as the tyres are stiff.
     """
     f = adapt(xp)
     sin, cos = f.sin, f.cos
@@ -65,7 +68,8 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None) -> Callabl
     per_mass, per_inertia = 1.0 / p.body.mass, 1.0 / p.body.yaw_inertia
     share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
     friction = make_friction(p.friction, f)
-    angles = make_slip(p.body, f, slip or p.slip)
+    least = None if max_rate is None else least_divisor(p.tyres, p.body, f, max_rate)
+    angles = make_slip(p.body, f, slip or p.slip, least)
     front, rear = make_tyres(p.tyres, p.body, f)
     hooks = force_hooks(p, f)
 

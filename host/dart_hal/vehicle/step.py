@@ -16,6 +16,7 @@ from dart_hal.types import SAMPLE
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import (
+    RATES,
     Inputs,
     State6,
     make_dynamic_euler,
@@ -52,7 +53,7 @@ def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,
     unknown method.
     """
     f, p = adapt(xp), settled(p)
-    body = _body(p, f, method)
+    body = _body(p, f, method, dt)
     steering = make_steering(p.steering, f)
     (start_t, half_t), (start_s, half_s) = (
         decay(lag, dt, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s))
@@ -78,7 +79,7 @@ def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: i
     both held. Raises UsageError for an unknown method.
     """
     f, p = adapt(xp), settled(p)
-    inputs, advance, kinematic = _parts(p, f, method)
+    inputs, advance, kinematic = _parts(p, f, method, dt)
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, tau: Value,
              delta: Value) -> State6:
@@ -102,9 +103,9 @@ def decay(lag: Value, dt: Value, f: Namespace) -> tuple[Value, Value]:
     return 1.0 - f.exp(-lag / NO_LAG), f.exp(-0.5 * dt / f.fmax(lag, NO_LAG))
 
 
-def _parts(p: Vehicle, f: Namespace,
-           method: str) -> tuple[Callable[[Value, Value], Inputs], Callable[..., Any], bool]:
-    """(inputs of the rates from (tau, delta), integrator, kinematic?)."""
+def _parts(p: Vehicle, f: Namespace, method: str, dt: Value
+           ) -> tuple[Callable[[Value, Value], Inputs], Callable[..., Any], bool]:
+    """(inputs of the rates from (tau, delta), integrator with steps of dt [s], kinematic?)."""
     if method not in METHODS:
         raise UsageError(f"no integration method {method!r}", expected=", ".join(METHODS))
     gains = make_motor_gains(p.motor, f)
@@ -121,11 +122,11 @@ def _parts(p: Vehicle, f: Namespace,
 
     if p.kind == "kinematic":
         return rolling, make_rolling(make_kinematic(p, f)), True
-    return slipping, make_slipping(make_dynamic(p, f)), False
+    return slipping, make_slipping(make_dynamic(p, f, max_rate=RATES[method] / dt)), False
 
 
-def _body(p: Vehicle, f: Namespace, method: str) -> Body6:
-    inputs, advance, kinematic = _parts(p, f, method)
+def _body(p: Vehicle, f: Namespace, method: str, step: Value) -> Body6:
+    inputs, advance, kinematic = _parts(p, f, method, step)
 
     def dynamic(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
                 start: Inputs, middle: Inputs, end: Inputs) -> State6:

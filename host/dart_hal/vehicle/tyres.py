@@ -17,25 +17,67 @@ Slip = Callable[[Value, Value, Value, Value, Value], tuple[Value, Value]]
 Force = Callable[[Value], Value]
 
 
-def make_slip(body: Body, xp: Any = math, form: str = "all_speeds") -> Slip:
+def make_slip(body: Body, xp: Any = math, form: str = "all_speeds",
+              least: Value | None = None) -> Slip:
     """``slip(v_x, v_y, omega, cos d, sin d) -> (alpha_f, alpha_r)`` [rad].
 
     form: "all_speeds" (the paper's, made valid at rest and in reverse),
     "upstream" (that of the later set, likewise; its regularisation reaches up
     to 1 m/s and belongs to its tyre values), "paper" (as published, v_x > 0
-    only). Raises UsageError for another one.
+    only). least [m/s]: smallest divisor, see ``least_divisor``; None: as the
+    form has it. Raises UsageError for another form.
     """
     f = adapt(xp)
     if form == "all_speeds":
-        return _regularised(body, f, 0.1, 100.0)
+        return _regularised(body, f, 0.1, 100.0, least)
     if form == "upstream":
-        return _regularised(body, f, 1.0, 3.0)
+        return _regularised(body, f, 1.0, 3.0, least)
     if form == "paper":
-        return _paper(body, f)
+        return _paper(body, f, least)
     raise UsageError(f"no slip angles of form {form!r}", expected=", ".join(SLIPS))
 
 
-def _regularised(body: Body, f: Any, amount: float, decay: float) -> Slip:
+def least_divisor(p: PaperTyres | AxleTyres, body: Body, xp: Any, max_rate: Value) -> Value:
+    """Compute the divisor of the slip angles [m/s] at which slip relaxes at ``max_rate`` [1/s].
+
+    At rest of the steering, [v_y, omega] relax at the eigenvalues of
+
+        1/divisor [[(C_f + C_r) / m,          (l_f C_f - l_r C_r) / m      ],
+                   [(l_f C_f - l_r C_r) / I_z, (l_f^2 C_f + l_r^2 C_r) / I_z]]
+
+    with C = dF_y / d alpha [N/rad] of an axle: without limit as the divisor, the speed, falls. An
+    integrator with a step dt is unstable beyond a rate of some 1/dt. With a divisor of at least
+    this size it stays stable. Tyre forces, path and yaw rate of a steady turn stay as they are;
+    the car slips sideways faster by (divisor - v) alpha, about a_y dt, which vanishes with the
+    step.
+    """
+    f = adapt(xp)
+    front, rear = cornering_stiffness(p, body, f)
+    across = (front + rear) / body.mass
+    turning = (body.l_f * body.l_f * front + body.l_r * body.l_r * rear) / body.yaw_inertia
+    coupling = body.l_f * front - body.l_r * rear
+    apart = across - turning
+    coupled = 4.0 * coupling * coupling / (body.mass * body.yaw_inertia)
+    return 0.5 * (across + turning + f.sqrt(apart * apart + coupled)) / max_rate
+
+
+def cornering_stiffness(p: PaperTyres | AxleTyres, body: Body, xp: Any = math
+                        ) -> tuple[Value, Value]:
+    """Compute dF_y / d alpha [N/rad] of (front, rear) axle, no less than the tyre's largest.
+
+    The magic formula is steepest at 0 for a curvature E above -3. Below, its largest slope is up
+    to ((1 - E)/4)^(1/2) times that at 0 (within 18 %, checked numerically down to E = -20).
+    """
+    if isinstance(p, AxleTyres):
+        return (p.front_D * body.front_load * p.front_C * p.front_B,
+                p.rear_D * body.rear_load * p.rear_C * p.rear_B)
+    f = adapt(xp)
+    steeper = f.sqrt(f.fmax(1.0, 0.25 * (1.0 - p.front_E)))
+    return p.front_D * p.front_C * p.front_B * steeper, p.rear_cornering_stiffness
+
+
+def _regularised(body: Body, f: Any, amount: float, decay: float,
+                 least: Value | None) -> Slip:
     """Slip angles that are odd in time and zero at rest.
 
     The paper adds its regularisation to the velocity itself, so that a standing
@@ -45,25 +87,31 @@ def _regularised(body: Body, f: Any, amount: float, decay: float) -> Slip:
     the wheels roll forward, exactly.
     """
     l_f, l_r = body.l_f, body.l_r
-    atan2, exp, fabs = f.atan2, f.exp, f.fabs
+    atan2, exp, fabs, fmax = f.atan2, f.exp, f.fabs, f.fmax
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         b = vy + l_f * om
         along = vx * cd + b * sd
-        front = atan2(vx * sd - b * cd, fabs(along) + amount * exp(-decay * along * along))
-        rear = atan2(l_r * om - vy, fabs(vx) + amount * exp(-decay * vx * vx))
-        return front, rear
+        divisor_f = fabs(along) + amount * exp(-decay * along * along)
+        divisor_r = fabs(vx) + amount * exp(-decay * vx * vx)
+        if least is not None:
+            divisor_f = fmax(divisor_f, least)
+            divisor_r = fmax(divisor_r, least)
+        return atan2(vx * sd - b * cd, divisor_f), atan2(l_r * om - vy, divisor_r)
 
     return slip
 
 
-def _paper(body: Body, f: Any) -> Slip:
+def _paper(body: Body, f: Any, least: Value | None) -> Slip:
     l_f, l_r = body.l_f, body.l_r
-    atan, atan2, exp = f.atan, f.atan2, f.exp
+    atan, atan2, exp, fmax = f.atan, f.atan2, f.exp, f.fmax
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         v = vx + 0.1 * exp(-100.0 * vx * vx)
-        return atan2(sd, cd) - atan2(vy + l_f * om, v), -atan((vy - l_r * om) / v)
+        if least is None:
+            return atan2(sd, cd) - atan2(vy + l_f * om, v), -atan((vy - l_r * om) / v)
+        front = atan2(vx * sd - (vy + l_f * om) * cd, fmax(v, least))
+        return front, -atan((vy - l_r * om) / fmax(v, least))
 
     return slip
 

@@ -63,145 +63,145 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real s = state[7][i];
         const real tau_command = held[0][i];
         const real s_command = held[1][i];
-        const real v62 = H(26) * (tau - tau_command);
-        const real v64 = H(28) * (s - s_command);
-        const real v65 = H(27) * v62;
-        const real v66 = H(29) * v64;
-        const real v68 = tau_command + (H(27) * v65);
-        const real v70 = s_command + (H(29) * v66);
-        const real v71 = tau_command + v62;
-        const real v73 = (s_command + v64) + H(13);
-        const real v79 = R(0.5) * (F(tanh)(R(30.0) * v73) + R(1.0));
-        const real v89 = ((v79 * H(12)) * F(tanh)(H(11) * v73)) + (((R(1.0) - v79) * H(14)) *
-            F(tanh)(H(15) * v73));
-        const real v90 = tau_command + v65;
-        const real v92 = (s_command + v66) + H(13);
-        const real v96 = R(0.5) * (F(tanh)(R(30.0) * v92) + R(1.0));
-        const real v106 = ((v96 * H(12)) * F(tanh)(H(11) * v92)) + (((R(1.0) - v96) * H(14)) *
-            F(tanh)(H(15) * v92));
-        const real v107 = v70 + H(13);
-        const real v111 = R(0.5) * (F(tanh)(R(30.0) * v107) + R(1.0));
-        const real v121 = ((v111 * H(12)) * F(tanh)(H(11) * v107)) + (((R(1.0) - v111) * H(14)) *
-            F(tanh)(H(15) * v107));
-        const real v122 = v71 + H(9);
-        const real v128 = (R(0.5) * v122) * (F(tanh)(R(100.0) * v122) + R(1.0));
-        const real v130 = (-v71) + H(9);
-        const real v136 = H(10) * ((R(0.5) * v130) * (F(tanh)(R(100.0) * v130) + R(1.0)));
-        const real v141 = F(sin)(v89 + R(1.5707963267948966));
-        const real v142 = F(sin)(v89);
-        const real v143 = v90 + H(9);
-        const real v148 = (R(0.5) * v143) * (F(tanh)(R(100.0) * v143) + R(1.0));
-        const real v150 = (-v90) + H(9);
-        const real v156 = H(10) * ((R(0.5) * v150) * (F(tanh)(R(100.0) * v150) + R(1.0)));
-        const real v158 = H(7) * (v148 - v156);
-        const real v160 = H(8) * (v148 + v156);
-        const real v161 = F(sin)(v106 + R(1.5707963267948966));
-        const real v162 = F(sin)(v106);
-        const real v163 = v68 + H(9);
-        const real v168 = (R(0.5) * v163) * (F(tanh)(R(100.0) * v163) + R(1.0));
-        const real v170 = (-v68) + H(9);
-        const real v176 = H(10) * ((R(0.5) * v170) * (F(tanh)(R(100.0) * v170) + R(1.0)));
-        const real v181 = F(sin)(v121 + R(1.5707963267948966));
-        const real v182 = F(sin)(v121);
-        const real v187 = vy + (H(0) * om);
-        const real v190 = (vx * v141) + (v187 * v142);
-        const real v205 = F(fabs)(vx);
-        const real v223 = ((H(7) * (v128 - v136)) - ((H(8) * (v128 + v136)) * vx)) + (-((H(3) *
-            F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v205)) * vx)));
-        const real v224 = H(2) * v223;
-        const real v226 = H(18) * F(atan2)((vx * v142) - (v187 * v141), F(fabs)(v190) + (R(0.1) *
-            EXP((R(-100.0) * v190) * v190)));
-        const real v234 = H(16) * F(sin)(H(17) * F(atan)(v226 - (H(19) * (v226 -
-            F(atan)(v226)))));
-        const real v238 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy, v205 +
-            (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
-        const real v241 = (v234 * v141) + (v224 * v142);
-        const real v250 = F(sin)(eta + R(1.5707963267948966));
-        const real v251 = F(sin)(eta);
-        const real v260 = ((((H(25) * v223) + (v224 * v141)) - (v234 * v142)) * H(23)) + (om *
+        const real v97 = H(27) * (tau - tau_command);
+        const real v99 = H(29) * (s - s_command);
+        const real v100 = H(28) * v97;
+        const real v101 = H(30) * v99;
+        const real v103 = tau_command + (H(28) * v100);
+        const real v105 = s_command + (H(30) * v101);
+        const real v106 = tau_command + v97;
+        const real v108 = (s_command + v99) + H(13);
+        const real v113 = R(0.5) * (F(tanh)(R(30.0) * v108) + R(1.0));
+        const real v123 = ((v113 * H(12)) * F(tanh)(H(11) * v108)) + (((R(1.0) - v113) * H(14)) *
+            F(tanh)(H(15) * v108));
+        const real v124 = tau_command + v100;
+        const real v126 = (s_command + v101) + H(13);
+        const real v130 = R(0.5) * (F(tanh)(R(30.0) * v126) + R(1.0));
+        const real v140 = ((v130 * H(12)) * F(tanh)(H(11) * v126)) + (((R(1.0) - v130) * H(14)) *
+            F(tanh)(H(15) * v126));
+        const real v141 = v105 + H(13);
+        const real v145 = R(0.5) * (F(tanh)(R(30.0) * v141) + R(1.0));
+        const real v155 = ((v145 * H(12)) * F(tanh)(H(11) * v141)) + (((R(1.0) - v145) * H(14)) *
+            F(tanh)(H(15) * v141));
+        const real v156 = v106 + H(9);
+        const real v162 = (R(0.5) * v156) * (F(tanh)(R(100.0) * v156) + R(1.0));
+        const real v164 = (-v106) + H(9);
+        const real v170 = H(10) * ((R(0.5) * v164) * (F(tanh)(R(100.0) * v164) + R(1.0)));
+        const real v175 = F(sin)(v123 + R(1.5707963267948966));
+        const real v176 = F(sin)(v123);
+        const real v177 = v124 + H(9);
+        const real v182 = (R(0.5) * v177) * (F(tanh)(R(100.0) * v177) + R(1.0));
+        const real v184 = (-v124) + H(9);
+        const real v190 = H(10) * ((R(0.5) * v184) * (F(tanh)(R(100.0) * v184) + R(1.0)));
+        const real v192 = H(7) * (v182 - v190);
+        const real v194 = H(8) * (v182 + v190);
+        const real v195 = F(sin)(v140 + R(1.5707963267948966));
+        const real v196 = F(sin)(v140);
+        const real v197 = v103 + H(9);
+        const real v202 = (R(0.5) * v197) * (F(tanh)(R(100.0) * v197) + R(1.0));
+        const real v204 = (-v103) + H(9);
+        const real v210 = H(10) * ((R(0.5) * v204) * (F(tanh)(R(100.0) * v204) + R(1.0)));
+        const real v215 = F(sin)(v155 + R(1.5707963267948966));
+        const real v216 = F(sin)(v155);
+        const real v221 = vy + (H(0) * om);
+        const real v224 = (vx * v175) + (v221 * v176);
+        const real v233 = F(fabs)(vx);
+        const real v259 = ((H(7) * (v162 - v170)) - ((H(8) * (v162 + v170)) * vx)) + (-((H(3) *
+            F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v233)) * vx)));
+        const real v260 = H(2) * v259;
+        const real v262 = H(18) * F(atan2)((vx * v176) - (v221 * v175), F(fmax)(F(fabs)(v224) +
+            (R(0.1) * EXP((R(-100.0) * v224) * v224)), H(26)));
+        const real v270 = H(16) * F(sin)(H(17) * F(atan)(v262 - (H(19) * (v262 -
+            F(atan)(v262)))));
+        const real v274 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy,
+            F(fmax)(v233 + (R(0.1) * EXP((R(-100.0) * vx) * vx)), H(26)))));
+        const real v277 = (v270 * v175) + (v260 * v176);
+        const real v286 = F(sin)(eta + R(1.5707963267948966));
+        const real v287 = F(sin)(eta);
+        const real v296 = ((((H(25) * v259) + (v260 * v175)) - (v270 * v176)) * H(23)) + (om *
             vy);
-        const real v263 = ((v238 + v241) * H(23)) - (om * vx);
-        const real v264 = ((H(0) * v241) - (H(1) * v238)) * H(24);
-        const real v266 = eta + (H(30) * om);
-        const real v268 = vx + (H(30) * v260);
-        const real v270 = vy + (H(30) * v263);
-        const real v272 = om + (H(30) * v264);
-        const real v274 = v270 + (H(0) * v272);
-        const real v277 = (v268 * v161) + (v274 * v162);
-        const real v290 = F(fabs)(v268);
-        const real v307 = (v158 - (v160 * v268)) + (-((H(3) * F(tanh)(H(4) * v268)) + ((H(5) +
-            (H(6) * v290)) * v268)));
-        const real v308 = H(2) * v307;
-        const real v310 = H(18) * F(atan2)((v268 * v162) - (v274 * v161), F(fabs)(v277) + (R(0.1)
-            * EXP((R(-100.0) * v277) * v277)));
-        const real v318 = H(16) * F(sin)(H(17) * F(atan)(v310 - (H(19) * (v310 -
-            F(atan)(v310)))));
-        const real v321 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v272) - v270,
-            v290 + (R(0.1) * EXP((R(-100.0) * v268) * v268)))));
-        const real v324 = (v318 * v161) + (v308 * v162);
-        const real v333 = F(sin)(v266 + R(1.5707963267948966));
-        const real v334 = F(sin)(v266);
-        const real v343 = ((((H(25) * v307) + (v308 * v161)) - (v318 * v162)) * H(23)) + (v272 *
-            v270);
-        const real v346 = ((v321 + v324) * H(23)) - (v272 * v268);
-        const real v347 = ((H(0) * v324) - (H(1) * v321)) * H(24);
-        const real v349 = eta + (H(30) * v272);
-        const real v351 = vx + (H(30) * v343);
-        const real v353 = vy + (H(30) * v346);
-        const real v355 = om + (H(30) * v347);
-        const real v357 = v353 + (H(0) * v355);
-        const real v360 = (v351 * v161) + (v357 * v162);
-        const real v373 = F(fabs)(v351);
-        const real v390 = (v158 - (v160 * v351)) + (-((H(3) * F(tanh)(H(4) * v351)) + ((H(5) +
-            (H(6) * v373)) * v351)));
-        const real v391 = H(2) * v390;
-        const real v393 = H(18) * F(atan2)((v351 * v162) - (v357 * v161), F(fabs)(v360) + (R(0.1)
-            * EXP((R(-100.0) * v360) * v360)));
-        const real v401 = H(16) * F(sin)(H(17) * F(atan)(v393 - (H(19) * (v393 -
-            F(atan)(v393)))));
-        const real v404 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v355) - v353,
-            v373 + (R(0.1) * EXP((R(-100.0) * v351) * v351)))));
-        const real v407 = (v401 * v161) + (v391 * v162);
-        const real v416 = F(sin)(v349 + R(1.5707963267948966));
-        const real v417 = F(sin)(v349);
-        const real v426 = ((((H(25) * v390) + (v391 * v161)) - (v401 * v162)) * H(23)) + (v355 *
-            v353);
-        const real v429 = ((v404 + v407) * H(23)) - (v355 * v351);
-        const real v430 = ((H(0) * v407) - (H(1) * v404)) * H(24);
-        const real v432 = eta + (H(22) * v355);
-        const real v434 = vx + (H(22) * v426);
-        const real v436 = vy + (H(22) * v429);
-        const real v438 = om + (H(22) * v430);
-        const real v440 = v436 + (H(0) * v438);
-        const real v443 = (v434 * v181) + (v440 * v182);
-        const real v456 = F(fabs)(v434);
-        const real v473 = ((H(7) * (v168 - v176)) - ((H(8) * (v168 + v176)) * v434)) + (-((H(3) *
-            F(tanh)(H(4) * v434)) + ((H(5) + (H(6) * v456)) * v434)));
-        const real v474 = H(2) * v473;
-        const real v476 = H(18) * F(atan2)((v434 * v182) - (v440 * v181), F(fabs)(v443) + (R(0.1)
-            * EXP((R(-100.0) * v443) * v443)));
-        const real v484 = H(16) * F(sin)(H(17) * F(atan)(v476 - (H(19) * (v476 -
-            F(atan)(v476)))));
-        const real v487 = F(fmax)(H(32), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v438) - v436,
-            v456 + (R(0.1) * EXP((R(-100.0) * v434) * v434)))));
-        const real v490 = (v484 * v181) + (v474 * v182);
-        const real v499 = F(sin)(v432 + R(1.5707963267948966));
-        const real v500 = F(sin)(v432);
-        state[0][i] = x + (H(31) * ((((vx * v250) - (vy * v251)) + (R(2.0) * (((v268 * v333) -
-            (v270 * v334)) + ((v351 * v416) - (v353 * v417))))) + ((v434 * v499) - (v436 *
-            v500))));
-        state[1][i] = y + (H(31) * ((((vx * v251) + (vy * v250)) + (R(2.0) * (((v268 * v334) +
-            (v270 * v333)) + ((v351 * v417) + (v353 * v416))))) + ((v434 * v500) + (v436 *
-            v499))));
-        state[2][i] = eta + (H(31) * ((om + (R(2.0) * (v272 + v355))) + v438));
-        state[3][i] = vx + (H(31) * ((v260 + (R(2.0) * (v343 + v426))) + (((((H(25) * v473) +
-            (v474 * v181)) - (v484 * v182)) * H(23)) + (v438 * v436))));
-        state[4][i] = vy + (H(31) * ((v263 + (R(2.0) * (v346 + v429))) + (((v487 + v490) * H(23))
-            - (v438 * v434))));
-        state[5][i] = om + (H(31) * ((v264 + (R(2.0) * (v347 + v430))) + (((H(0) * v490) - (H(1) *
-            v487)) * H(24))));
-        state[6][i] = v68;
-        state[7][i] = v70;
+        const real v299 = ((v274 + v277) * H(23)) - (om * vx);
+        const real v300 = ((H(0) * v277) - (H(1) * v274)) * H(24);
+        const real v302 = eta + (H(31) * om);
+        const real v304 = vx + (H(31) * v296);
+        const real v306 = vy + (H(31) * v299);
+        const real v308 = om + (H(31) * v300);
+        const real v310 = v306 + (H(0) * v308);
+        const real v313 = (v304 * v195) + (v310 * v196);
+        const real v320 = F(fabs)(v304);
+        const real v345 = (v192 - (v194 * v304)) + (-((H(3) * F(tanh)(H(4) * v304)) + ((H(5) +
+            (H(6) * v320)) * v304)));
+        const real v346 = H(2) * v345;
+        const real v348 = H(18) * F(atan2)((v304 * v196) - (v310 * v195), F(fmax)(F(fabs)(v313) +
+            (R(0.1) * EXP((R(-100.0) * v313) * v313)), H(26)));
+        const real v356 = H(16) * F(sin)(H(17) * F(atan)(v348 - (H(19) * (v348 -
+            F(atan)(v348)))));
+        const real v359 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v308) - v306,
+            F(fmax)(v320 + (R(0.1) * EXP((R(-100.0) * v304) * v304)), H(26)))));
+        const real v362 = (v356 * v195) + (v346 * v196);
+        const real v371 = F(sin)(v302 + R(1.5707963267948966));
+        const real v372 = F(sin)(v302);
+        const real v381 = ((((H(25) * v345) + (v346 * v195)) - (v356 * v196)) * H(23)) + (v308 *
+            v306);
+        const real v384 = ((v359 + v362) * H(23)) - (v308 * v304);
+        const real v385 = ((H(0) * v362) - (H(1) * v359)) * H(24);
+        const real v387 = eta + (H(31) * v308);
+        const real v389 = vx + (H(31) * v381);
+        const real v391 = vy + (H(31) * v384);
+        const real v393 = om + (H(31) * v385);
+        const real v395 = v391 + (H(0) * v393);
+        const real v398 = (v389 * v195) + (v395 * v196);
+        const real v405 = F(fabs)(v389);
+        const real v430 = (v192 - (v194 * v389)) + (-((H(3) * F(tanh)(H(4) * v389)) + ((H(5) +
+            (H(6) * v405)) * v389)));
+        const real v431 = H(2) * v430;
+        const real v433 = H(18) * F(atan2)((v389 * v196) - (v395 * v195), F(fmax)(F(fabs)(v398) +
+            (R(0.1) * EXP((R(-100.0) * v398) * v398)), H(26)));
+        const real v441 = H(16) * F(sin)(H(17) * F(atan)(v433 - (H(19) * (v433 -
+            F(atan)(v433)))));
+        const real v444 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v393) - v391,
+            F(fmax)(v405 + (R(0.1) * EXP((R(-100.0) * v389) * v389)), H(26)))));
+        const real v447 = (v441 * v195) + (v431 * v196);
+        const real v456 = F(sin)(v387 + R(1.5707963267948966));
+        const real v457 = F(sin)(v387);
+        const real v466 = ((((H(25) * v430) + (v431 * v195)) - (v441 * v196)) * H(23)) + (v393 *
+            v391);
+        const real v469 = ((v444 + v447) * H(23)) - (v393 * v389);
+        const real v470 = ((H(0) * v447) - (H(1) * v444)) * H(24);
+        const real v472 = eta + (H(22) * v393);
+        const real v474 = vx + (H(22) * v466);
+        const real v476 = vy + (H(22) * v469);
+        const real v478 = om + (H(22) * v470);
+        const real v480 = v476 + (H(0) * v478);
+        const real v483 = (v474 * v215) + (v480 * v216);
+        const real v490 = F(fabs)(v474);
+        const real v515 = ((H(7) * (v202 - v210)) - ((H(8) * (v202 + v210)) * v474)) + (-((H(3) *
+            F(tanh)(H(4) * v474)) + ((H(5) + (H(6) * v490)) * v474)));
+        const real v516 = H(2) * v515;
+        const real v518 = H(18) * F(atan2)((v474 * v216) - (v480 * v215), F(fmax)(F(fabs)(v483) +
+            (R(0.1) * EXP((R(-100.0) * v483) * v483)), H(26)));
+        const real v526 = H(16) * F(sin)(H(17) * F(atan)(v518 - (H(19) * (v518 -
+            F(atan)(v518)))));
+        const real v529 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v478) - v476,
+            F(fmax)(v490 + (R(0.1) * EXP((R(-100.0) * v474) * v474)), H(26)))));
+        const real v532 = (v526 * v215) + (v516 * v216);
+        const real v541 = F(sin)(v472 + R(1.5707963267948966));
+        const real v542 = F(sin)(v472);
+        state[0][i] = x + (H(32) * ((((vx * v286) - (vy * v287)) + (R(2.0) * (((v304 * v371) -
+            (v306 * v372)) + ((v389 * v456) - (v391 * v457))))) + ((v474 * v541) - (v476 *
+            v542))));
+        state[1][i] = y + (H(32) * ((((vx * v287) + (vy * v286)) + (R(2.0) * (((v304 * v372) +
+            (v306 * v371)) + ((v389 * v457) + (v391 * v456))))) + ((v474 * v542) + (v476 *
+            v541))));
+        state[2][i] = eta + (H(32) * ((om + (R(2.0) * (v308 + v393))) + v478));
+        state[3][i] = vx + (H(32) * ((v296 + (R(2.0) * (v381 + v466))) + (((((H(25) * v515) +
+            (v516 * v215)) - (v526 * v216)) * H(23)) + (v478 * v476))));
+        state[4][i] = vy + (H(32) * ((v299 + (R(2.0) * (v384 + v469))) + (((v529 + v532) * H(23))
+            - (v478 * v474))));
+        state[5][i] = om + (H(32) * ((v300 + (R(2.0) * (v385 + v470))) + (((H(0) * v532) - (H(1) *
+            v529)) * H(24))));
+        state[6][i] = v103;
+        state[7][i] = v105;
     }
 }
 
@@ -244,12 +244,12 @@ INSIDE hold_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
     for (int64_t i = 0; i < w; i++) {
         const real tau = given[0][i];
         const real delta = given[1][i];
-        const real v42 = tau + H(9);
-        const real v49 = (R(0.5) * v42) * (F(tanh)(R(100.0) * v42) + R(1.0));
-        const real v51 = (-tau) + H(9);
-        const real v57 = H(10) * ((R(0.5) * v51) * (F(tanh)(R(100.0) * v51) + R(1.0)));
-        held[0][i] = H(7) * (v49 - v57);
-        held[1][i] = H(8) * (v49 + v57);
+        const real v77 = tau + H(9);
+        const real v83 = (R(0.5) * v77) * (F(tanh)(R(100.0) * v77) + R(1.0));
+        const real v85 = (-tau) + H(9);
+        const real v91 = H(10) * ((R(0.5) * v85) * (F(tanh)(R(100.0) * v85) + R(1.0)));
+        held[0][i] = H(7) * (v83 - v91);
+        held[1][i] = H(8) * (v83 + v91);
         held[2][i] = F(sin)(delta + R(1.5707963267948966));
         held[3][i] = F(sin)(delta);
     }
@@ -266,106 +266,106 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real vx = state[3][i];
         const real vy = state[4][i];
         const real om = state[5][i];
-        const real v59 = held[0][i];
-        const real v61 = held[1][i];
-        const real v62 = held[2][i];
-        const real v63 = held[3][i];
-        const real v68 = vy + (H(0) * om);
-        const real v71 = (vx * v62) + (v68 * v63);
-        const real v86 = F(fabs)(vx);
-        const real v104 = (v59 - (v61 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
-            v86)) * vx)));
-        const real v105 = H(2) * v104;
-        const real v107 = H(13) * F(atan2)((vx * v63) - (v68 * v62), F(fabs)(v71) + (R(0.1) *
-            EXP((R(-100.0) * v71) * v71)));
-        const real v115 = H(11) * F(sin)(H(12) * F(atan)(v107 - (H(14) * (v107 -
-            F(atan)(v107)))));
-        const real v119 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy, v86 +
-            (R(0.1) * EXP((R(-100.0) * vx) * vx)))));
-        const real v122 = (v115 * v62) + (v105 * v63);
-        const real v131 = F(sin)(eta + R(1.5707963267948966));
-        const real v132 = F(sin)(eta);
-        const real v141 = ((((H(20) * v104) + (v105 * v62)) - (v115 * v63)) * H(18)) + (om * vy);
-        const real v144 = ((v119 + v122) * H(18)) - (om * vx);
-        const real v145 = ((H(0) * v122) - (H(1) * v119)) * H(19);
-        const real v147 = eta + (H(21) * om);
-        const real v149 = vx + (H(21) * v141);
-        const real v151 = vy + (H(21) * v144);
-        const real v153 = om + (H(21) * v145);
-        const real v155 = v151 + (H(0) * v153);
-        const real v158 = (v149 * v62) + (v155 * v63);
-        const real v171 = F(fabs)(v149);
-        const real v188 = (v59 - (v61 * v149)) + (-((H(3) * F(tanh)(H(4) * v149)) + ((H(5) + (H(6)
-            * v171)) * v149)));
-        const real v189 = H(2) * v188;
-        const real v191 = H(13) * F(atan2)((v149 * v63) - (v155 * v62), F(fabs)(v158) + (R(0.1) *
-            EXP((R(-100.0) * v158) * v158)));
-        const real v199 = H(11) * F(sin)(H(12) * F(atan)(v191 - (H(14) * (v191 -
-            F(atan)(v191)))));
-        const real v202 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v153) - v151,
-            v171 + (R(0.1) * EXP((R(-100.0) * v149) * v149)))));
-        const real v205 = (v199 * v62) + (v189 * v63);
-        const real v214 = F(sin)(v147 + R(1.5707963267948966));
-        const real v215 = F(sin)(v147);
-        const real v224 = ((((H(20) * v188) + (v189 * v62)) - (v199 * v63)) * H(18)) + (v153 *
-            v151);
-        const real v227 = ((v202 + v205) * H(18)) - (v153 * v149);
-        const real v228 = ((H(0) * v205) - (H(1) * v202)) * H(19);
-        const real v230 = eta + (H(21) * v153);
-        const real v232 = vx + (H(21) * v224);
-        const real v234 = vy + (H(21) * v227);
-        const real v236 = om + (H(21) * v228);
-        const real v238 = v234 + (H(0) * v236);
-        const real v241 = (v232 * v62) + (v238 * v63);
-        const real v254 = F(fabs)(v232);
-        const real v271 = (v59 - (v61 * v232)) + (-((H(3) * F(tanh)(H(4) * v232)) + ((H(5) + (H(6)
-            * v254)) * v232)));
-        const real v272 = H(2) * v271;
-        const real v274 = H(13) * F(atan2)((v232 * v63) - (v238 * v62), F(fabs)(v241) + (R(0.1) *
-            EXP((R(-100.0) * v241) * v241)));
-        const real v282 = H(11) * F(sin)(H(12) * F(atan)(v274 - (H(14) * (v274 -
-            F(atan)(v274)))));
-        const real v285 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v236) - v234,
-            v254 + (R(0.1) * EXP((R(-100.0) * v232) * v232)))));
-        const real v288 = (v282 * v62) + (v272 * v63);
-        const real v297 = F(sin)(v230 + R(1.5707963267948966));
-        const real v298 = F(sin)(v230);
-        const real v307 = ((((H(20) * v271) + (v272 * v62)) - (v282 * v63)) * H(18)) + (v236 *
-            v234);
-        const real v310 = ((v285 + v288) * H(18)) - (v236 * v232);
-        const real v311 = ((H(0) * v288) - (H(1) * v285)) * H(19);
-        const real v313 = eta + (H(17) * v236);
-        const real v315 = vx + (H(17) * v307);
-        const real v317 = vy + (H(17) * v310);
-        const real v319 = om + (H(17) * v311);
-        const real v321 = v317 + (H(0) * v319);
-        const real v324 = (v315 * v62) + (v321 * v63);
-        const real v337 = F(fabs)(v315);
-        const real v354 = (v59 - (v61 * v315)) + (-((H(3) * F(tanh)(H(4) * v315)) + ((H(5) + (H(6)
-            * v337)) * v315)));
-        const real v355 = H(2) * v354;
-        const real v357 = H(13) * F(atan2)((v315 * v63) - (v321 * v62), F(fabs)(v324) + (R(0.1) *
-            EXP((R(-100.0) * v324) * v324)));
-        const real v365 = H(11) * F(sin)(H(12) * F(atan)(v357 - (H(14) * (v357 -
-            F(atan)(v357)))));
-        const real v368 = F(fmax)(H(23), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v319) - v317,
-            v337 + (R(0.1) * EXP((R(-100.0) * v315) * v315)))));
-        const real v371 = (v365 * v62) + (v355 * v63);
-        const real v380 = F(sin)(v313 + R(1.5707963267948966));
-        const real v381 = F(sin)(v313);
-        state[0][i] = x + (H(22) * ((((vx * v131) - (vy * v132)) + (R(2.0) * (((v149 * v214) -
-            (v151 * v215)) + ((v232 * v297) - (v234 * v298))))) + ((v315 * v380) - (v317 *
-            v381))));
-        state[1][i] = y + (H(22) * ((((vx * v132) + (vy * v131)) + (R(2.0) * (((v149 * v215) +
-            (v151 * v214)) + ((v232 * v298) + (v234 * v297))))) + ((v315 * v381) + (v317 *
-            v380))));
-        state[2][i] = eta + (H(22) * ((om + (R(2.0) * (v153 + v236))) + v319));
-        state[3][i] = vx + (H(22) * ((v141 + (R(2.0) * (v224 + v307))) + (((((H(20) * v354) +
-            (v355 * v62)) - (v365 * v63)) * H(18)) + (v319 * v317))));
-        state[4][i] = vy + (H(22) * ((v144 + (R(2.0) * (v227 + v310))) + (((v368 + v371) * H(18))
-            - (v319 * v315))));
-        state[5][i] = om + (H(22) * ((v145 + (R(2.0) * (v228 + v311))) + (((H(0) * v371) - (H(1) *
-            v368)) * H(19))));
+        const real v93 = held[0][i];
+        const real v95 = held[1][i];
+        const real v96 = held[2][i];
+        const real v97 = held[3][i];
+        const real v102 = vy + (H(0) * om);
+        const real v105 = (vx * v96) + (v102 * v97);
+        const real v114 = F(fabs)(vx);
+        const real v140 = (v93 - (v95 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
+            v114)) * vx)));
+        const real v141 = H(2) * v140;
+        const real v143 = H(13) * F(atan2)((vx * v97) - (v102 * v96), F(fmax)(F(fabs)(v105) +
+            (R(0.1) * EXP((R(-100.0) * v105) * v105)), H(21)));
+        const real v151 = H(11) * F(sin)(H(12) * F(atan)(v143 - (H(14) * (v143 -
+            F(atan)(v143)))));
+        const real v155 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy,
+            F(fmax)(v114 + (R(0.1) * EXP((R(-100.0) * vx) * vx)), H(21)))));
+        const real v158 = (v151 * v96) + (v141 * v97);
+        const real v167 = F(sin)(eta + R(1.5707963267948966));
+        const real v168 = F(sin)(eta);
+        const real v177 = ((((H(20) * v140) + (v141 * v96)) - (v151 * v97)) * H(18)) + (om * vy);
+        const real v180 = ((v155 + v158) * H(18)) - (om * vx);
+        const real v181 = ((H(0) * v158) - (H(1) * v155)) * H(19);
+        const real v183 = eta + (H(22) * om);
+        const real v185 = vx + (H(22) * v177);
+        const real v187 = vy + (H(22) * v180);
+        const real v189 = om + (H(22) * v181);
+        const real v191 = v187 + (H(0) * v189);
+        const real v194 = (v185 * v96) + (v191 * v97);
+        const real v201 = F(fabs)(v185);
+        const real v226 = (v93 - (v95 * v185)) + (-((H(3) * F(tanh)(H(4) * v185)) + ((H(5) + (H(6)
+            * v201)) * v185)));
+        const real v227 = H(2) * v226;
+        const real v229 = H(13) * F(atan2)((v185 * v97) - (v191 * v96), F(fmax)(F(fabs)(v194) +
+            (R(0.1) * EXP((R(-100.0) * v194) * v194)), H(21)));
+        const real v237 = H(11) * F(sin)(H(12) * F(atan)(v229 - (H(14) * (v229 -
+            F(atan)(v229)))));
+        const real v240 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v189) - v187,
+            F(fmax)(v201 + (R(0.1) * EXP((R(-100.0) * v185) * v185)), H(21)))));
+        const real v243 = (v237 * v96) + (v227 * v97);
+        const real v252 = F(sin)(v183 + R(1.5707963267948966));
+        const real v253 = F(sin)(v183);
+        const real v262 = ((((H(20) * v226) + (v227 * v96)) - (v237 * v97)) * H(18)) + (v189 *
+            v187);
+        const real v265 = ((v240 + v243) * H(18)) - (v189 * v185);
+        const real v266 = ((H(0) * v243) - (H(1) * v240)) * H(19);
+        const real v268 = eta + (H(22) * v189);
+        const real v270 = vx + (H(22) * v262);
+        const real v272 = vy + (H(22) * v265);
+        const real v274 = om + (H(22) * v266);
+        const real v276 = v272 + (H(0) * v274);
+        const real v279 = (v270 * v96) + (v276 * v97);
+        const real v286 = F(fabs)(v270);
+        const real v311 = (v93 - (v95 * v270)) + (-((H(3) * F(tanh)(H(4) * v270)) + ((H(5) + (H(6)
+            * v286)) * v270)));
+        const real v312 = H(2) * v311;
+        const real v314 = H(13) * F(atan2)((v270 * v97) - (v276 * v96), F(fmax)(F(fabs)(v279) +
+            (R(0.1) * EXP((R(-100.0) * v279) * v279)), H(21)));
+        const real v322 = H(11) * F(sin)(H(12) * F(atan)(v314 - (H(14) * (v314 -
+            F(atan)(v314)))));
+        const real v325 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v274) - v272,
+            F(fmax)(v286 + (R(0.1) * EXP((R(-100.0) * v270) * v270)), H(21)))));
+        const real v328 = (v322 * v96) + (v312 * v97);
+        const real v337 = F(sin)(v268 + R(1.5707963267948966));
+        const real v338 = F(sin)(v268);
+        const real v347 = ((((H(20) * v311) + (v312 * v96)) - (v322 * v97)) * H(18)) + (v274 *
+            v272);
+        const real v350 = ((v325 + v328) * H(18)) - (v274 * v270);
+        const real v351 = ((H(0) * v328) - (H(1) * v325)) * H(19);
+        const real v353 = eta + (H(17) * v274);
+        const real v355 = vx + (H(17) * v347);
+        const real v357 = vy + (H(17) * v350);
+        const real v359 = om + (H(17) * v351);
+        const real v361 = v357 + (H(0) * v359);
+        const real v364 = (v355 * v96) + (v361 * v97);
+        const real v371 = F(fabs)(v355);
+        const real v396 = (v93 - (v95 * v355)) + (-((H(3) * F(tanh)(H(4) * v355)) + ((H(5) + (H(6)
+            * v371)) * v355)));
+        const real v397 = H(2) * v396;
+        const real v399 = H(13) * F(atan2)((v355 * v97) - (v361 * v96), F(fmax)(F(fabs)(v364) +
+            (R(0.1) * EXP((R(-100.0) * v364) * v364)), H(21)));
+        const real v407 = H(11) * F(sin)(H(12) * F(atan)(v399 - (H(14) * (v399 -
+            F(atan)(v399)))));
+        const real v410 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v359) - v357,
+            F(fmax)(v371 + (R(0.1) * EXP((R(-100.0) * v355) * v355)), H(21)))));
+        const real v413 = (v407 * v96) + (v397 * v97);
+        const real v422 = F(sin)(v353 + R(1.5707963267948966));
+        const real v423 = F(sin)(v353);
+        state[0][i] = x + (H(23) * ((((vx * v167) - (vy * v168)) + (R(2.0) * (((v185 * v252) -
+            (v187 * v253)) + ((v270 * v337) - (v272 * v338))))) + ((v355 * v422) - (v357 *
+            v423))));
+        state[1][i] = y + (H(23) * ((((vx * v168) + (vy * v167)) + (R(2.0) * (((v185 * v253) +
+            (v187 * v252)) + ((v270 * v338) + (v272 * v337))))) + ((v355 * v423) + (v357 *
+            v422))));
+        state[2][i] = eta + (H(23) * ((om + (R(2.0) * (v189 + v274))) + v359));
+        state[3][i] = vx + (H(23) * ((v177 + (R(2.0) * (v262 + v347))) + (((((H(20) * v396) +
+            (v397 * v96)) - (v407 * v97)) * H(18)) + (v359 * v357))));
+        state[4][i] = vy + (H(23) * ((v180 + (R(2.0) * (v265 + v350))) + (((v410 + v413) * H(18))
+            - (v359 * v355))));
+        state[5][i] = om + (H(23) * ((v181 + (R(2.0) * (v266 + v351))) + (((H(0) * v413) - (H(1) *
+            v410)) * H(19))));
     }
 }
 
@@ -428,137 +428,137 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real s = state[7][i];
         const real tau_command = held[0][i];
         const real s_command = held[1][i];
-        const real v70 = H(26) * (tau - tau_command);
-        const real v72 = H(28) * (s - s_command);
-        const real v73 = H(27) * v70;
-        const real v74 = H(29) * v72;
-        const real v76 = tau_command + (H(27) * v73);
-        const real v78 = s_command + (H(29) * v74);
-        const real v79 = tau_command + v70;
-        const real v81 = (s_command + v72) + H(13);
-        const real v87 = R(0.5) * (F(tanh)(R(30.0) * v81) + R(1.0));
-        const real v97 = ((v87 * H(12)) * F(tanh)(H(11) * v81)) + (((R(1.0) - v87) * H(14)) *
-            F(tanh)(H(15) * v81));
-        const real v98 = tau_command + v73;
-        const real v100 = (s_command + v74) + H(13);
-        const real v104 = R(0.5) * (F(tanh)(R(30.0) * v100) + R(1.0));
-        const real v114 = ((v104 * H(12)) * F(tanh)(H(11) * v100)) + (((R(1.0) - v104) * H(14)) *
-            F(tanh)(H(15) * v100));
-        const real v115 = v78 + H(13);
-        const real v119 = R(0.5) * (F(tanh)(R(30.0) * v115) + R(1.0));
-        const real v129 = ((v119 * H(12)) * F(tanh)(H(11) * v115)) + (((R(1.0) - v119) * H(14)) *
-            F(tanh)(H(15) * v115));
-        const real v130 = v79 + H(9);
-        const real v136 = (R(0.5) * v130) * (F(tanh)(R(100.0) * v130) + R(1.0));
-        const real v138 = (-v79) + H(9);
-        const real v144 = H(10) * ((R(0.5) * v138) * (F(tanh)(R(100.0) * v138) + R(1.0)));
-        const real v149 = F(sin)(v97 + R(1.5707963267948966));
-        const real v150 = F(sin)(v97);
-        const real v151 = v98 + H(9);
-        const real v156 = (R(0.5) * v151) * (F(tanh)(R(100.0) * v151) + R(1.0));
-        const real v158 = (-v98) + H(9);
-        const real v164 = H(10) * ((R(0.5) * v158) * (F(tanh)(R(100.0) * v158) + R(1.0)));
-        const real v166 = H(7) * (v156 - v164);
-        const real v168 = H(8) * (v156 + v164);
-        const real v169 = F(sin)(v114 + R(1.5707963267948966));
-        const real v170 = F(sin)(v114);
-        const real v171 = v76 + H(9);
-        const real v176 = (R(0.5) * v171) * (F(tanh)(R(100.0) * v171) + R(1.0));
-        const real v178 = (-v76) + H(9);
-        const real v184 = H(10) * ((R(0.5) * v178) * (F(tanh)(R(100.0) * v178) + R(1.0)));
-        const real v189 = F(sin)(v129 + R(1.5707963267948966));
-        const real v190 = F(sin)(v129);
-        const real v195 = vy + (H(0) * om);
-        const real v198 = (vx * v149) + (v195 * v150);
-        const real v211 = F(fabs)(vx);
-        const real v228 = ((H(7) * (v136 - v144)) - ((H(8) * (v136 + v144)) * vx)) + (-((H(3) *
-            F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v211)) * vx)));
-        const real v229 = H(2) * v228;
-        const real v235 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((vx * v150) - (v195 *
-            v149), F(fabs)(v198) + EXP((R(-3.0) * v198) * v198))));
-        const real v240 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy, v211 +
-            EXP((R(-3.0) * vx) * vx))));
-        const real v243 = (v235 * v149) + (v229 * v150);
-        const real v252 = F(sin)(eta + R(1.5707963267948966));
-        const real v253 = F(sin)(eta);
-        const real v262 = ((((H(23) * v228) + (v229 * v149)) - (v235 * v150)) * H(21)) + (om *
+        const real v101 = H(27) * (tau - tau_command);
+        const real v103 = H(29) * (s - s_command);
+        const real v104 = H(28) * v101;
+        const real v105 = H(30) * v103;
+        const real v107 = tau_command + (H(28) * v104);
+        const real v109 = s_command + (H(30) * v105);
+        const real v110 = tau_command + v101;
+        const real v112 = (s_command + v103) + H(13);
+        const real v117 = R(0.5) * (F(tanh)(R(30.0) * v112) + R(1.0));
+        const real v127 = ((v117 * H(12)) * F(tanh)(H(11) * v112)) + (((R(1.0) - v117) * H(14)) *
+            F(tanh)(H(15) * v112));
+        const real v128 = tau_command + v104;
+        const real v130 = (s_command + v105) + H(13);
+        const real v134 = R(0.5) * (F(tanh)(R(30.0) * v130) + R(1.0));
+        const real v144 = ((v134 * H(12)) * F(tanh)(H(11) * v130)) + (((R(1.0) - v134) * H(14)) *
+            F(tanh)(H(15) * v130));
+        const real v145 = v109 + H(13);
+        const real v149 = R(0.5) * (F(tanh)(R(30.0) * v145) + R(1.0));
+        const real v159 = ((v149 * H(12)) * F(tanh)(H(11) * v145)) + (((R(1.0) - v149) * H(14)) *
+            F(tanh)(H(15) * v145));
+        const real v160 = v110 + H(9);
+        const real v166 = (R(0.5) * v160) * (F(tanh)(R(100.0) * v160) + R(1.0));
+        const real v168 = (-v110) + H(9);
+        const real v174 = H(10) * ((R(0.5) * v168) * (F(tanh)(R(100.0) * v168) + R(1.0)));
+        const real v179 = F(sin)(v127 + R(1.5707963267948966));
+        const real v180 = F(sin)(v127);
+        const real v181 = v128 + H(9);
+        const real v186 = (R(0.5) * v181) * (F(tanh)(R(100.0) * v181) + R(1.0));
+        const real v188 = (-v128) + H(9);
+        const real v194 = H(10) * ((R(0.5) * v188) * (F(tanh)(R(100.0) * v188) + R(1.0)));
+        const real v196 = H(7) * (v186 - v194);
+        const real v198 = H(8) * (v186 + v194);
+        const real v199 = F(sin)(v144 + R(1.5707963267948966));
+        const real v200 = F(sin)(v144);
+        const real v201 = v107 + H(9);
+        const real v206 = (R(0.5) * v201) * (F(tanh)(R(100.0) * v201) + R(1.0));
+        const real v208 = (-v107) + H(9);
+        const real v214 = H(10) * ((R(0.5) * v208) * (F(tanh)(R(100.0) * v208) + R(1.0)));
+        const real v219 = F(sin)(v159 + R(1.5707963267948966));
+        const real v220 = F(sin)(v159);
+        const real v225 = vy + (H(0) * om);
+        const real v228 = (vx * v179) + (v225 * v180);
+        const real v235 = F(fabs)(vx);
+        const real v260 = ((H(7) * (v166 - v174)) - ((H(8) * (v166 + v174)) * vx)) + (-((H(3) *
+            F(tanh)(H(4) * vx)) + ((H(5) + (H(6) * v235)) * vx)));
+        const real v261 = H(2) * v260;
+        const real v267 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((vx * v180) - (v225 *
+            v179), F(fmax)(F(fabs)(v228) + EXP((R(-3.0) * v228) * v228), H(26)))));
+        const real v272 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy,
+            F(fmax)(v235 + EXP((R(-3.0) * vx) * vx), H(26)))));
+        const real v275 = (v267 * v179) + (v261 * v180);
+        const real v284 = F(sin)(eta + R(1.5707963267948966));
+        const real v285 = F(sin)(eta);
+        const real v294 = ((((H(23) * v260) + (v261 * v179)) - (v267 * v180)) * H(21)) + (om *
             vy);
-        const real v265 = ((v240 + v243) * H(21)) - (om * vx);
-        const real v266 = ((H(0) * v243) - (H(1) * v240)) * H(22);
-        const real v268 = eta + (H(30) * om);
-        const real v270 = vx + (H(30) * v262);
-        const real v272 = vy + (H(30) * v265);
-        const real v274 = om + (H(30) * v266);
-        const real v276 = v272 + (H(0) * v274);
-        const real v279 = (v270 * v169) + (v276 * v170);
-        const real v291 = F(fabs)(v270);
-        const real v307 = (v166 - (v168 * v270)) + (-((H(3) * F(tanh)(H(4) * v270)) + ((H(5) +
-            (H(6) * v291)) * v270)));
-        const real v308 = H(2) * v307;
-        const real v314 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v270 * v170) - (v276 *
-            v169), F(fabs)(v279) + EXP((R(-3.0) * v279) * v279))));
-        const real v319 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v274) - v272,
-            v291 + EXP((R(-3.0) * v270) * v270))));
-        const real v322 = (v314 * v169) + (v308 * v170);
-        const real v331 = F(sin)(v268 + R(1.5707963267948966));
-        const real v332 = F(sin)(v268);
-        const real v341 = ((((H(23) * v307) + (v308 * v169)) - (v314 * v170)) * H(21)) + (v274 *
-            v272);
-        const real v344 = ((v319 + v322) * H(21)) - (v274 * v270);
-        const real v345 = ((H(0) * v322) - (H(1) * v319)) * H(22);
-        const real v347 = eta + (H(30) * v274);
-        const real v349 = vx + (H(30) * v341);
-        const real v351 = vy + (H(30) * v344);
-        const real v353 = om + (H(30) * v345);
-        const real v355 = v351 + (H(0) * v353);
-        const real v358 = (v349 * v169) + (v355 * v170);
-        const real v370 = F(fabs)(v349);
-        const real v386 = (v166 - (v168 * v349)) + (-((H(3) * F(tanh)(H(4) * v349)) + ((H(5) +
-            (H(6) * v370)) * v349)));
-        const real v387 = H(2) * v386;
-        const real v393 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v349 * v170) - (v355 *
-            v169), F(fabs)(v358) + EXP((R(-3.0) * v358) * v358))));
-        const real v398 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v353) - v351,
-            v370 + EXP((R(-3.0) * v349) * v349))));
-        const real v401 = (v393 * v169) + (v387 * v170);
-        const real v410 = F(sin)(v347 + R(1.5707963267948966));
-        const real v411 = F(sin)(v347);
-        const real v420 = ((((H(23) * v386) + (v387 * v169)) - (v393 * v170)) * H(21)) + (v353 *
-            v351);
-        const real v423 = ((v398 + v401) * H(21)) - (v353 * v349);
-        const real v424 = ((H(0) * v401) - (H(1) * v398)) * H(22);
-        const real v426 = eta + (H(20) * v353);
-        const real v428 = vx + (H(20) * v420);
-        const real v430 = vy + (H(20) * v423);
-        const real v432 = om + (H(20) * v424);
-        const real v434 = v430 + (H(0) * v432);
-        const real v437 = (v428 * v189) + (v434 * v190);
-        const real v449 = F(fabs)(v428);
-        const real v465 = ((H(7) * (v176 - v184)) - ((H(8) * (v176 + v184)) * v428)) + (-((H(3) *
-            F(tanh)(H(4) * v428)) + ((H(5) + (H(6) * v449)) * v428)));
-        const real v466 = H(2) * v465;
-        const real v472 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v428 * v190) - (v434 *
-            v189), F(fabs)(v437) + EXP((R(-3.0) * v437) * v437))));
-        const real v477 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v432) - v430,
-            v449 + EXP((R(-3.0) * v428) * v428))));
-        const real v480 = (v472 * v189) + (v466 * v190);
-        const real v489 = F(sin)(v426 + R(1.5707963267948966));
-        const real v490 = F(sin)(v426);
-        state[0][i] = x + (H(31) * ((((vx * v252) - (vy * v253)) + (R(2.0) * (((v270 * v331) -
-            (v272 * v332)) + ((v349 * v410) - (v351 * v411))))) + ((v428 * v489) - (v430 *
-            v490))));
-        state[1][i] = y + (H(31) * ((((vx * v253) + (vy * v252)) + (R(2.0) * (((v270 * v332) +
-            (v272 * v331)) + ((v349 * v411) + (v351 * v410))))) + ((v428 * v490) + (v430 *
-            v489))));
-        state[2][i] = eta + (H(31) * ((om + (R(2.0) * (v274 + v353))) + v432));
-        state[3][i] = vx + (H(31) * ((v262 + (R(2.0) * (v341 + v420))) + (((((H(23) * v465) +
-            (v466 * v189)) - (v472 * v190)) * H(21)) + (v432 * v430))));
-        state[4][i] = vy + (H(31) * ((v265 + (R(2.0) * (v344 + v423))) + (((v477 + v480) * H(21))
-            - (v432 * v428))));
-        state[5][i] = om + (H(31) * ((v266 + (R(2.0) * (v345 + v424))) + (((H(0) * v480) - (H(1) *
-            v477)) * H(22))));
-        state[6][i] = v76;
-        state[7][i] = v78;
+        const real v297 = ((v272 + v275) * H(21)) - (om * vx);
+        const real v298 = ((H(0) * v275) - (H(1) * v272)) * H(22);
+        const real v300 = eta + (H(31) * om);
+        const real v302 = vx + (H(31) * v294);
+        const real v304 = vy + (H(31) * v297);
+        const real v306 = om + (H(31) * v298);
+        const real v308 = v304 + (H(0) * v306);
+        const real v311 = (v302 * v199) + (v308 * v200);
+        const real v317 = F(fabs)(v302);
+        const real v341 = (v196 - (v198 * v302)) + (-((H(3) * F(tanh)(H(4) * v302)) + ((H(5) +
+            (H(6) * v317)) * v302)));
+        const real v342 = H(2) * v341;
+        const real v348 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v302 * v200) - (v308 *
+            v199), F(fmax)(F(fabs)(v311) + EXP((R(-3.0) * v311) * v311), H(26)))));
+        const real v353 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v306) - v304,
+            F(fmax)(v317 + EXP((R(-3.0) * v302) * v302), H(26)))));
+        const real v356 = (v348 * v199) + (v342 * v200);
+        const real v365 = F(sin)(v300 + R(1.5707963267948966));
+        const real v366 = F(sin)(v300);
+        const real v375 = ((((H(23) * v341) + (v342 * v199)) - (v348 * v200)) * H(21)) + (v306 *
+            v304);
+        const real v378 = ((v353 + v356) * H(21)) - (v306 * v302);
+        const real v379 = ((H(0) * v356) - (H(1) * v353)) * H(22);
+        const real v381 = eta + (H(31) * v306);
+        const real v383 = vx + (H(31) * v375);
+        const real v385 = vy + (H(31) * v378);
+        const real v387 = om + (H(31) * v379);
+        const real v389 = v385 + (H(0) * v387);
+        const real v392 = (v383 * v199) + (v389 * v200);
+        const real v398 = F(fabs)(v383);
+        const real v422 = (v196 - (v198 * v383)) + (-((H(3) * F(tanh)(H(4) * v383)) + ((H(5) +
+            (H(6) * v398)) * v383)));
+        const real v423 = H(2) * v422;
+        const real v429 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v383 * v200) - (v389 *
+            v199), F(fmax)(F(fabs)(v392) + EXP((R(-3.0) * v392) * v392), H(26)))));
+        const real v434 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v387) - v385,
+            F(fmax)(v398 + EXP((R(-3.0) * v383) * v383), H(26)))));
+        const real v437 = (v429 * v199) + (v423 * v200);
+        const real v446 = F(sin)(v381 + R(1.5707963267948966));
+        const real v447 = F(sin)(v381);
+        const real v456 = ((((H(23) * v422) + (v423 * v199)) - (v429 * v200)) * H(21)) + (v387 *
+            v385);
+        const real v459 = ((v434 + v437) * H(21)) - (v387 * v383);
+        const real v460 = ((H(0) * v437) - (H(1) * v434)) * H(22);
+        const real v462 = eta + (H(20) * v387);
+        const real v464 = vx + (H(20) * v456);
+        const real v466 = vy + (H(20) * v459);
+        const real v468 = om + (H(20) * v460);
+        const real v470 = v466 + (H(0) * v468);
+        const real v473 = (v464 * v219) + (v470 * v220);
+        const real v479 = F(fabs)(v464);
+        const real v503 = ((H(7) * (v206 - v214)) - ((H(8) * (v206 + v214)) * v464)) + (-((H(3) *
+            F(tanh)(H(4) * v464)) + ((H(5) + (H(6) * v479)) * v464)));
+        const real v504 = H(2) * v503;
+        const real v510 = H(24) * F(sin)(H(16) * F(atan)(H(17) * F(atan2)((v464 * v220) - (v470 *
+            v219), F(fmax)(F(fabs)(v473) + EXP((R(-3.0) * v473) * v473), H(26)))));
+        const real v515 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v468) - v466,
+            F(fmax)(v479 + EXP((R(-3.0) * v464) * v464), H(26)))));
+        const real v518 = (v510 * v219) + (v504 * v220);
+        const real v527 = F(sin)(v462 + R(1.5707963267948966));
+        const real v528 = F(sin)(v462);
+        state[0][i] = x + (H(32) * ((((vx * v284) - (vy * v285)) + (R(2.0) * (((v302 * v365) -
+            (v304 * v366)) + ((v383 * v446) - (v385 * v447))))) + ((v464 * v527) - (v466 *
+            v528))));
+        state[1][i] = y + (H(32) * ((((vx * v285) + (vy * v284)) + (R(2.0) * (((v302 * v366) +
+            (v304 * v365)) + ((v383 * v447) + (v385 * v446))))) + ((v464 * v528) + (v466 *
+            v527))));
+        state[2][i] = eta + (H(32) * ((om + (R(2.0) * (v306 + v387))) + v468));
+        state[3][i] = vx + (H(32) * ((v294 + (R(2.0) * (v375 + v456))) + (((((H(23) * v503) +
+            (v504 * v219)) - (v510 * v220)) * H(21)) + (v468 * v466))));
+        state[4][i] = vy + (H(32) * ((v297 + (R(2.0) * (v378 + v459))) + (((v515 + v518) * H(21))
+            - (v468 * v464))));
+        state[5][i] = om + (H(32) * ((v298 + (R(2.0) * (v379 + v460))) + (((H(0) * v518) - (H(1) *
+            v515)) * H(22))));
+        state[6][i] = v107;
+        state[7][i] = v109;
     }
 }
 
@@ -601,12 +601,12 @@ INSIDE hold_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
     for (int64_t i = 0; i < w; i++) {
         const real tau = given[0][i];
         const real delta = given[1][i];
-        const real v50 = tau + H(9);
-        const real v57 = (R(0.5) * v50) * (F(tanh)(R(100.0) * v50) + R(1.0));
-        const real v59 = (-tau) + H(9);
-        const real v65 = H(10) * ((R(0.5) * v59) * (F(tanh)(R(100.0) * v59) + R(1.0)));
-        held[0][i] = H(7) * (v57 - v65);
-        held[1][i] = H(8) * (v57 + v65);
+        const real v81 = tau + H(9);
+        const real v87 = (R(0.5) * v81) * (F(tanh)(R(100.0) * v81) + R(1.0));
+        const real v89 = (-tau) + H(9);
+        const real v95 = H(10) * ((R(0.5) * v89) * (F(tanh)(R(100.0) * v89) + R(1.0)));
+        held[0][i] = H(7) * (v87 - v95);
+        held[1][i] = H(8) * (v87 + v95);
         held[2][i] = F(sin)(delta + R(1.5707963267948966));
         held[3][i] = F(sin)(delta);
     }
@@ -623,98 +623,99 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real vx = state[3][i];
         const real vy = state[4][i];
         const real om = state[5][i];
-        const real v67 = held[0][i];
-        const real v69 = held[1][i];
-        const real v70 = held[2][i];
-        const real v71 = held[3][i];
-        const real v76 = vy + (H(0) * om);
-        const real v79 = (vx * v70) + (v76 * v71);
-        const real v92 = F(fabs)(vx);
-        const real v109 = (v67 - (v69 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
-            v92)) * vx)));
-        const real v110 = H(2) * v109;
-        const real v116 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((vx * v71) - (v76 *
-            v70), F(fabs)(v79) + EXP((R(-3.0) * v79) * v79))));
-        const real v121 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy, v92 +
-            EXP((R(-3.0) * vx) * vx))));
-        const real v124 = (v116 * v70) + (v110 * v71);
-        const real v133 = F(sin)(eta + R(1.5707963267948966));
-        const real v134 = F(sin)(eta);
-        const real v143 = ((((H(18) * v109) + (v110 * v70)) - (v116 * v71)) * H(16)) + (om * vy);
-        const real v146 = ((v121 + v124) * H(16)) - (om * vx);
-        const real v147 = ((H(0) * v124) - (H(1) * v121)) * H(17);
-        const real v149 = eta + (H(21) * om);
-        const real v151 = vx + (H(21) * v143);
-        const real v153 = vy + (H(21) * v146);
-        const real v155 = om + (H(21) * v147);
-        const real v157 = v153 + (H(0) * v155);
-        const real v160 = (v151 * v70) + (v157 * v71);
-        const real v172 = F(fabs)(v151);
-        const real v188 = (v67 - (v69 * v151)) + (-((H(3) * F(tanh)(H(4) * v151)) + ((H(5) + (H(6)
-            * v172)) * v151)));
-        const real v189 = H(2) * v188;
-        const real v195 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v151 * v71) - (v157 *
-            v70), F(fabs)(v160) + EXP((R(-3.0) * v160) * v160))));
-        const real v200 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v155) - v153,
-            v172 + EXP((R(-3.0) * v151) * v151))));
-        const real v203 = (v195 * v70) + (v189 * v71);
-        const real v212 = F(sin)(v149 + R(1.5707963267948966));
-        const real v213 = F(sin)(v149);
-        const real v222 = ((((H(18) * v188) + (v189 * v70)) - (v195 * v71)) * H(16)) + (v155 *
-            v153);
-        const real v225 = ((v200 + v203) * H(16)) - (v155 * v151);
-        const real v226 = ((H(0) * v203) - (H(1) * v200)) * H(17);
-        const real v228 = eta + (H(21) * v155);
-        const real v230 = vx + (H(21) * v222);
-        const real v232 = vy + (H(21) * v225);
-        const real v234 = om + (H(21) * v226);
-        const real v236 = v232 + (H(0) * v234);
-        const real v239 = (v230 * v70) + (v236 * v71);
-        const real v251 = F(fabs)(v230);
-        const real v267 = (v67 - (v69 * v230)) + (-((H(3) * F(tanh)(H(4) * v230)) + ((H(5) + (H(6)
-            * v251)) * v230)));
-        const real v268 = H(2) * v267;
-        const real v274 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v230 * v71) - (v236 *
-            v70), F(fabs)(v239) + EXP((R(-3.0) * v239) * v239))));
-        const real v279 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v234) - v232,
-            v251 + EXP((R(-3.0) * v230) * v230))));
-        const real v282 = (v274 * v70) + (v268 * v71);
-        const real v291 = F(sin)(v228 + R(1.5707963267948966));
-        const real v292 = F(sin)(v228);
-        const real v301 = ((((H(18) * v267) + (v268 * v70)) - (v274 * v71)) * H(16)) + (v234 *
-            v232);
-        const real v304 = ((v279 + v282) * H(16)) - (v234 * v230);
-        const real v305 = ((H(0) * v282) - (H(1) * v279)) * H(17);
-        const real v307 = eta + (H(15) * v234);
-        const real v309 = vx + (H(15) * v301);
-        const real v311 = vy + (H(15) * v304);
-        const real v313 = om + (H(15) * v305);
-        const real v315 = v311 + (H(0) * v313);
-        const real v318 = (v309 * v70) + (v315 * v71);
-        const real v330 = F(fabs)(v309);
-        const real v346 = (v67 - (v69 * v309)) + (-((H(3) * F(tanh)(H(4) * v309)) + ((H(5) + (H(6)
-            * v330)) * v309)));
-        const real v347 = H(2) * v346;
-        const real v353 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v309 * v71) - (v315 *
-            v70), F(fabs)(v318) + EXP((R(-3.0) * v318) * v318))));
-        const real v358 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v313) - v311,
-            v330 + EXP((R(-3.0) * v309) * v309))));
-        const real v361 = (v353 * v70) + (v347 * v71);
-        const real v370 = F(sin)(v307 + R(1.5707963267948966));
-        const real v371 = F(sin)(v307);
-        state[0][i] = x + (H(22) * ((((vx * v133) - (vy * v134)) + (R(2.0) * (((v151 * v212) -
-            (v153 * v213)) + ((v230 * v291) - (v232 * v292))))) + ((v309 * v370) - (v311 *
-            v371))));
-        state[1][i] = y + (H(22) * ((((vx * v134) + (vy * v133)) + (R(2.0) * (((v151 * v213) +
-            (v153 * v212)) + ((v230 * v292) + (v232 * v291))))) + ((v309 * v371) + (v311 *
-            v370))));
-        state[2][i] = eta + (H(22) * ((om + (R(2.0) * (v155 + v234))) + v313));
-        state[3][i] = vx + (H(22) * ((v143 + (R(2.0) * (v222 + v301))) + (((((H(18) * v346) +
-            (v347 * v70)) - (v353 * v71)) * H(16)) + (v313 * v311))));
-        state[4][i] = vy + (H(22) * ((v146 + (R(2.0) * (v225 + v304))) + (((v358 + v361) * H(16))
-            - (v313 * v309))));
-        state[5][i] = om + (H(22) * ((v147 + (R(2.0) * (v226 + v305))) + (((H(0) * v361) - (H(1) *
-            v358)) * H(17))));
+        const real v97 = held[0][i];
+        const real v99 = held[1][i];
+        const real v100 = held[2][i];
+        const real v101 = held[3][i];
+        const real v106 = vy + (H(0) * om);
+        const real v109 = (vx * v100) + (v106 * v101);
+        const real v116 = F(fabs)(vx);
+        const real v141 = (v97 - (v99 * vx)) + (-((H(3) * F(tanh)(H(4) * vx)) + ((H(5) + (H(6) *
+            v116)) * vx)));
+        const real v142 = H(2) * v141;
+        const real v148 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((vx * v101) - (v106 *
+            v100), F(fmax)(F(fabs)(v109) + EXP((R(-3.0) * v109) * v109), H(21)))));
+        const real v153 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy,
+            F(fmax)(v116 + EXP((R(-3.0) * vx) * vx), H(21)))));
+        const real v156 = (v148 * v100) + (v142 * v101);
+        const real v165 = F(sin)(eta + R(1.5707963267948966));
+        const real v166 = F(sin)(eta);
+        const real v175 = ((((H(18) * v141) + (v142 * v100)) - (v148 * v101)) * H(16)) + (om *
+            vy);
+        const real v178 = ((v153 + v156) * H(16)) - (om * vx);
+        const real v179 = ((H(0) * v156) - (H(1) * v153)) * H(17);
+        const real v181 = eta + (H(22) * om);
+        const real v183 = vx + (H(22) * v175);
+        const real v185 = vy + (H(22) * v178);
+        const real v187 = om + (H(22) * v179);
+        const real v189 = v185 + (H(0) * v187);
+        const real v192 = (v183 * v100) + (v189 * v101);
+        const real v198 = F(fabs)(v183);
+        const real v222 = (v97 - (v99 * v183)) + (-((H(3) * F(tanh)(H(4) * v183)) + ((H(5) + (H(6)
+            * v198)) * v183)));
+        const real v223 = H(2) * v222;
+        const real v229 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v183 * v101) - (v189 *
+            v100), F(fmax)(F(fabs)(v192) + EXP((R(-3.0) * v192) * v192), H(21)))));
+        const real v234 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v187) - v185,
+            F(fmax)(v198 + EXP((R(-3.0) * v183) * v183), H(21)))));
+        const real v237 = (v229 * v100) + (v223 * v101);
+        const real v246 = F(sin)(v181 + R(1.5707963267948966));
+        const real v247 = F(sin)(v181);
+        const real v256 = ((((H(18) * v222) + (v223 * v100)) - (v229 * v101)) * H(16)) + (v187 *
+            v185);
+        const real v259 = ((v234 + v237) * H(16)) - (v187 * v183);
+        const real v260 = ((H(0) * v237) - (H(1) * v234)) * H(17);
+        const real v262 = eta + (H(22) * v187);
+        const real v264 = vx + (H(22) * v256);
+        const real v266 = vy + (H(22) * v259);
+        const real v268 = om + (H(22) * v260);
+        const real v270 = v266 + (H(0) * v268);
+        const real v273 = (v264 * v100) + (v270 * v101);
+        const real v279 = F(fabs)(v264);
+        const real v303 = (v97 - (v99 * v264)) + (-((H(3) * F(tanh)(H(4) * v264)) + ((H(5) + (H(6)
+            * v279)) * v264)));
+        const real v304 = H(2) * v303;
+        const real v310 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v264 * v101) - (v270 *
+            v100), F(fmax)(F(fabs)(v273) + EXP((R(-3.0) * v273) * v273), H(21)))));
+        const real v315 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v268) - v266,
+            F(fmax)(v279 + EXP((R(-3.0) * v264) * v264), H(21)))));
+        const real v318 = (v310 * v100) + (v304 * v101);
+        const real v327 = F(sin)(v262 + R(1.5707963267948966));
+        const real v328 = F(sin)(v262);
+        const real v337 = ((((H(18) * v303) + (v304 * v100)) - (v310 * v101)) * H(16)) + (v268 *
+            v266);
+        const real v340 = ((v315 + v318) * H(16)) - (v268 * v264);
+        const real v341 = ((H(0) * v318) - (H(1) * v315)) * H(17);
+        const real v343 = eta + (H(15) * v268);
+        const real v345 = vx + (H(15) * v337);
+        const real v347 = vy + (H(15) * v340);
+        const real v349 = om + (H(15) * v341);
+        const real v351 = v347 + (H(0) * v349);
+        const real v354 = (v345 * v100) + (v351 * v101);
+        const real v360 = F(fabs)(v345);
+        const real v384 = (v97 - (v99 * v345)) + (-((H(3) * F(tanh)(H(4) * v345)) + ((H(5) + (H(6)
+            * v360)) * v345)));
+        const real v385 = H(2) * v384;
+        const real v391 = H(19) * F(sin)(H(11) * F(atan)(H(12) * F(atan2)((v345 * v101) - (v351 *
+            v100), F(fmax)(F(fabs)(v354) + EXP((R(-3.0) * v354) * v354), H(21)))));
+        const real v396 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v349) - v347,
+            F(fmax)(v360 + EXP((R(-3.0) * v345) * v345), H(21)))));
+        const real v399 = (v391 * v100) + (v385 * v101);
+        const real v408 = F(sin)(v343 + R(1.5707963267948966));
+        const real v409 = F(sin)(v343);
+        state[0][i] = x + (H(23) * ((((vx * v165) - (vy * v166)) + (R(2.0) * (((v183 * v246) -
+            (v185 * v247)) + ((v264 * v327) - (v266 * v328))))) + ((v345 * v408) - (v347 *
+            v409))));
+        state[1][i] = y + (H(23) * ((((vx * v166) + (vy * v165)) + (R(2.0) * (((v183 * v247) +
+            (v185 * v246)) + ((v264 * v328) + (v266 * v327))))) + ((v345 * v409) + (v347 *
+            v408))));
+        state[2][i] = eta + (H(23) * ((om + (R(2.0) * (v187 + v268))) + v349));
+        state[3][i] = vx + (H(23) * ((v175 + (R(2.0) * (v256 + v337))) + (((((H(18) * v384) +
+            (v385 * v100)) - (v391 * v101)) * H(16)) + (v349 * v347))));
+        state[4][i] = vy + (H(23) * ((v178 + (R(2.0) * (v259 + v340))) + (((v396 + v399) * H(16))
+            - (v349 * v345))));
+        state[5][i] = om + (H(23) * ((v179 + (R(2.0) * (v260 + v341))) + (((H(0) * v399) - (H(1) *
+            v396)) * H(17))));
     }
 }
 
