@@ -19,7 +19,7 @@ from mcap.records import Chunk
 
 from dart_hal.errors import FetchFailed, RecordingError
 from dart_hal.recording import expansion
-from dart_hal.recording.dart.table import read_text
+from dart_hal.recording.dart.table import read_content
 from dart_hal.recording.expansion import ALWAYS_ALLOWED, MAX_RATIO, expand_gzip, expansion_limit
 from dart_hal.recording.fetch.local import Local
 from dart_hal.recording.mcap_records import MAGIC, PREFIX, as_written, parse_mcap
@@ -125,7 +125,7 @@ def test_a_csv_that_expands_too_far_is_refused_by_name(tmp_path, gzip_bomb):
 
     def read():
         with pytest.raises(RecordingError, match=r"bomb\.csv\.gz: the file expands too far"):
-            read_text(file)
+            read_content(file)
     assert peak(read) < MEMORY
 
 
