@@ -153,6 +153,14 @@ def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
 
 
 @pytest.mark.more
+@pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
+def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
+    """It has a gyro without noise, whose samples on the stand are zeros now and then."""
+    result = Spun(f"sim://?nano={nano}", tmp_path).calibrate()
+    assert result.quantities["throttle.neutral_us"].value == pytest.approx(1500.0, abs=1.0)
+
+
+@pytest.mark.more
 @pytest.mark.parametrize("seed", [1, 2, 9])
 def test_more_hidden_escs(seed):
     assert {name: z for name, z in worst(errors("esc", seed)).items() if z > 3.5} == {}

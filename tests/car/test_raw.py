@@ -143,6 +143,29 @@ def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
         moving(bench)
 
 
+def spin_without_imu(bench: Bench, seconds: float) -> float:
+    """Wheels on a stand, and the IMU sends zeros for so long; s until the last pulse of the 0.6 s
+    that follow the first zeros."""
+    bench.on_stand()
+    with suppress(BadCommand), bench.car.raw(lifted=True):
+        bench.spin(0.3)
+        began = bench.world.t
+        bench.world.nano.set_imu_fault("zero")
+        bench.world.at(began + seconds, lambda world: world.nano.set_imu_fault())
+        bench.spin(0.6)
+    return bench.last_above() - began
+
+
+def test_lifted_wheels_turn_on_through_a_few_samples_of_zeros(bench):
+    """A still car with a quiet gyro sends some: calibrate esc ended with "the IMU moves"."""
+    assert spin_without_imu(bench, 0.06) > 0.55
+
+
+def test_lifted_wheels_are_stopped_without_the_imu(bench):
+    """The negative control: a gap that may hide a car which leaves its stand."""
+    assert spin_without_imu(bench, 0.6) < 0.25
+
+
 @pytest.mark.few("moving")
 @pytest.mark.parametrize("fault", ["moving", "no imu"])
 def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, fault):

@@ -31,6 +31,12 @@ LIVE_AFTER = 0.7
 LIFTED_FRAMES = 5
 LIFTED_RATE, LIFTED_ACC = 0.3, 2.0
 """rad/s and m/s2, mean of 50 ms: a car on a stand shakes, but does not turn or leave."""
+MAX_LIFTED_GAP = 0.1
+"""s without a valid sample of the IMU after which a car on a stand counts as moving.
+
+Two samples of zeros in a row are invalid, and a still car with a quiet gyro sends them; a read
+that fails costs as much. A car that leaves its stand moves 2 cm in this time at 4 m/s2.
+"""
 
 
 class Observer:
@@ -54,6 +60,7 @@ class Observer:
         self._beats_since: float | None = None
         self._lost: deque[int] = deque(maxlen=LOSS_WINDOW)
         self._motion: deque[tuple[float, float, float]] = deque(maxlen=LIFTED_FRAMES)
+        self._motion_at = float("-inf")
 
     # -- a State arrived ---------------------------------------------------------
 
@@ -77,9 +84,11 @@ class Observer:
 
     def _note_motion(self, state: State) -> None:
         if state.yaw_rate is None or state.accel_x is None or state.accel_y is None:
-            self._motion.clear()
+            if state.t - self._motion_at > MAX_LIFTED_GAP:
+                self._motion.clear()
         else:
             self._motion.append((state.yaw_rate, state.accel_x, state.accel_y))
+            self._motion_at = state.t
 
     # -- what follows from it -----------------------------------------------------
 
