@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import os
 import sys
 from collections.abc import Iterator
@@ -33,6 +34,9 @@ import cpu_time  # noqa: E402
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.append(str(HOME / "tests" / "wire"))  # wire_samples: traffic and damage for every room
+
+
+TESTS = itertools.count()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -113,4 +117,7 @@ def no_car_of_the_user(monkeypatch, tmp_path_factory):
     monkeypatch.delenv("DART_HAL_URL", raising=False)
     monkeypatch.delenv("DART_CARS", raising=False)
     monkeypatch.delenv("DART_HAL_CAR", raising=False)
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path_factory.getbasetemp() / "share"))
+    share = tmp_path_factory.getbasetemp() / f"share-{next(TESTS)}"
+    monkeypatch.setenv("XDG_DATA_HOME", str(share))
+    if any((HOME / "cars").glob("sim-*")):  # simulated cars that were calibrated in this checkout
+        monkeypatch.setenv("DART_CARS", str(share / "cars"))

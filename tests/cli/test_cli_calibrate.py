@@ -32,11 +32,12 @@ def result():
 
 
 @pytest.fixture
-def on_a_car(verb, monkeypatch, result):
+def on_a_car(verb, monkeypatch, result, tmp_path):
     """``on_a_car(*options, stdin=...)``: the verb with a real car's URL, which asks PLAN."""
     @contextlib.contextmanager
     def opened(*args, **kwargs):
-        yield SimpleNamespace(url="serial:///dev/ttyUSB0")
+        yield SimpleNamespace(url="serial:///dev/ttyUSB0",
+                              files=SimpleNamespace(folder=tmp_path))
 
     def procedure(car, *, ask, **kwargs):
         if not ask(PLAN):

@@ -90,3 +90,38 @@ def test_a_failure_is_one_error_object_and_writes_nothing(verb, tmp_path):
                "--cars", str(tmp_path))
     assert ran.error["what"] == "a wheel is blocked"
     assert not list(tmp_path.rglob("calibration.toml"))
+
+
+CLOCK = ("calibrate", "clock", "--frequency", 50.0, "--std", 0.01, "--yes", "--url",
+         "sim://?seed=3&nano=mock")
+
+
+def test_measurement_is_written_where_cars_names(verb, tmp_path, monkeypatch):
+    """Though the car has a folder elsewhere: it was written there, and nobody found it."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
+    home = tmp_path / "share" / "dart-hal" / "cars" / "sim-3" / "calibration.toml"
+    assert verb(*CLOCK).code == 0
+    assert home.is_file()
+    before = home.read_bytes()
+    assert verb(*CLOCK, "--cars", "wr").code == 0
+    assert (tmp_path / "wr" / "sim-3" / "calibration.toml").is_file()
+    monkeypatch.setenv("DART_CARS", "named")
+    assert verb(*CLOCK).code == 0
+    assert (tmp_path / "named" / "sim-3" / "calibration.toml").is_file()
+    assert home.read_bytes() == before
+
+
+@pytest.mark.parametrize("what", ["clock", "steering", "all"])
+def test_folder_that_cannot_be_written_is_refused_before_the_car_moves(verb, tmp_path, monkeypatch,
+                                                                       what):
+    def drives(*args, **options):
+        raise AssertionError("the car was driven")
+
+    monkeypatch.setattr("dart_hal.cli.calibrate.calibrate_steering", drives)
+    monkeypatch.setattr("dart_hal.cli.calibrate_measured.typed_clock", drives)
+    (tmp_path / "wr").mkdir()
+    (tmp_path / "wr" / "sim-3").write_text("a file in the place of the folder")
+    rest = CLOCK[2:] if what == "clock" else CLOCK[6:]
+    error = verb("calibrate", what, *rest, "--cars", "wr", "--json").error
+    assert error["code"] == "D-FILE-04"
+    assert "wr/sim-3" in error["what"]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 
 import pytest
+from msgspec import structs
 
 from dart_hal.cli import checks as checks_module
 from dart_hal.cli import doctor
 from dart_hal.cli.checks import TITLES, Check, no_bus
+from dart_hal.config import Calibration, SteeringTable, save_calibration
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
@@ -155,3 +158,43 @@ def test_an_unknown_car_is_a_file_that_is_missing(verb, spoilt):
     spoilt(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
     done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json", "--seconds", 1)
     assert verdicts(done)["files"] == "fail"
+
+
+def commands_of(done) -> dict[str, str]:
+    """By check: the remedy of a warning, where it is a command."""
+    return {c["id"]: c["try"] for c in done.json["checks"]
+            if c["verdict"] == "warn" and c["try"].startswith("dart-hal ")}
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("url", [MOCK, "sim://?seed=7&nano=mock"])
+@pytest.mark.parametrize("where", [(), ("--cars", "my cars")])
+def test_printed_remedy_clears_its_warning(verb, url, where):
+    doctor = ("doctor", "--url", url, "--json", "--seconds", 1, *where)
+    remedies = commands_of(verb(*doctor))
+    assert "calibration" in remedies
+    for command in remedies.values():
+        assert verb(*shlex.split(command)[1:]).code == 0
+    assert commands_of(verb(*doctor)) == {}
+    assert verdicts(verb(*doctor))["calibration"] == "ok"
+
+
+@pytest.mark.parametrize("cars", ["cars", "share/dart-hal/cars", "my cars"])
+def test_steering_map_is_found_where_calibrate_writes_it(verb, monkeypatch, tmp_path, cars):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
+    steering = SteeringTable(pulse_us=(1200.0, 1800.0), angle_rad=(-0.3, 0.3), std_rad=(0.1, 0.1))
+    calibration = Calibration(car="sim-7")
+    calibration = structs.replace(
+        calibration, steering=structs.replace(calibration.steering, map=steering))
+    save_calibration(calibration, tmp_path / cars / "sim-7")
+    doctor = ("doctor", "--url", "sim://?seed=7&nano=mock", "--json", "--seconds", 1)
+    named = ("--cars", cars) if cars == "my cars" else ()
+    assert verdicts(verb(*doctor, *named))["calibration"] == "ok"
+    assert verdicts(verb(*doctor, "--cars", "others"))["calibration"] == "warn"  # the control
+
+
+def test_remedy_names_url_and_folder_of_the_doctor(verb):
+    url = "sim://?seed=7&nano=mock"
+    done = verb("doctor", "--url", url, "--json", "--seconds", 1, "--cars", "my cars")
+    command = commands_of(done)["calibration"]
+    assert shlex.split(command)[3:] == ["--url", url, "--cars", "my cars"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from datetime import datetime, timezone
 from itertools import accumulate
 from pathlib import Path
@@ -162,6 +164,36 @@ def test_folders_are_searched_in_order(places, monkeypatch) -> None:
     assert cars_home() == Path("cars")
     (places["here"] / "dart-01" / "car.toml").unlink()
     assert mass(None) == 1.4
+
+
+def test_measurements_go_to_the_folder_that_was_named(places, tmp_path, monkeypatch) -> None:
+    """--cars, else $DART_CARS, else ./cars, else the home folder; for real and simulated cars."""
+    other = tmp_path / "other"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    for load in (lambda dirs=None: load_car("dart-01", dirs),
+                 lambda dirs=None: parse_car(text, "sim://", dirs)):
+        assert load([other]).folder == other / "dart-01"
+        assert load([other, places["given"]]).folder == places["given"] / "dart-01"
+        assert load().folder == places["named"] / "dart-01"
+    monkeypatch.setenv("DART_CARS", f"{other}{os.pathsep}{places['named']}")
+    assert load_car("dart-01").folder == places["named"] / "dart-01"
+    assert parse_car(text.replace("dart-01", "sim-7"), "sim://").folder == other / "sim-7"
+    monkeypatch.delenv("DART_CARS")
+    assert parse_car(text, "sim://").folder == Path("cars") / "dart-01"
+    shutil.rmtree(places["here"] / "dart-01")
+    assert parse_car(text, "sim://").folder == places["own"] / "dart-01"
+    shutil.rmtree(places["own"] / "dart-01")
+    assert parse_car(text, "sim://").folder == Path("cars") / "dart-01"
+    shutil.rmtree(places["here"])
+    assert parse_car(text, "sim://").folder == places["own"] / "dart-01"
+
+
+def test_measurements_of_another_folder_are_not_read(places, tmp_path) -> None:
+    quantities = {"throttle.neutral_us": Quantity(1510.0, 2.0)}
+    save_calibration(Calibration(car="dart-01").with_quantities(quantities),
+                     places["named"] / "dart-01")
+    assert load_car("dart-01").neutral_us == 1510.0
+    assert load_car("dart-01", [tmp_path / "other"]).neutral_us == 1500.0
 
 
 def test_the_calibration_wins_over_the_car_file(places) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from dart_hal.config import CarFiles, left_aside, load_car, parse_car
+from dart_hal.config import CarFiles, load_car, named_folders, parse_car
 from dart_hal.config.folders import Folders, parse_run_car
 from dart_hal.errors import ConfigError
 from dart_hal.links.base import Backend
@@ -24,15 +24,20 @@ def files_of(backend: Backend, car: str | None, cars: str | Path | None) -> CarF
     if backend.car_toml is None:
         return load_car(backend.car or named, folders)
     url = backend.url.text
-    files = (parse_car(backend.car_toml, url, folders, named_only=True) if backend.simulated
+    files = (parse_car(backend.car_toml, url, folders) if backend.simulated
              else _of_run(backend, backend.car_toml, folders))
-    if backend.simulated and left_aside(files):
-        backend.notices += (f"what was measured in {files.folder} is not used: {url} is the same "
-                            "on every computer, unless --cars or $DART_CARS names a folder",)
+    if backend.simulated and has_measurements(files) and not named_folders(folders):
+        backend.notices += (f"what was measured on {files.config.name} is used, from "
+                            f"{files.folder}; --cars names another folder",)
     if named not in (DEFAULT_CAR, files.config.name):
         backend.notices += (f"{url} is the car {files.config.name}; the files of {named} are not "
                             "used",)
     return files
+
+
+def has_measurements(files: CarFiles) -> bool:
+    """Return whether the car has a calibration or a model of its own."""
+    return files.calibration is not None or files.model is not None
 
 
 def _of_run(backend: Backend, car_toml: str, folders: Folders | None) -> CarFiles:

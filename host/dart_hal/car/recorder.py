@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dart_hal.car.engine import Engine
 from dart_hal.car.misuse import check_note
-from dart_hal.config import CarFiles, left_aside
+from dart_hal.config import CarFiles
 from dart_hal.errors import DartHalError, UsageError
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.live_file import LiveFile
@@ -119,7 +119,7 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
     it from now on."""
     backend = engine.backend
     texts = dict(backend.measured)
-    if not texts and not left_aside(files):
+    if not texts:
         texts = {name: read_text(files.folder / name)
                  for name in FILES if (files.folder / name).is_file()}
     if backend.car_toml is not None:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import click
 
 from dart_hal.cli.output import console, notices
-from dart_hal.config import named_folders
 from dart_hal.errors import CalibrationFailed
 from dart_hal.ports.workshop import SCALE
 
@@ -29,12 +27,6 @@ def agreed(question: str, yes: bool, prompt: str = "start") -> bool:
         raise CalibrationFailed("not started: not confirmed", found="no terminal to ask at",
                                 remedy="once the floor is free: the same command with --yes")
     return click.confirm(prompt, err=True)
-
-
-def say_where_used(url: str, written: str | Path | None, cars: Path | None) -> None:
-    """A simulated car is its URL alone: a file beside it counts where its folder is named."""
-    if written and url.startswith("sim:") and not named_folders([cars] if cars else None):
-        notices((f"{url} uses this where its folder is named: --cars {Path(written).parents[1]}",))
 
 
 def typed(question: str) -> float:

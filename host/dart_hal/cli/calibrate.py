@@ -11,7 +11,7 @@ from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
-from dart_hal.cli.bench import agreed, say_where_used
+from dart_hal.cli.bench import agreed
 from dart_hal.cli.calibrate_all import everything
 from dart_hal.cli.calibrate_measured import (
     clock,
@@ -27,6 +27,7 @@ from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import print_json, progress_bar
 from dart_hal.cli.session import opened
 from dart_hal.cli.steering_table import show
+from dart_hal.config import check_writable
 from dart_hal.errors import UsageError
 
 LEAST_DIFFERENCE = 0.1
@@ -84,6 +85,8 @@ def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes
                          found="--speeds {} {}".format(*speeds),
                          expected=f"a difference of at least {LEAST_DIFFERENCE} m/s")
     with opened(url, car_name, cars) as car, progress_bar() as bar:
+        if not dry_run:
+            check_writable(car.files.folder)
         task = bar.add_task("calibrating", total=1.0)
 
         def progress(fraction: float, text: str) -> None:
@@ -100,5 +103,4 @@ def _drive(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes
 
         result = calibrate_steering(car, progress=progress, ask=ask, dry_run=dry_run,
                                     source=car.url, speeds=speeds)
-    say_where_used(car.url, result.written, cars)
     return result

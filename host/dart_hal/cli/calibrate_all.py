@@ -17,7 +17,6 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import write as write_steering
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.bench import say_where_used
 from dart_hal.cli.calibrate_measured import may_write, measuring, run
 from dart_hal.cli.calibrate_measured import show as show_measured
 from dart_hal.cli.options import Number, lidar_option, map_option
@@ -65,8 +64,6 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
                     "duration_s": sum(result.duration for result in found.values())})
         return
     show(files, left, found)
-    written = next((r.written for r in found.values() if r.written), None)
-    say_where_used(url, written, cars)
 
 
 @contextmanager

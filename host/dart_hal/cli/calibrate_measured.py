@@ -22,11 +22,11 @@ from dart_hal.calibration.plot_throttle import plot_throttle
 from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.bench import AskedWorkshop, agreed, say_where_used
+from dart_hal.cli.bench import AskedWorkshop, agreed
 from dart_hal.cli.options import F, Number, car_options, json_option, lidar_option, map_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import map_of
-from dart_hal.config import CarFiles, DriveTable, Quantity
+from dart_hal.config import CarFiles, DriveTable, Quantity, check_writable
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.ports import Workshop
@@ -212,12 +212,11 @@ def measure(procedure: Procedure[Measured], where: str | Backend | None, car_nam
     """
     backend = where if isinstance(where, Backend) else open_backend(where or DEFAULT_URL)
     simulated = backend.workshop is not None
-    found, files = run(procedure, backend, car_name, cars, yes, lidar)
+    found, files = run(procedure, backend, car_name, cars, yes, lidar, writes=not dry_run)
     if not as_json:
         show(found)
     if not dry_run and may_write(files, yes, simulated):
         found = write(files, found)
-        say_where_used(backend.url.text, found.written, cars)
     if as_json:
         print_json(found.to_json())
         return
@@ -226,11 +225,16 @@ def measure(procedure: Procedure[Measured], where: str | Backend | None, car_nam
 
 
 def run(procedure: Procedure[T], backend: Backend, car_name: str, cars: Path | None, yes: bool,
-        lidar: str | None = None) -> tuple[T, CarFiles]:
-    """(what a procedure found, the car's files) with a bar; the person beside the car is asked."""
+        lidar: str | None = None, writes: bool = True) -> tuple[T, CarFiles]:
+    """(what a procedure found, the car's files) with a bar; the person beside the car is asked.
+
+    writes: the result will be written; a folder that cannot be is refused before the car moves.
+    """
     simulated = backend.workshop is not None
     with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
         notices(car.notices)
+        if writes:
+            check_writable(car.files.folder)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)
             workshop: Workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,14 +93,14 @@ def examine(url: str, car_name: str, cars: Path | None, seconds: float,
     try:
         states = list(car.states(duration=seconds, timeout=1.0))
         checks += _stream(car, states)
-        checks += _car(car)
+        checks += _car(car, cars)
         if backend.poses is not None and states[-1].external is not None:
             checks.append(_poses(backend.poses, states))
         if backend.lidar is not None:
             checks.append(_lidar(car))
         if backend.camera is not None:
             checks.append(_camera(car))
-        checks += [_arming(car), _cautions(car)]
+        checks += [_arming(car), _cautions(car, cars)]
     except DartHalError as error:
         checks.append(_failed("rate", error))
     finally:
@@ -175,8 +176,11 @@ def _stream(car: Car, states: list[State]) -> list[Check]:
     return [
         _check("hello", not hello.mock, f"version {version}, board {hello.board_id:08x}, "
                f"boot {hello.boot_count}" + (", MockNano: no firmware" if hello.mock else ""),
-               bad="warn", expected="the firmware", cause="the emulator was not built",
-               remedy="make firmware"),
+               bad="warn", expected="the firmware",
+               cause="the URL asks for it" if "nano=mock" in car.url else
+               "the emulator was not built",
+               remedy="the same URL without nano=mock" if "nano=mock" in car.url else
+               "make firmware"),
         _check("schema", hello.same_schema, f"{hello.schema:08x}", expected=f"{SCHEMA:08x}",
                cause="firmware and library are of different versions", remedy="dart-hal flash"),
         _check("rate", abs(rate - RATE) < 2.0, f"{rate:.1f} STATE frames per second",
@@ -273,7 +277,7 @@ def _camera(car: Car) -> Check:
         expected="nothing to say of it", remedy="docs/how_to/camera.md, section Whether it is well")
 
 
-def _car(car: Car) -> list[Check]:
+def _car(car: Car, cars: Path | None) -> list[Check]:
     files = car.files
     fitted = car.hello.caps >> 2 & 3
     map_ = files.calibration.steering.map if files.calibration else None
@@ -290,13 +294,16 @@ def _car(car: Car) -> list[Check]:
         _check("calibration", map_ is not None, "steering map of this car" if map_ else
                "no steering map: the paper's is used", bad="warn",
                expected=str(files.folder / "calibration.toml"),
-               remedy=f"dart-hal calibrate steering --url '{car.url}'{_car_option(car)}"),
+               remedy=f"dart-hal calibrate steering {_car_options(car, cars)}"),
     ]
 
 
-def _car_option(car: Car) -> str:
-    """What names this car on a command line; a simulated one brings its own files."""
-    return "" if car.url.startswith("sim:") else f" --car {car.files.config.name}"
+def _car_options(car: Car, cars: Path | None) -> str:
+    """Return the options that name this car on a command line, as the doctor was given them."""
+    named = [] if car.url.startswith("sim:") else ["--car", car.files.config.name]
+    folder = [] if cars is None else ["--cars", str(cars)]
+    url = shlex.quote(car.url) if "'" in car.url else f"'{car.url}'"
+    return " ".join(["--url", url, shlex.join([*named, *folder])]).strip()
 
 
 def _arming(car: Car) -> Check:
@@ -313,11 +320,13 @@ def _arming(car: Car) -> Check:
                   expected="no reason to refuse", remedy=remedy)
 
 
-def _cautions(car: Car) -> Check:
+def _cautions(car: Car, cars: Path | None) -> Check:
     """What arm() would warn of and no line above has told."""
     told = [c for c in car.cautions if c.name != "NO_HARDWARE_CUTOFF"]
+    verb = "dart-hal calibrate steering"
+    remedies = [c.remedy.replace(verb, f"{verb} {_car_options(car, cars)}") for c in told]
     return _check("cautions", not told, "; ".join(f"{c.name}: {c.text}" for c in told)
-                  or "nothing", bad="warn", remedy="; ".join(c.remedy for c in told))
+                  or "nothing", bad="warn", remedy="; ".join(remedies))
 
 
 def _skipped(checks: list[Check]) -> list[Check]:

@@ -64,8 +64,6 @@ def command(url: str, out: Path, as_json: bool) -> None:
     reveal_url(parsed)  # raises what opening this car would raise, before anything is driven
     number = parsed.options.get("seed", "0")
     healthy = without_effect(parsed)
-    # the car's folder must be there, or a folder of that car elsewhere would be used
-    (out / "cars" / f"sim-{number}").mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     result, hello, said = calibrate(healthy, out)
     beside = jobs.beside(others, demo_real.excerpt(), int(number), out)

@@ -19,9 +19,9 @@ from dart_hal.config.folders import (
     calibration_in,
     car_folders,
     cars_home,
-    left_aside,
     load_car,
     load_model,
+    measured_folder,
     named_folders,
     parse_car,
     save_calibration,
@@ -29,12 +29,12 @@ from dart_hal.config.folders import (
 )
 from dart_hal.config.model import EffectEntry, ModelFile, parse_model, plain
 from dart_hal.config.quantity import Quantities, Quantity
-from dart_hal.config.write import dump, save
+from dart_hal.config.write import check_writable, dump, save
 
 __all__ = [
     "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "DriveTable", "EffectEntry", "ModelFile",
     "PaperForm", "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders",
-    "cars_home", "check_calibration", "dump", "left_aside", "load_car", "load_model",
-    "named_folders", "parse_calibration", "parse_car", "parse_config", "parse_model", "plain",
-    "save", "save_calibration", "save_model",
+    "cars_home", "check_calibration", "check_writable", "dump", "load_car", "load_model",
+    "measured_folder", "named_folders", "parse_calibration", "parse_car", "parse_config",
+    "parse_model", "plain", "save", "save_calibration", "save_model",
 ]

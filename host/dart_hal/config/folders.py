@@ -1,7 +1,11 @@
-"""Where the files of a car are found, and which value wins.
+"""Where the files of a car are found and written, and which value wins.
 
-Searched in this order: the folders given by the caller (``--cars``),
+``car.toml`` is searched in this order: the folders given by the caller (``--cars``),
 ``$DART_CARS``, ``./cars``, ``~/.local/share/dart-hal/cars``.
+
+What was measured (``calibration.toml``, ``model.toml``) is read and written in one folder: that
+of the car in a named folder (``--cars``, else ``$DART_CARS``); where none is named, where the car
+has one in ``./cars`` or the home folder, else in ``./cars`` if it exists, else in the home folder.
 """
 
 from __future__ import annotations
@@ -94,14 +98,28 @@ def cars_home(cars_dirs: Folders | None = None) -> Path:
     return named[0] if named else next((f for f in folders if f.is_dir()), folders[-1])
 
 
+def measured_folder(name: str, cars_dirs: Folders | None = None) -> Path:
+    """Return the folder in which the measurements of a car are read and written.
+
+    1. Folders named by the caller count; without any, those of ``$DART_CARS``; without any,
+       ``./cars`` and the home folder.
+    2. Of these, the first that has a folder of the car; else the one for new cars.
+    """
+    caller = [Path(folder) for folder in cars_dirs or ()]
+    candidates = caller or named_folders() or car_folders()
+    existing = next((f / name for f in candidates if (f / name).is_dir()), None)
+    return existing or (caller[0] if caller else cars_home()) / name
+
+
 def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
     """Read the files of the car ``name``. Raises ConfigError, OtherCar, NotMonotone."""
     folders = [folder / name for folder in car_folders(cars_dirs)]
     for folder in folders:
         if (folder / "car.toml").is_file():
             config = parse_config(_read(folder / "car.toml"), str(folder / "car.toml"))
-            return _with_measurements(config, folder, str(folder / "car.toml"), name)
-    home = cars_home(cars_dirs) / name
+            return _with_measurements(config, measured_folder(name, cars_dirs),
+                                      str(folder / "car.toml"), name)
+    home = measured_folder(name, cars_dirs)
     if name == EXAMPLE and PACKAGED.is_file():
         return _with_measurements(parse_config(_read(PACKAGED), str(PACKAGED)), home,
                                   str(PACKAGED), name)
@@ -129,33 +147,17 @@ def parse_run_car(text: str, origin: str, measured: Mapping[str, str],
                     parse_calibration(cal, f"calibration.toml in {origin}", name, recorded=True)
                     if cal else None,
                     parse_model(model, f"model.toml in {origin}") if model else None,
-                    cars_home(cars_dirs) / name, origin)
+                    measured_folder(name, cars_dirs), origin)
 
 
-def parse_car(text: str, origin: str, cars_dirs: Folders | None = None, *,
-              named_only: bool = False) -> CarFiles:
+def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFiles:
     """A car whose car.toml comes as ``text`` (a simulated one); ``origin`` names it.
 
-    Its calibration and model are read from its folder, if there is one;
-    ``named_only``: if that folder was named, by the caller or $DART_CARS. Then
-    what lies where the program runs or in the home folder changes nothing.
+    Its calibration and model are read from its folder, if there is one.
     Raises as ``load_car``.
     """
     config = parse_config(text, origin)
-    places = [folder / config.name for folder in car_folders(cars_dirs)]
-    searched = places[:-UNNAMED] if named_only else places
-    found = next((f for f in searched if f.is_dir()), None)
-    if found is None and named_only:
-        left = next((f for f in places if f.is_dir()), cars_home(cars_dirs) / config.name)
-        return CarFiles(config, None, None, left, origin)
-    return _with_measurements(config, found or cars_home(cars_dirs) / config.name, origin,
-                              config.name)
-
-
-def left_aside(files: CarFiles) -> bool:
-    """Whether ``named_only`` kept what was measured in ``files.folder`` from being used."""
-    there = [(files.folder / name).is_file() for name in ("calibration.toml", "model.toml")]
-    return any(there) and files.calibration is None and files.model is None
+    return _with_measurements(config, measured_folder(config.name, cars_dirs), origin, config.name)
 
 
 def load_model(path: str | os.PathLike[str]) -> ModelFile:

@@ -11,7 +11,9 @@ import os
 import shutil
 from collections.abc import Mapping
 from datetime import date, datetime, time
+from errno import ENOTDIR
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import msgspec
@@ -19,6 +21,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AbstractTable, InlineTable, Item
 
+from dart_hal.errors import FileTrouble
 from dart_hal.text_file import read_text
 
 Document = tomlkit.TOMLDocument | AbstractTable | InlineTable
@@ -67,6 +70,24 @@ def save(thing: msgspec.Struct, path: Path) -> Path:
         keep(path)
     replace(path, text)
     return path
+
+
+def check_writable(folder: Path) -> None:
+    """Raise FileTrouble if a file cannot be made in ``folder``, which need not exist yet.
+
+    A file is made and removed in the nearest folder that exists: permissions alone do not show
+    a file system that is mounted read-only or full.
+    """
+    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        if not existing.is_dir():
+            raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(existing))
+        with TemporaryFile(dir=existing) as file:
+            file.write(b"0")
+    except OSError as error:
+        raise FileTrouble(f"{folder} cannot be written", found=f"{existing}: {error.strerror}",
+                          read=str(folder), expected="a folder in which files can be made",
+                          remedy="name another folder, or change its permissions") from error
 
 
 def keep(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""A sim:// URL is the same car on every computer: no file counts that nobody named."""
+"""Files of a simulated car: as of a real one, those named, else ./cars, else the home folder."""
 
 from __future__ import annotations
 
@@ -33,43 +33,49 @@ def driven(**options) -> list[tuple[float, float]]:
     return seen
 
 
-def test_a_calibration_in_the_home_folder_changes_nothing(home, tmp_path, monkeypatch):
+def test_calibration_in_the_home_folder_is_used(home, tmp_path, monkeypatch):
     with_it = driven()
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "empty"))
+    assert driven() != with_it
+
+
+def test_calibration_in_the_folder_cars_is_used(home, tmp_path, monkeypatch):
+    with_it = driven()
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "empty"))
+    (tmp_path / "cars").symlink_to(home.parent)
+    monkeypatch.chdir(tmp_path)
     assert driven() == with_it
 
 
-def test_nor_does_one_beside_the_program(home, tmp_path, monkeypatch):
-    there = driven()
-    (tmp_path / "cars").symlink_to(home.parent)
-    monkeypatch.chdir(tmp_path)
-    assert driven() == there
-
-
-def test_it_is_said_once_that_it_is_not_used(home):
+def test_notice_names_a_folder_that_was_not_named(home):
     with Car.open(URL) as car:
-        (notice,) = (text for text in car.notices if "not used" in text)
+        (notice,) = (text for text in car.notices if "is used" in text)
     assert str(home) in notice
-
-
-def test_a_named_folder_counts(home):
-    assert driven(cars=home.parent) != driven()
     with Car.open(URL, cars=home.parent) as car:
         assert car.files.metres_per_edge.value == 0.02
         assert not car.notices
 
 
-def test_what_is_not_used_is_not_recorded(home, tmp_path):
-    for options, names in (({}, {"car.toml"}),
-                           ({"cars": home.parent}, {"car.toml", "calibration.toml"})):
-        path = tmp_path / f"{len(names)}.mcap"
-        with Car.open(URL, record=path, **options):
+def test_named_folder_without_the_car_is_an_uncalibrated_car(home, tmp_path, monkeypatch):
+    with Car.open(URL, cars=tmp_path / "other") as car:
+        assert car.files.calibration is None
+        assert car.files.folder == tmp_path / "other" / "sim-3"
+    monkeypatch.setenv("DART_CARS", str(tmp_path / "another"))
+    with Car.open(URL) as car:
+        assert car.files.calibration is None
+
+
+def test_what_is_used_is_recorded(home, tmp_path):
+    for number, (cars, names) in enumerate(((tmp_path / "other", {"car.toml"}),
+                                            (None, {"car.toml", "calibration.toml"}))):
+        path = tmp_path / f"{number}.mcap"
+        with Car.open(URL, record=path, cars=cars):
             pass
         assert set(RunReader(path).files) == names
 
 
 def test_what_is_written_there_keeps_what_was_measured_before(home):
-    """A second calibration of the car adds to the first, though the car did not use it."""
+    """A second calibration of the car adds to the first."""
     assert calibration_in(home, "sim-3").encoder.metres_per_edge.value == 0.02
     assert calibration_in(home.parent / "sim-9", "sim-9") == Calibration(car="sim-9")
 
