@@ -7,6 +7,7 @@ import time
 import pytest
 from at_the_desk import driving
 from browser import DESK, PHONE, Browser
+from browser_drive import drives_off
 from sockets import live_page
 
 from dart_hal.car import Car
@@ -14,25 +15,6 @@ from dart_hal.view.player import Player, run_of
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
 NEUTRAL = 0.250
-
-
-def drives_off(browser, page, car, tries=5):
-    """Arm and hold the stick until the car drives: on a busy computer a hold may end by itself."""
-    browser.press("take")
-    browser.until("Let go of the wheel", "take")
-    for _ in range(tries):
-        browser.until("DISARMED", "mode")
-        browser.press("arm")
-        try:
-            browser.until("ARMED", "mode", within=5.0)
-        except AssertionError:  # refused: frames came late
-            continue
-        browser.hold()
-        time.sleep(0.8)
-        if driving(page.pulses, car.now - 0.05):
-            return
-        browser.let_go()
-    raise AssertionError(browser.text("said"))
 
 
 def hides(browser):

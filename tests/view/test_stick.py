@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
+from at_the_desk import driving
+from browser_drive import drives_off
 from sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
@@ -49,3 +53,35 @@ def test_a_gamepad_drives_while_its_bumper_is_held(page):
     assert page.run(READ) == pytest.approx([0.5, 0.0]), "a worn stick rests beside its middle"
     page.run(PAD.format(4, -0.8))
     assert page.run(READ) is None, "control: another button"
+
+
+def test_a_stick_a_key_and_a_gamepad_that_report_nothing_grow_old(page):
+    page.run(PAD.format(5, -0.8))
+    page.run("window.ages = []; window.reads = setInterval(() => { Stick.read();"
+             "ages.push(Stick.unchanged()); }, 20)")
+    time.sleep(1.2)
+    assert page.run("return ages.at(-1)") > 1000, "it is read all the time, and never changes"
+    page.run(PAD.format(5, -0.7))
+    time.sleep(0.1)
+    assert page.run("return ages.at(-1)") < 500
+    page.run(PAD.format(4, 0.0))
+    press(page, "KeyW")
+    time.sleep(0.6)
+    assert page.run("return ages.at(-1)") > 400
+    press(page, "KeyW")
+    assert page.run("Stick.read(); return Stick.unchanged()") < 200, "a repeat is a report"
+    press(page, "KeyW", what="keyup")
+    page.hold()
+    time.sleep(0.6)
+    assert page.run("return ages.at(-1)") > 400
+
+
+def test_a_held_stick_without_a_report_is_neutral_and_says_why(browsers):
+    with live_page() as (car, page):
+        one = browsers()
+        one.open(page.urls[0])
+        drives_off(one, page, car)
+        time.sleep(1.5)
+        assert driving(page.pulses, car.now - 0.2) == []
+        one.until("did not change for 0.95 s", "said")
+        assert car.mode == "ARMED"

@@ -128,12 +128,19 @@ class Arming(Recorded, ABC):
             if self._recorder is not None:
                 self._recorder.note("unlock", {"reason": reason})
 
-    def run_stop(self, held: bool, by: str = "program") -> None:
+    def run_stop(self, held: bool, by: str = "program", reason: str = "") -> None:
         """Press a run-stop: a trip, the throttle neutral at once, and nothing arms while somebody
         holds one; False lets go of that of ``by`` alone. A car that it has tripped has to be armed
-        again."""
+        again. reason: a sentence for the operator."""
         with self._engine.lock:
-            self._engine.driver.hold(held, self._engine.now, by)
+            self._engine.driver.hold(held, self._engine.now, by, reason)
+
+    @property
+    def stop_reason(self) -> str:
+        """Reason of the run-stop that is pressed now, else of the last that ended a drive; ""."""
+        with self._engine.lock:
+            driver = self._engine.driver
+            return next(iter(driver.holders.values()), driver.stop_reason)
 
     def refusals(self) -> tuple[str, ...]:
         """Names of what would keep ``arm()`` from arming now, waiting apart."""

@@ -61,8 +61,10 @@ class Driver:
         if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
-        self.holders: frozenset[str] = frozenset()
-        """Who presses a run-stop now."""
+        self.holders: dict[str, str] = {}
+        """Who presses a run-stop now, and the reason."""
+        self.stop_reason = ""
+        """Of the last run-stop that ended a drive."""
 
     @property
     def applied(self) -> Applied:
@@ -118,10 +120,14 @@ class Driver:
         self.supervisor.step(now, causes=("LINK_STALE",), bus_ok=self.actuator.fault is None)
         self.actuator.stop()
 
-    def hold(self, held: bool, now: float, by: str) -> None:
+    def hold(self, held: bool, now: float, by: str, reason: str = "") -> None:
         """``by`` presses a run-stop (neutral at once, nothing arms) or lets go of its own."""
-        self.holders = self.holders | {by} if held else self.holders - {by}
-        if held and self.mode in LIVE_MODES:
+        if not held:
+            self.holders.pop(by, None)
+            return
+        self.holders[by] = reason or f"the run-stop was pressed by: {by}"
+        if self.mode in LIVE_MODES:
+            self.stop_reason = self.holders[by]
             self._step(now, ["RUN_STOP"], ())
             self.actuator.stop()
 

@@ -194,7 +194,7 @@ class Member:
     def _obey(self, now: float) -> None:
         held = self.rule.held(now)
         if held or self._held:
-            self.car.run_stop(bool(held), by="room")
+            self.car.run_stop(bool(held), by="room", reason=f"run-stop of the room: {held}")
         self._held = held
 
     def _repeat(self, now: float) -> None:

@@ -37,7 +37,7 @@ class Access:
 
     port: int
     lan: bool = False
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(9))
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(9), repr=False)
     names: tuple[str, ...] = ()
 
     @classmethod

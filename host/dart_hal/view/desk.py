@@ -25,7 +25,8 @@ from dart_hal.view import messages as m
 from dart_hal.view.access import Access
 from dart_hal.view.operator import Operator, Refused
 from dart_hal.view.rows import Row, points, row
-from dart_hal.view.told import Lines, begin, others_in, status
+from dart_hal.view.told import Lines, begin, not_armed, others_in, status
+from dart_hal.view.words import AT_REST
 
 STATUS_EVERY = 0.2
 """s between two messages about mode and health."""
@@ -122,7 +123,8 @@ class Desk:
                     self.car.stop()
                     return
         except NotArmed as why:
-            self._say(str(why))
+            rolls = "ENCODER_MOVING" in (*why.reasons, *self.car.refusals())
+            self._say(AT_REST if rolls else not_armed(self.car, why.reasons))
         with self._lock:
             self.operator.armed()
 
@@ -227,7 +229,7 @@ class Desk:
     def _stop(self, now: float) -> None:
         """Whoever pressed it."""
         self._stopped_until = now + STOPPED_FOR
-        self.car.run_stop(True, by="view")
+        self.car.run_stop(True, by="view", reason="STOP was pressed at a live page")
         with self._lock:
             self.operator.stop()
         self._say("STOP was pressed at a page")

@@ -19,6 +19,9 @@ class Take(msgspec.Struct, tag="take", forbid_unknown_fields=True):
 
     token: str
 
+    def __repr__(self) -> str:  # without the token: it would stand in a log or a traceback
+        return "Take(...)"
+
 
 class Leave(msgspec.Struct, tag="leave", forbid_unknown_fields=True):
     """Let somebody else drive."""

@@ -1,6 +1,11 @@
 """A thread that serves the page and its socket; what is said goes to a ``Listener``.
 
 Nothing here waits for a page: what a page does not read in time ends its socket, and no other's.
+
+STOP needs no socket, as strangers may have taken all ``MOST_PAGES``: it is also a plain HTTP
+request. ``MAX_HANDSHAKES`` limits connections that have asked for nothing yet; the oldest of them
+is closed for a new one. A page that has its socket, such as that of the driver, is never closed
+for another.
 """
 
 from __future__ import annotations
@@ -10,9 +15,10 @@ import logging
 import socket
 import threading
 from collections.abc import Iterable, Sequence
+from functools import partial
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Protocol
+from typing import Any, Protocol
 
 from websockets.asyncio.server import Server as Socket
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -22,7 +28,7 @@ from websockets.http11 import Request, Response
 
 from dart_hal.errors import UsageError
 from dart_hal.view.access import Access
-from dart_hal.view.messages import LONGEST, Malformed, Message, read
+from dart_hal.view.messages import LONGEST, Malformed, Message, Stop, read
 from dart_hal.view.operator import Refused
 
 RATE = 30.0
@@ -32,6 +38,14 @@ MOST_WAITING = 1 << 20
 SEND_BUFFER = 16384
 """Bytes that the kernel keeps for a page, and as much again: news that waits longer is old."""
 MOST_PAGES = 50
+MAX_HANDSHAKES = 64
+"""Connections that have not sent a whole request. Browsers need some ms for that; without a limit
+idle connections would take all file descriptors of the program, 1024 by default."""
+STOP = "/stop"
+STOP_HEADER = "X-Dart-Stop"
+"""A request to STOP carries this header, or is a POST of our own page or of no page. A page of
+another origin can do neither: browsers ask us before they send such a header, and state the origin
+of a POST."""
 MOST_MALFORMED = 20
 """Messages that are none, until their page is sent away."""
 PICTURE = "/camera.jpg"
@@ -43,9 +57,9 @@ SILENT = 4.0
 TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf-8",
          "css": "text/css; charset=utf-8"}
 VENDOR = ("uPlot.iife.min.js", "uPlot.min.css")
-CAR = ("index.html", "style.css", "app.js", "camera.js", "floor.js", "plots.js", "player.js",
-       "said.js", "stick.js")
-FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js", "said.js")
+CAR = ("index.html", "style.css", "app.js", "camera.js", "floor.js", "menu.js", "plots.js",
+       "player.js", "said.js", "stick.js", "stop.js")
+FLEET = ("fleet.html", "style.css", "fleet.js", "floor.js", "said.js", "stop.js")
 """Files of the two pages; the first is the page itself."""
 SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
                                    "img-src 'self' data:; frame-ancestors 'none'",
@@ -54,6 +68,30 @@ SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe
         "Cache-Control": "no-store"}
 
 log = logging.getLogger("dart_hal")
+_socket_log = logging.getLogger("dart_hal.view.sockets")
+_socket_log.setLevel(logging.INFO)
+"""At DEBUG the library would log each message that comes, and so the token."""
+
+
+class Visitor(ServerConnection):
+    """A connection; ``handshakes``: those that have not sent a whole request, the oldest first."""
+
+    def __init__(self, handshakes: dict[ServerConnection, None], *args: Any, **options: Any
+                 ) -> None:
+        super().__init__(*args, **options)
+        self._handshakes = handshakes
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self._handshakes[self] = None
+        if len(self._handshakes) > MAX_HANDSHAKES:
+            oldest = next(iter(self._handshakes))
+            del self._handshakes[oldest]
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._handshakes.pop(self, None)
+        super().connection_lost(exc)
 
 
 class Listener(Protocol):
@@ -63,7 +101,7 @@ class Listener(Protocol):
         """Messages for a page that has just come."""
 
     def said(self, page: ServerConnection, message: Message) -> str | None:
-        """The answer to this page. Raises Refused."""
+        """The answer to this page. STOP may come from one that has not joined. Raises Refused."""
 
     def left(self, page: ServerConnection) -> None:
         """Its socket is closed."""
@@ -111,6 +149,7 @@ class Server:
         self._place, self._access, self._listener = place, access, listener
         self._assets = assets(page)
         self._trouble = ""
+        self._handshakes: dict[ServerConnection, None] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended: asyncio.Event | None = None
         self._up = threading.Event()
@@ -132,7 +171,9 @@ class Server:
         async with serve(self._page, sock=self._place, process_request=self._request,
                          origins=[None, *self._access.origins()],  # type: ignore[list-item]
                          max_size=LONGEST, max_queue=16, compression=None, ping_interval=SILENT,
-                         ping_timeout=SILENT, close_timeout=0.5) as sockets:
+                         ping_timeout=SILENT, close_timeout=0.5, logger=_socket_log,
+                         create_connection=partial(  # type: ignore[arg-type]
+                             Visitor, self._handshakes)) as sockets:
             self._up.set()
             while not self._ended.is_set():
                 self._send(sockets)
@@ -177,10 +218,13 @@ class Server:
             self._listener.left(page)
 
     def _request(self, page: ServerConnection, request: Request) -> Response | None:
+        self._handshakes.pop(page, None)
         if not self._access.own_host(request.headers.get("Host", "")):
             return _answer(HTTPStatus.FORBIDDEN, TYPES["html"],
                            b"open this page by the address that was printed")
         path = request.path.partition("?")[0]
+        if path == STOP:
+            return self._stop(page, request)
         if path == "/socket":
             full = len(page.server.connections) >= MOST_PAGES
             return _answer(HTTPStatus.SERVICE_UNAVAILABLE, TYPES["html"],
@@ -193,6 +237,20 @@ class Server:
         if not kind:
             return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no such page")
         return _answer(HTTPStatus.OK, kind, body)
+
+    def _stop(self, page: ServerConnection, request: Request) -> Response:
+        """STOP by a request of its own."""
+        origin = request.headers.get("Origin")
+        post = getattr(request, "method", "GET") == "POST"  # known from websockets 17 on
+        own = origin is None or origin in self._access.origins()
+        if not (STOP_HEADER in request.headers or post) or not own:
+            return _answer(HTTPStatus.FORBIDDEN, TYPES["html"],
+                           f"STOP is a request with the header {STOP_HEADER}".encode())
+        try:
+            self._listener.said(page, Stop())
+        except Refused as why:
+            return _answer(HTTPStatus.CONFLICT, TYPES["html"], str(why).encode())
+        return _answer(HTTPStatus.OK, TYPES["html"], b"stopped")
 
 
 def _answer(status: HTTPStatus, kind: str, body: bytes) -> Response:

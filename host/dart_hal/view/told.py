@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from dart_hal.actuation.arming import BY_NAME
-from dart_hal.actuation.trips import disarmed
 from dart_hal.car import Car
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.types import FloatArray, State
 from dart_hal.view.rows import FIELDS
+from dart_hal.view.words import Words, refusal_words, trip_words
 
 IDLE = ("DISARMED", "TRIPPED", "LOCKED", "FAULT")
 """Modes in which it matters what would keep the car from arming."""
+AFTER_STOP = ("RUN_STOP", "ENCODER_MOVING")
+"""Refusals that follow from a stop and end by themselves: it is pressed, and the car rolls out."""
 MOST_LINES = 4000
 """Lines of a map that are drawn; a room of boards has 30, a grid of 10 m some thousand."""
 
@@ -56,8 +57,8 @@ def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
             "loop": {"p99_ms": _ms(timing.p99), "late": timing.late, "skipped": timing.skipped},
             "camera": camera(car, state) if car.has_camera else None,
             "pose_age": None if external is None or external.age > 1e6 else round(external.age, 3),
-            "refusals": [refusal(name) for name in car.refusals()] if car.mode in IDLE else [],
-            "trips": trips(car), "cautions": [str(c) for c in car.cautions], **extra}
+            "refusals": refusals(car) if car.mode in IDLE else [], "trips": trips(car),
+            "cautions": [str(c) for c in car.cautions], **extra}
 
 
 def camera(car: Car, state: State) -> dict[str, Any]:
@@ -68,18 +69,29 @@ def camera(car: Car, state: State) -> dict[str, Any]:
             "rate": health and round(health.rate, 1), "told": told}
 
 
-def refusal(name: str) -> dict[str, str]:
+def refusals(car: Car) -> list[dict[str, str]]:
     """What keeps the car from arming, and what to do."""
-    known = BY_NAME[name]
-    return {"name": name, "text": known.text, "remedy": known.remedy}
+    names = [name for name in car.refusals() if car.mode == "DISARMED" or name not in AFTER_STOP]
+    return [_item(name, refusal_words(name, car.stop_reason)) for name in names]
 
 
 def trips(car: Car) -> dict[str, str] | None:
-    """What tripped the car last, while it says TRIPPED or LOCKED."""
+    """What tripped the car last, while it is TRIPPED or LOCKED."""
     if car.mode not in ("TRIPPED", "LOCKED") or not car.causes:
         return None
-    error = disarmed(car.causes)
-    return {"name": ", ".join(car.causes), "text": error.found, "remedy": error.remedy}
+    words = [trip_words(name, car.stop_reason) for name in car.causes]
+    remedies = dict.fromkeys(remedy for _, remedy in words)
+    return _item(", ".join(car.causes), (" ".join(text for text, _ in words), " ".join(remedies)))
+
+
+def not_armed(car: Car, names: Iterable[str]) -> str:
+    """Why the car did not arm, in one line."""
+    return "Not armed. " + " ".join(
+        text for name in names for text in refusal_words(name, car.stop_reason))
+
+
+def _item(name: str, words: Words) -> dict[str, str]:
+    return {"name": name, "text": words[0], "remedy": words[1]}
 
 
 def _ms(seconds: float) -> float | None:

@@ -72,9 +72,10 @@
   }
   function trouble(list) {
     $("trouble").replaceChildren(...list.map(({ name, text, remedy }) => {
-      const item = document.createElement("div"), head = document.createElement("b"), rest = document.createElement("i");
-      head.textContent = name; rest.textContent = remedy;
-      item.append(head, text, document.createElement("br"), rest);
+      const item = document.createElement("div"), head = document.createElement("b"), rest = document.createElement("span"), code = document.createElement("i");
+      head.textContent = text; rest.textContent = remedy; code.textContent = name;
+      item.classList.toggle("note", name === "ENCODER_MOVING");  // a car that rolls out has no fault
+      item.append(head, " ", rest, " ", code);
       return item;
     }));
   }
@@ -94,21 +95,21 @@
     if (!$("record").hidden) { $("record").classList.toggle("on", Boolean(s.recording)); $("record").textContent = s.recording ? `Stop recording ${s.recording}` : "Record"; }
   }
 
+  function lost() {
+    const gone = () => { badge("gone"); if (first) say("the program that serves this page has ended, or the network is gone"); first = false; };
+    fetch("/socket", { cache: "no-store" }).then((answer) => {
+      if (answer.status === 503) { badge("full"); if (first) say("all places for watching are taken: this page shows nothing, but its STOP works"); first = false; } else gone();
+    }, gone);
+  }
   function open() {
     socket = new WebSocket(`ws://${location.host}/socket`);
     socket.onopen = () => { badge("connected"); };
     socket.onmessage = (event) => { const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
-    socket.onclose = () => { wheel(false); heard = null; badge("gone"); if (first) say("the program that serves this page has ended, or the network is gone"); first = false; setTimeout(open, 1000); };
+    socket.onclose = () => { wheel(false); heard = null; lost(); setTimeout(open, 1000); };
   }
 
-  let pressed = -1e9;  // ms; a finger is heard when it comes down, and its click is the same press
-  function stop() {
-    Stick.drop();
-    if (performance.now() - pressed > 400) send({ type: "stop" });
-    pressed = performance.now();
-  }
-  for (const name of ["pointerdown", "click"]) $("stop").addEventListener(name, stop);
-  addEventListener("keydown", (event) => { if (event.code === "Space" && event.target.tagName !== "SELECT") { event.preventDefault(); stop(); } });
+  const heardLately = () => socket && socket.readyState === 1 && performance.now() - heardAt < SILENT;
+  Stop.install({ send: () => { send({ type: "stop" }); return heardLately(); }, say, drop: Stick.drop });
   $("take").onclick = () => { if (mine) { wheel(false); send({ type: "leave" }); } else send({ type: "take", token }); };
   $("arm").onclick = () => send({ type: "arm" });
   $("unlock").onclick = () => send({ type: "unlock" });

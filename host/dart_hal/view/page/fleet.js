@@ -3,7 +3,8 @@
 (() => {
   const $ = (id) => document.getElementById(id);
   const cards = new Map();
-  let socket = null, pressed = -1e9;
+  let socket = null, heardAt = -1e9;
+  const SILENT = 1500;  // ms
 
   function badge(text, css) { $("mode").textContent = text; $("mode").className = `badge ${css}`; }
   function card(key) {
@@ -39,14 +40,18 @@
   };
   function open() {
     socket = new WebSocket(`ws://${location.host}/socket`);
-    socket.onmessage = (event) => { const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
-    socket.onclose = () => { badge("this page has lost its program: it can stop nothing", "gone"); setTimeout(open, 1000); };
+    socket.onmessage = (event) => { heardAt = performance.now(); const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
+    socket.onclose = () => { badge("this page has lost its program", "gone"); lost(); setTimeout(open, 1000); };
   }
-  function stop() {
-    if (performance.now() - pressed > 400 && socket.readyState === 1) socket.send('{"type":"stop"}');
-    pressed = performance.now();
+  function lost() {
+    fetch("/socket", { cache: "no-store" }).then((answer) => badge(answer.status === 503
+      ? "all places for watching are taken: STOP ALL works" : "this page has lost its program: it can stop nothing", "gone"),
+    () => badge("this page has lost its program: it can stop nothing", "gone"));
   }
-  for (const name of ["pointerdown", "click"]) $("stop").addEventListener(name, stop);
-  addEventListener("keydown", (event) => { if (event.code === "Space") { event.preventDefault(); stop(); } });
+  function send() {
+    if (socket.readyState === 1) socket.send('{"type":"stop"}');
+    return socket.readyState === 1 && performance.now() - heardAt < SILENT;
+  }
+  Stop.install({ send, say: Said.say, drop: () => {} });
   open();
 })();

@@ -41,6 +41,8 @@ const Plots = (() => {
     }
   }
   fill();
+  // The menu gives the focus back: the next key is the driver's.
+  for (const plot of plots) { Menu.within(plot.choice); plot.choice.addEventListener("change", () => plot.choice.blur()); }
   setInterval(draw, 100);
 
   return {

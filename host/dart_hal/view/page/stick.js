@@ -5,7 +5,7 @@ const Stick = (() => {
   const KEYS = { KeyW: [0, 1], ArrowUp: [0, 1], KeyS: [0, -1], ArrowDown: [0, -1], KeyA: [1, 0], ArrowLeft: [1, 0], KeyD: [-1, 0], ArrowRight: [-1, 0] };
   const BUMPER = 5, STEER = 0, THROTTLE = 3, DEAD_ZONE = 0.05;  // of the standard gamepad
   const down = new Set();
-  let held = null, pointer = null;
+  let held = null, pointer = null, box = null;
   // Times of the last report of each source [ms]. A value that is merely read again is no report: its device may be out of range.
   const reported = { pointer: 0, keys: 0, pad: 0 };
   let source = "pointer", padState = "";
@@ -13,16 +13,19 @@ const Stick = (() => {
 
   const show = (at) => { knob.style.transform = at ? `translate(${-at[0] * 62}px, ${-at[1] * 62}px)` : ""; };
   function put(event) {
-    const box = face.getBoundingClientRect(), r = box.width / 2;
+    const r = box.width / 2;
     const cut = (v) => Math.max(-1, Math.min(1, v));
     held = [cut(-(event.clientX - box.left - r) / r), cut(-(event.clientY - box.top - r) / r)];
     report("pointer");
   }
   function drop() { held = null; pointer = null; }
-  face.addEventListener("pointerdown", (event) => { if (pointer === null) { pointer = event.pointerId; face.setPointerCapture(pointer); put(event); event.preventDefault(); } });
+  face.addEventListener("pointerdown", (event) => { if (pointer === null) { pointer = event.pointerId; face.setPointerCapture(pointer); box = face.getBoundingClientRect(); put(event); event.preventDefault(); } });
   face.addEventListener("pointermove", (event) => { if (event.pointerId === pointer) put(event); });
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) face.addEventListener(name, (event) => { if (event.pointerId === pointer) drop(); });
-  const typing = (event) => ["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName);
+  // A menu and a slider keep the arrow keys; letters drive with every focus but a text field.
+  const TEXT = ["text", "search", "number", "email", "url", "password", "tel"];
+  const typing = ({ target, code }) => target.tagName === "TEXTAREA" || target.isContentEditable || (target.tagName === "INPUT" && TEXT.includes(target.type))
+    || (code.startsWith("Arrow") && (target.tagName === "SELECT" || target.type === "range"));
   addEventListener("keydown", (event) => { if (event.code in KEYS && !typing(event)) { down.add(event.code); report("keys"); event.preventDefault(); } });
   addEventListener("keyup", (event) => { if (down.delete(event.code)) report("keys"); });
   // A page that is not looked at holds nothing.

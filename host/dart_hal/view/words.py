@@ -1,0 +1,91 @@
+"""Why the car does not drive, in words for the user of the page: what happened and what to do.
+
+The errors of the package speak to who writes a program: they name functions and keys of files. Who
+stands beside the car with a phone has a button for the same. Names without an entry here have the
+package's own sentences, which say nothing that a page cannot do.
+"""
+
+from __future__ import annotations
+
+from dart_hal.actuation.arming import BY_NAME
+from dart_hal.actuation.trips import TRIPS
+
+Words = tuple[str, str]
+"""What happened; what to do."""
+
+ARM = "Arm when the way is free."
+AT_REST = "Wait until the car is at rest, then arm."
+DOCTOR = "At the car's computer: dart-hal doctor."
+REOPEN = "End the program that serves this page and start it again."
+
+TRIP_WORDS: dict[str, Words] = {
+    "COMMAND_EXPIRED": ("The car got no new command in time.",
+                        "The network or the car's computer was too slow: go closer, close other "
+                        f"programs. {ARM}"),
+    "COMMAND_INVALID": ("A command was no number.",
+                        f"Look for the fault in the program that drives. {ARM}"),
+    "TIME_BACKWARD": ("The clock of the car's computer went back.", ARM),
+    "LINK_STALE": ("No message came from the Nano.", f"Check its cable and its power. {DOCTOR}"),
+    "MCU_REBOOTED": ("The Nano started again while the car was armed.",
+                     f"Check its power and its cable. {DOCTOR}"),
+    "PCA_WRITE_FAILED": ("The PWM board did not take a pulse.",
+                         f"Check its four wires. {DOCTOR}"),
+    "PCA_READBACK": ("The PWM board lost its settings.",
+                     f"Check its supply; end other programs that use it. {DOCTOR}"),
+    "GUARD_TRIPPED": ("The program that serves this page stood still, and its guard stopped the "
+                      "car.", f"Close other programs on the car's computer. {ARM}"),
+    "GUARD_SILENT": ("The guard process does not answer.", REOPEN),
+    "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
+                f"Check the Nano and its wires. {DOCTOR}"),
+    "RUN_STOP": ("The car was stopped.", ARM),
+}
+
+REFUSAL_WORDS: dict[str, Words] = {
+    "MCU_REBOOTED": TRIP_WORDS["MCU_REBOOTED"],
+    "IMU_DOUBTED": ("The IMU's numbers are impossible, or the wheels contradict them.",
+                    f"Check its plug and its mount. {DOCTOR}"),
+    "ENCODER_MOVING": ("The wheels turn.",
+                       f"{AT_REST} If they turn without end, at the car's computer: dart-hal "
+                       "calibrate esc."),
+    "NEUTRAL_TOO_SHORT": ("The motor controller needs 2 s of neutral first.", "Wait."),
+    "PWM_CLOCK_UNCALIBRATED": (
+        "The clock of the PWM board was never measured: neutral may be 100 us off.",
+        "Measure it, or start the page with --waive PWM_CLOCK_UNCALIBRATED."),
+    "THROTTLE_NOT_NEUTRAL": ("Somebody asks for throttle.", "Let go of the stick, then arm."),
+    "COMMAND_INVALID": TRIP_WORDS["COMMAND_INVALID"],
+    "RAW_MODE_OPEN": ("A calibration runs.", "Wait until it has ended."),
+    "GUARD_MISSING": ("No guard process runs.", REOPEN),
+    "GUARD_SILENT": TRIP_WORDS["GUARD_SILENT"],
+    "LATCHED": ("Three trips within a minute locked the car.",
+                "Find the cause, then press Unlock."),
+    "CALIBRATION_MISSING": ("This car has no calibration.",
+                            "At its computer: dart-hal calibrate steering. Or start the page with "
+                            "--waive CALIBRATION_MISSING."),
+    "CUTOFF_REQUIRED": ("The files of the car demand a hardware cut-off, and none is fitted.",
+                        "Fit it, or change the files of the car."),
+    "CUTOFF_UNTESTED": ("The test of the hardware cut-off is not over.", "Wait."),
+    "CUTOFF_TEST_FAILED": ("The hardware cut-off did not cut in its test.",
+                           f"Check its wires. {DOCTOR}"),
+}
+
+
+def trip_words(name: str, stop_reason: str) -> Words:
+    """Of what tripped the car; ``stop_reason``: of the STOP, where that was it."""
+    if name == "RUN_STOP" and stop_reason:
+        return sentence(stop_reason), TRIP_WORDS[name][1]
+    text, remedy = TRIP_WORDS.get(name) or TRIPS.get(name, (name, DOCTOR))
+    return sentence(text), sentence(remedy)
+
+
+def refusal_words(name: str, stop_reason: str) -> Words:
+    """Of what keeps the car from arming; ``stop_reason``: of the STOP that is pressed now."""
+    if name == "RUN_STOP":
+        return sentence(stop_reason or "the car is stopped"), "Wait until that is over, then arm."
+    known = BY_NAME[name]
+    text, remedy = REFUSAL_WORDS.get(name, (known.text, known.remedy))
+    return sentence(text), sentence(remedy)
+
+
+def sentence(text: str) -> str:
+    """With a capital at its beginning and a stop at its end."""
+    return text if not text else text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")

@@ -1,0 +1,158 @@
+"""STOP when strangers have taken every place of the page, and what strangers may request."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import time
+import urllib.error
+import urllib.request
+from contextlib import ExitStack
+
+import pytest
+from sockets import join, live_page, say, until
+from websockets.exceptions import InvalidStatus
+from websockets.http11 import Request
+
+from dart_hal.fleet.station import Station
+from dart_hal.view import messages as m
+from dart_hal.view import server
+from dart_hal.view.access import Access
+from dart_hal.view.fleet_desk import FleetDesk, FleetPage
+
+pytestmark = pytest.mark.realtime
+HEADER = {"X-Dart-Stop": "1"}
+
+
+def request(page, path="/stop", method="GET", **headers):
+    """Status and text of an answer."""
+    asked = urllib.request.Request(f"http://localhost:{page.access.port}{path}", method=method,
+                                   headers={name.replace("_", "-"): value
+                                            for name, value in headers.items()})
+    try:
+        with urllib.request.urlopen(asked, timeout=5.0) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as refused:
+        return refused.code, refused.read().decode()
+
+
+def tripped(car, within=1.0):
+    ends = time.monotonic() + within
+    while car.mode != "TRIPPED" and time.monotonic() < ends:
+        time.sleep(0.01)
+    return car.mode == "TRIPPED"
+
+
+def strangers(page, stack, count=server.MOST_PAGES):
+    """Pages that take every place, and whether one more gets none."""
+    for _ in range(count):
+        stack.enter_context(join(page))
+    with pytest.raises(InvalidStatus, match="503"), join(page):
+        pass
+
+
+def arm(page, driver):
+    say(driver, type="take", token=page.access.token)
+    say(driver, type="arm")
+    until(driver, "status", where=lambda s: s["mode"] == "ARMED")
+
+
+@pytest.mark.cpu(6)
+def test_stop_needs_no_place_and_takes_none_from_who_drives():
+    with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
+        arm(page, driver)
+        strangers(page, stack, server.MOST_PAGES - 1)
+        assert request(page, **HEADER) == (200, "stopped")
+        assert tripped(car)
+        assert until(driver, "status", where=lambda s: s["mode"] == "TRIPPED")["driven"]
+
+
+@pytest.mark.more
+def test_control_without_that_request_a_stranger_at_a_full_page_cannot_stop(monkeypatch):
+    monkeypatch.setattr(server, "STOP", "/none")
+    with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
+        arm(page, driver)
+        strangers(page, stack, server.MOST_PAGES - 1)
+        assert request(page, **HEADER)[0] == 404
+        assert not tripped(car)
+
+
+@pytest.mark.parametrize(("headers", "status"), [
+    ({}, 403), (HEADER, 200), ({"Origin": "http://evil.example"}, 403),
+    (HEADER | {"Origin": "http://evil.example"}, 403), (HEADER | {"Host": "evil.example"}, 403)])
+def test_a_page_of_another_origin_stops_nothing(headers, status):
+    """A browser sends no such header for another origin without our consent."""
+    with live_page() as (car, page):
+        assert request(page, **headers)[0] == status
+        assert bool(car._engine.driver.holders) is (status == 200)
+
+
+@pytest.mark.skipif(not hasattr(Request, "method") and "method" not in Request.__annotations__,
+                    reason="websockets before 17 takes no POST")
+def test_a_post_of_a_program_or_of_our_own_page_stops():
+    with live_page() as (car, page):
+        assert request(page, method="POST", Origin="http://evil.example")[0] == 403
+        assert not car._engine.driver.holders
+        own = f"http://localhost:{page.access.port}"
+        assert request(page, method="POST", Origin=own) == (200, "stopped")
+        assert request(page, method="POST") == (200, "stopped")
+        assert car._engine.driver.holders
+
+
+def test_connections_that_request_nothing_do_not_keep_others_out():
+    with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
+        arm(page, driver)
+        for _ in range(3 * server.MAX_HANDSHAKES):
+            idle = stack.enter_context(socket.create_connection(("localhost", page.access.port)))
+            idle.sendall(b"GET /stop HTTP/1.1\r\n")
+        assert request(page, **HEADER) == (200, "stopped")
+        assert len(page._server._handshakes) <= server.MAX_HANDSHAKES
+        assert tripped(car)
+        until(driver, "status", where=lambda s: s["driven"])
+
+
+def test_control_without_the_limit_they_are_all_kept(monkeypatch):
+    monkeypatch.setattr(server, "MAX_HANDSHAKES", 10**6)
+    with live_page() as (_, page), ExitStack() as stack:
+        for _ in range(200):
+            stack.enter_context(socket.create_connection(("localhost", page.access.port)))
+        ends = time.monotonic() + 5.0
+        while len(page._server._handshakes) < 200 and time.monotonic() < ends:
+            time.sleep(0.02)
+        assert len(page._server._handshakes) == 200
+
+
+def test_the_page_of_a_fleet_stops_without_a_place(monkeypatch):
+    calls = []
+    monkeypatch.setattr(Station, "call_stop", lambda self, why: calls.append(why))
+    monkeypatch.setattr(Station, "press", lambda self: False)
+    monkeypatch.setattr(FleetDesk, "batch", lambda self: ())
+    with Station("local://full") as station, FleetPage([station], 0, lan=False) as page, \
+            ExitStack() as stack:
+        strangers(page, stack)
+        assert request(page, **HEADER) == (200, "stopped")
+        assert calls == ["STOP at the page of the fleet"]
+
+
+def test_the_token_is_in_no_text_of_an_object_and_in_no_log(caplog):
+    token = "correct-horse"
+    access = Access.at(8642, lan=True, token=token)
+    read = m.read(f'{{"type":"take","token":"{token}"}}')
+    for value in (access, [access], read, {"message": read}):
+        assert token not in f"{value} {value!r}"
+    with caplog.at_level(logging.DEBUG), live_page() as (_, page), join(page) as one:
+        say(one, type="take", token=page.access.token)
+        until(one, "yours")
+        say(one, type="take", token=page.access.token, more=1)
+        assert page.access.token not in until(one, "said")["text"]
+        assert page.access.token not in f"{page!r} {page.access} {page.desk!r}"
+        served = [record for record in caplog.records if record.name != "websockets.client"]
+        assert page.access.token not in " ".join(record.getMessage() for record in served)
+
+
+def test_control_the_library_logs_messages_where_it_may(caplog):
+    """At DEBUG the client, which is in this process too, writes what it sends."""
+    with caplog.at_level(logging.DEBUG), live_page() as (_, page), join(page) as one:
+        say(one, type="take", token=page.access.token)
+        until(one, "yours")
+        assert page.access.token in caplog.text

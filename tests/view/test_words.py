@@ -1,0 +1,109 @@
+"""What the page says of a trip or a refusal: in words for who stands there with a phone."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from at_the_desk import AtTheDesk
+
+from dart_hal.actuation.arming import REFUSALS
+from dart_hal.actuation.trips import TRIPS
+from dart_hal.car import join
+from dart_hal.fleet.station import Station
+from dart_hal.view import messages as m
+from dart_hal.view import words
+from dart_hal.view.words import AT_REST, refusal_words, trip_words
+
+PROGRAMMERS = re.compile(r"\w\(|\)\.|\b(member|car)\.[a-z]+\b(?!toml)|\[[a-z]+\]|car\.toml|"
+                         r"waive=|\braw\b|\barm\(")
+"""Calls, attributes, keys of files."""
+
+
+def texts():
+    for name in TRIPS:
+        yield f"trip {name}", " ".join(trip_words(name, ""))
+    for refusal in REFUSALS:
+        yield f"refusal {refusal.name}", " ".join(refusal_words(refusal.name, ""))
+
+
+@pytest.mark.parametrize(("name", "text"), list(texts()))
+def test_no_text_of_the_page_speaks_of_calls_or_files(name, text):
+    assert PROGRAMMERS.search(text) is None, text
+    assert text[0].isupper()
+    assert text.endswith(".")
+    assert len(text) < 200
+
+
+def test_control_the_texts_of_the_package_do():
+    assert PROGRAMMERS.search(TRIPS["RUN_STOP"][1])
+    assert sum(PROGRAMMERS.search(refusal.remedy) is not None for refusal in REFUSALS) >= 5
+
+
+def test_every_name_of_the_page_is_one_of_the_package():
+    assert set(words.TRIP_WORDS) <= set(TRIPS)
+    assert set(words.REFUSAL_WORDS) <= {refusal.name for refusal in REFUSALS}
+
+
+def trip_of(at):
+    return [one["trips"] for one in at.told if one["type"] == "status" and one["trips"]][-1]
+
+
+def test_a_stop_at_a_page_is_told_as_that():
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        at.say("two", m.Stop())
+        at.drive(0.4)
+        trip = trip_of(at)
+        assert trip["name"] == "RUN_STOP"
+        assert trip["text"] == "STOP was pressed at a live page."
+        assert trip["remedy"] == "Arm when the way is free."
+
+
+@pytest.mark.parametrize("stops", [True, False], ids=["stopped", "watcher gone"])
+def test_a_stop_of_the_room_is_told_as_that(stops):
+    with AtTheDesk() as at, join(at.car, f"local://words-{stops}", name="red",
+                                 beat_within=0.3), \
+            Station(f"local://words-{stops}", "base", now=at.now) as station:
+        watching = [True]
+        leave = at.car.on_state(lambda state: station.watch() if watching[0] else None)
+        at.take_and_arm()
+        if stops:
+            station.call_stop("test")
+            at.drive(0.3, lambda t: station.press())
+        else:
+            watching[0] = False
+            at.drive(0.7)
+        expected = "stopped by base" if stops else "nobody has watched the room for 0.3 s"
+        assert trip_of(at)["text"].startswith(f"Run-stop of the room: {expected}")
+        leave()
+
+
+def test_a_program_that_stops_the_car_is_told():
+    with AtTheDesk() as at:
+        at.take_and_arm()
+        at.car.run_stop(True)
+        at.drive(0.4)
+        assert trip_of(at)["text"] == "The run-stop was pressed by: program."
+
+
+def coasting(at):
+    """A car at speed that is stopped, and armed at once."""
+    at.take_and_arm()
+    at.drive(2.0, lambda t: at.hold())
+    at.say("two", m.Stop())
+    at.drive(0.1)
+    at.say("one", m.Release())
+    before = len(at.said())
+    at.say("one", m.Arm())
+    at.drive(3.0)
+    return at.said()[before:]
+
+
+def test_arming_while_the_car_coasts_says_to_wait():
+    """It is no fault: the text names no other cause, and the list of the page no trip."""
+    with AtTheDesk(max_throttle=1.0) as at:
+        assert AT_REST in coasting(at)
+        assert not any("Not armed" in text for text in at.said())
+        notes = [one["refusals"] for one in at.told if one["type"] == "status"][-1]
+        assert {note["name"] for note in notes} <= {"ENCODER_MOVING"}
