@@ -63,6 +63,8 @@ class NoisePolicy:
     ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
     age_tells: float = 3.0  # standard deviations that the oldest command moves what tells its age
+    passes: int = 5  # fits with a new effect, each with the noise that the one before leaves ...
+    settled: float = 0.1  # ... until its log volume falls by no more: 1 % of each of ten channels
     age_readouts: int = 20  # such read-outs give the spread of ages to 16 %, 1 / sqrt(2 n)
 
 
@@ -109,6 +111,11 @@ class NamingPolicy:
     draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
     close: float = 0.7  # of the largest gain: the full fit decides between these (campaign)
     tries: int = 5  # effects of one round that may fail after a full fit
+    explanations: int = 3  # fits of a round that look for the best explanation ...
+    keeps: float = 0.5  # ... which keeps so much of the gain that its linear answer promised
+    hidden: float = 2.0  # times the gain, once the noise is measured without the best explanation,
+    # from where on that explanation was part of the noise: else the two gains are the same
+    sharpenings: int = 3  # measurements of that noise in a round; each halves what is left
     try_again: float = 1.5  # times what an effect gained when it failed
     simpler: float = 2.0  # loss for each parameter, as Akaike's criterion counts it
     apart: float = 0.1  # cosine of residuals; below it two are accepted in one round ...

@@ -58,7 +58,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
                         max_causes=max_causes, jobs=jobs, seed=seed,
-                        policy=policy)
+                        policy=policy, refit=refit)
 
     pace = Pace(progress)
     for side in sides:

@@ -48,7 +48,7 @@ def test_what_promised_nothing_is_not_rolled_out_again(seen, point, rollouts):
     assert sorted(rollouts) == sorted(NAMES)
     rollouts.clear()
     lines = {t.effect: t.lines for t in first}
-    again = scan(seen, point, NAMES, before=(point.noise, lines))
+    again = scan(seen, point, NAMES, before=lines)
     gains = {t.effect: t.gain for t in first}
     assert again[0].effect == "steering_lag"
     assert finer(again[0].gain, gains["steering_lag"])
@@ -66,31 +66,44 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     first = scan(both, before, NAMES)
     nothing = {t.effect: t.lines for t in first}
     rollouts.clear()
-    found = scan(both, before, NAMES, before=(before.noise, nothing))
+    found = scan(both, before, NAMES, before=nothing)
     assert {"steering_lag", "gyro_scale"} <= set(rollouts)
     assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
 
 
 def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypatch):
     """No less gain at about that size, from few rollouts; from lines that lie, by the ladder."""
-    tried, residual = [], scanning.Scan.residual
-    monkeypatch.setattr(scanning.Scan, "residual", lambda self, p: (tried.append(p),
-                                                                    residual(self, p))[1])
+    tried, residuals = [], type(seen).residuals
+    monkeypatch.setattr(type(seen), "residuals", lambda self, p, *at: (tried.append(p),
+                                                                      residuals(self, p, *at))[1])
     first, = scan(seen, point, ["steering_lag"])
     ladder, lines = len(tried), {"steering_lag": first.lines}
     tried.clear()
-    again, = scan(seen, point, ["steering_lag"], before=(point.noise, lines))
+    again, = scan(seen, point, ["steering_lag"], before=lines)
     assert 0 < len(tried) < ladder
     assert finer(again.gain, first.gain)
     assert again.values["k"] == pytest.approx(first.values["k"], rel=0.2)
-    all_of_it = (-0.9 * point.residual).astype(np.float32)
+    plain = seen.residuals(point.vehicle, point.timing)
+    all_of_it = np.nan_to_num(-0.9 * np.concatenate(
+        [plain.motion.ravel(), plain.sensors.ravel()])).astype(np.float32)
     lying = tuple(replace(line, changes={**line.changes, sorted(line.changes)[1]: all_of_it})
                   for line in first.lines)
     tried.clear()
-    found, = scan(seen, point, ["steering_lag"], before=(point.noise, {"steering_lag": lying}))
+    found, = scan(seen, point, ["steering_lag"], before={"steering_lag": lying})
     rungs, _ = scanning.ladder(first.lines[0].parameter)
     assert rungs[0] in [a.values[0] for p in tried for a in p.effects]
     assert found.gain == pytest.approx(first.gain, rel=1e-9)
+
+
+def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(seen, point):
+    """A large cause brings residuals to their limit; what the others do is known all the same."""
+    quiet = replace(point.noise, motion=1e3 * point.noise.motion)
+    limited = at(seen, quiet, point.space, point.x)
+    assert (np.abs(limited.residual) == quiet.policy.wild).mean() > 0.2
+    lines = {t.effect: t.lines for t in scan(seen, limited, NAMES)}
+    again, fresh = (scan(seen, point, NAMES, before=known)[0] for known in (lines, {}))
+    assert again.effect == fresh.effect == "steering_lag"
+    assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 
 
 def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(seen, point):

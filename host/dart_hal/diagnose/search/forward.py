@@ -22,9 +22,18 @@ from ..unexplained.driven import undriven
 from .confounders import confounders, correlated
 from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
 from .scan import Line, Progress, Trial, scan
-from .selection import Named, Rejected, Settings, fitted, rows_at, select
+from .selection import (
+    Named,
+    Rejected,
+    Settings,
+    explain,
+    fitted,
+    least_lossy,
+    rows_at,
+    select,
+)
 
-Before = tuple[Noise, Mapping[str, Sequence[Line]]] | None
+Before = Mapping[str, Sequence[Line]]
 PASSES = 2  # the second with the sizes of the residuals of the first
 
 
@@ -36,9 +45,9 @@ class SearchResult:
     base, with one effect more each, and if that is better the fit from where the
     search has ended. ranking: trials of the first round.
 
-    noise: that of the motion as the base left it. The search measures it anew with
-    every cause, to see smaller ones; but to weigh by what a fit has left makes the
-    next one follow what fits already, and a cause in a sensor would move the car.
+    noise: that of the residuals of the last point, from which the causes are taken. A cause that is
+    part of the noise has little weight in the very directions in which it shows, and what is left
+    for its size is where the noise happens to cancel it: it is found too small.
 
     alike: a name with what it cannot be told from beside all others that were found.
     """
@@ -77,7 +86,7 @@ class Search:
         self._fitted = fitted
         self._base = base
         self._done, self._dropped = 0.0, False
-        self._before: Before = None
+        self._before: Before = {}
         self._loose: tuple[str, ...] = ()
 
     def run(self) -> SearchResult:
@@ -91,7 +100,7 @@ class Search:
         found = self._searched()
         while self._evidence.commands_stamped and (more := self._strained(found.point)):
             self._loose += more
-            self._before, self._dropped = None, False
+            self._before, self._dropped = {}, False
             found = self._searched()
         return found
 
@@ -105,18 +114,20 @@ class Search:
         point, noise = self._settle(space, Timing(self._evidence.late))
         if self._fitted is not None:
             self._fitted()
-        fixed = Space(self._base, (), late=self._evidence.late, policy=s.policy.prior)
+        fixed = Space(self._base, (), late=self._evidence.late, policy=s.policy.prior,
+                      fixed_effects=effect_names(self._base))
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
-        base, sizes, first = point, noise, tuple[Trial, ...]()
+        base, base_noise, first = point, noise, tuple[Trial, ...]()
         failed: dict[str, float] = {}
         named, rejected = list[Named](), tuple[Rejected, ...]()
         while len(named) < s.max_causes or not first:
-            trials = self._scan(point)
+            trials: Sequence[Trial] = self._scan(point)
             first = first or tuple(trials)
             if not trials or not s.max_causes:  # all that may be named is named
                 break
+            point, noise, trials, explanations = self._sharpened(point, noise, trials)
             step = select(self._evidence, point, trials,
-                          partial(self._with, noise), s, failed)
+                          partial(self._with, noise), s, failed, explanations)
             rejected = step.rejected
             new = step.accepted[:s.max_causes - len(named)]
             if not new:
@@ -129,8 +140,7 @@ class Search:
             named = self._weighed(point, noise, named)
             alike = partial(self._alike, point, noise, self._before)
         if not named:
-            return SearchResult(given, (base,), noise, (), rejected, first, alike)
-        noise = noise.with_motion(sizes)
+            return SearchResult(given, (base,), base_noise, (), rejected, first, alike)
         points = self.steps(base, point, noise, [one.effect for one in named])
         return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
                      tuple(named), rejected, first, alike)
@@ -192,16 +202,52 @@ class Search:
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
-        """Fit and measure the residuals, until both suit each other; once from a fit on."""
-        passes = PASSES if x is None else 1
+        """Fit and measure the residuals, until both suit each other.
+
+        From a fit on (x): until the residuals are no smaller than the noise that weighed them.
+        """
+        begun, policy = x is None, self._settings.policy.noise
+        passes = PASSES if begun else policy.passes
         x = self._start(space, timing) if x is None else x
-        point: Point | None = None
-        while point is None or passes:
-            noise = self._measured(*space.split(x))
-            point = refit(self._evidence, noise, space, x, point,
-                          jobs=self._settings.jobs)
-            x, passes = point.x, passes - 1
+        noise = self._measured(*space.split(x))
+        point = refit(self._evidence, noise, space, x, jobs=self._settings.jobs)
+        for _ in range(passes - 1):
+            smaller = self._measured(point.vehicle, point.timing)
+            if not begun and noise.log_volume - smaller.log_volume < policy.settled:
+                break
+            noise = smaller
+            point = refit(self._evidence, noise, space, point.x, point, jobs=self._settings.jobs)
         return point, noise
+
+    def _sharpened(self, point: Point, noise: Noise, trials: Sequence[Trial]
+                   ) -> tuple[Point, Noise, Sequence[Trial], Mapping[str, Point]]:
+        """A point and its trials with a noise that has no cause in it, and the best explanations.
+
+        1. Fit the trials that gain most, and measure the noise at the best of these fits.
+        2. Where that fit gains much more by this noise than by the one before, the cause was in the
+           noise: take the new one, fit the point again, and try all effects again.
+        3. Repeat until the two agree. Where nothing is missing they do at once.
+        """
+        policy = self._settings.policy.naming
+        fits = explain(point, trials, partial(self._with, noise), policy)
+        for _ in range(policy.sharpenings):
+            best = least_lossy(point, fits.values())
+            if best is point:
+                break
+            sharper = self._measured(best.vehicle, best.timing)
+            gains = [self._loss(n, point) - self._loss(n, best) for n in (noise, sharper)]
+            if gains[1] <= policy.hidden * gains[0]:
+                break
+            noise = sharper
+            point = refit(self._evidence, noise, point.space, point.x, point,
+                          jobs=self._settings.jobs)
+            trials = self._scan(point)
+            fits = explain(point, trials, partial(self._with, noise), policy)
+        return point, noise, trials, fits
+
+    def _loss(self, noise: Noise, point: Point) -> float:
+        """Robust loss of the data at a point, as another noise weighs them."""
+        return loss_at(self._evidence, noise, point.space, point.x)
 
     def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
         """How large the residuals are, but for what commands do that come at a time of their own.
@@ -240,7 +286,7 @@ class Search:
         s = self._settings
         trials = scan(self._evidence, point, s.names or None, tell, s.jobs, s.policy.scan,
                       self._before)
-        self._before = point.noise, {t.effect: t.lines for t in trials}
+        self._before = {t.effect: t.lines for t in trials}
         self._done += 0.5 * (1.0 - self._done)
         return [replace(t, lines=()) for t in trials]
 
@@ -264,10 +310,14 @@ class Search:
         return space, timing, space.start(vehicle, timing)
 
     def _space(self, vehicle: Vehicle) -> Space:
-        """Around the base, with the effects of a vehicle at their null."""
+        """Around the base, with the effects of a vehicle at their null.
+
+        Without a refit the effects that the base has keep their values, like its parameters: a
+        rate limit of the model that is free stretches until it takes the place of a missing lag.
+        """
         s = self._settings
         return Space(with_nulls(self._base, vehicle.effects), s.free, s.known, self._evidence.late,
-                     s.policy.prior, self._loose)
+                     s.policy.prior, self._loose, () if s.refit else effect_names(self._base))
 
     def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
                  ) -> tuple[Point, Noise, list[Named]]:
@@ -319,6 +369,11 @@ class Search:
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which cannot show progress here."""
         return {**self.__dict__, "_progress": None, "_fitted": None, "_before": None}
+
+
+def effect_names(vehicle: Vehicle) -> tuple[str, ...]:
+    """Names of the effects that a vehicle has."""
+    return tuple(a.name for a in vehicle.effects)
 
 
 def _as_it_is(one: Named) -> Named:

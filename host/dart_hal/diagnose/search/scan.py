@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.noise import Noise
-from ..evidence.residuals import Evidence
+from ..evidence.readings import SENSORS
+from ..evidence.residuals import Evidence, Residuals
 from ..policy import USUAL, ScanPolicy
 from .fit import Point
 
@@ -36,17 +37,25 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One parameter of an effect with others beside it: change (N,) of the residuals by size."""
+    """One parameter of an effect with others beside it: change of the residuals by size.
+
+    changes: by size (N,) in SI units, the motion row by row, then the sensors. Not whitened:
+    a whitened residual has a limit, and where it is cut the change of it is lost for every later
+    noise. A large cause that is found first would hide all smaller ones so.
+    """
 
     parameter: Parameter
     beside: Mapping[str, float]
     changes: Mapping[float, NDArray[np.float32]]
 
-    def seen_by(self, noise: Noise, other: Noise, windows: int) -> Line:
-        """The same, where another noise has whitened what this one should."""
-        ks = list(self.changes)
-        rows = noise.instead_of(other, np.stack([self.changes[k] for k in ks], axis=1), windows)
-        return replace(self, changes=dict(zip(ks, rows.astype(np.float32).T, strict=True)))
+
+@dataclass(frozen=True, slots=True)
+class RecalledLine:
+    """A line of the round before, whitened now. gains: by size, what that promises now."""
+
+    line: Line
+    changes: Mapping[float, FloatArray]
+    gains: Mapping[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +73,14 @@ class Trial:
     lines: tuple[Line, ...] = ()
 
 
-Known = tuple[Line, Mapping[float, float]]
-"""What was tried before, and what each size would gain by that now."""
-
-
 class Scan:
     """The gain of any effect over a fitted point."""
 
     def __init__(self, evidence: Evidence, point: Point, policy: ScanPolicy = USUAL.scan) -> None:
         self._evidence, self.point, self._policy = evidence, point, policy
         self._vehicle, self._timing = point.vehicle, point.timing
+        self._plain = evidence.residuals(self._vehicle, self._timing)
+        self._whitened = point.noise.stacked(self._plain)[0]
         motion = len(evidence.motion_drive) * len(point.noise.motion)
         self._parts = (slice(0, motion), slice(motion, None))
         self._still = tuple(point.sums(point.residual, part) for part in self._parts)
@@ -83,7 +90,18 @@ class Scan:
 
     def residual(self, p: Vehicle) -> FloatArray:
         """Whitened residuals (N,) of a vehicle at the timing of the point."""
-        return self.point.noise.stacked(self._evidence.residuals(p, self._timing))[0]
+        return self._from_plain(self._evidence.residuals(p, self._timing))
+
+    def _from_plain(self, plain: Residuals) -> FloatArray:
+        """Whitened residuals (N,); what equals that of the point is so to the last bit."""
+        return self.point.residual + (self.point.noise.stacked(plain)[0] - self._whitened)
+
+    def whitened(self, change: NDArray[np.float32]) -> FloatArray:
+        """Change (N,) of the whitened residuals by one in SI units."""
+        motion = self._plain.motion
+        plain = Residuals(motion + change[:motion.size].reshape(motion.shape),
+                          self._plain.sensors + change[motion.size:].reshape(-1, len(SENSORS)))
+        return np.asarray(self.point.noise.stacked(plain)[0] - self._whitened)
 
     def _loss(self, residual: FloatArray) -> float:
         """Once all that is free has followed; what an effect leaves as it is is known already."""
@@ -122,51 +140,58 @@ class Scan:
         """By how much residuals (N,) differ from those of the point, in standard deviations."""
         return float(np.sqrt(self.point.weight @ (residual - self.point.residual)**2))
 
-    def best(self, name: str, before: Sequence[Known] = ()) -> Trial:
+    def best(self, name: str, before: Sequence[RecalledLine] = ()) -> Trial:
         """The size of an effect that takes away most; before: what other sizes did before."""
         effect = catalogue()[name]
         found, lines = Trial(name, {}, 0.0, self.point.residual), list[Line]()
-        known = {(b.parameter.name, *b.beside.values()): (b, gains) for b, gains in before}
+        known = {(b.line.parameter.name, *b.line.beside.values()): b for b in before}
         for parameter in scanned(effect):
             for beside in settings_of(effect):
                 one = known.get((parameter.name, *beside.values()))
-                trial = (one and self._near(effect, *one)) or self._along(
+                trial = (one and self._near(effect, one)) or self._along(
                     effect, parameter, beside)
                 lines += trial.lines
                 found = trial if trial.gain > found.gain else found
         return replace(found, lines=tuple(lines))
 
-    def tried(self, one: tuple[str, Sequence[Known]]) -> Trial:
+    def tried(self, one: tuple[str, Sequence[RecalledLine]]) -> Trial:
         """``best`` of (name, what was tried before)."""
         return self.best(*one)
 
-    def again(self, name: str, known: Sequence[Known]) -> Trial | None:
+    def again(self, name: str, known: Sequence[RecalledLine]) -> Trial | None:
         """The same from what other sizes did before; None where that promises anything."""
         found = Trial(name, {}, 0.0, self.point.residual)
-        for line, gains in known:
-            if _promises(gains, line, self._policy):
+        for one in known:
+            if _promises(one.gains, one.line.parameter, one.changes, self._policy):
                 return None
-            k = max(gains, key=lambda k: gains[k])
-            if k in line.changes:
-                values = {**line.beside, line.parameter.name: k}
-                found = max(found, Trial(name, values, gains[k], self.point.residual
-                                         + line.changes[k]), key=lambda t: t.gain)
-        return replace(found, lines=tuple(line for line, _ in known))
+            k = max(one.gains, key=lambda k: one.gains[k])
+            if k in one.changes:
+                values = {**one.line.beside, one.line.parameter.name: k}
+                found = max(found, Trial(name, values, one.gains[k], self.point.residual
+                                         + one.changes[k]), key=lambda t: t.gain)
+        return replace(found, lines=tuple(one.line for one in known))
 
-    def promised(self, line: Line) -> dict[float, float]:
-        """Gain by size, from what each did before."""
-        return {line.parameter.null: 0.0,
+    def recalled(self, line: Line) -> RecalledLine:
+        """A line of the round before, with the gain by size that it promises now."""
+        changes = {k: self.whitened(d) for k, d in line.changes.items()}
+        return RecalledLine(line, changes, self.promised(line.parameter, changes))
+
+    def promised(self, parameter: Parameter, changes: Mapping[float, FloatArray]
+                 ) -> dict[float, float]:
+        """Gain by size, from what each does to the whitened residuals."""
+        return {parameter.null: 0.0,
                 **{k: self.null - self._guess(self.point.residual + d)
-                   for k, d in line.changes.items()}}
+                   for k, d in changes.items()}}
 
-    def _near(self, effect: Effect, line: Line, promised: Mapping[float, float]) -> Trial | None:
+    def _near(self, effect: Effect, recalled: RecalledLine) -> Trial | None:
         """From the best size by what was tried before; None where that may lead astray.
 
         That is where it is the last one tried, or explains something with several tops, or where
         the car does not keep what was promised.
         """
+        line, promised = recalled.line, recalled.gains
         p, at = line.parameter, _bracket(promised)
-        gain, kept = self._gain_of(effect, p, line.beside)
+        gain, kept, _ = self._gain_of(effect, p, line.beside)
         if p.tops or at is None or promised[at[1]] <= self._policy.faint:
             return None
         gains = dict(promised)
@@ -179,23 +204,26 @@ class Scan:
         return Trial(effect.name, {**line.beside, p.name: best}, gains[best], kept[best], (line,))
 
     def _gain_of(self, effect: Effect, parameter: Parameter, beside: Mapping[str, float]
-                 ) -> tuple[Callable[[float], float], dict[float, FloatArray]]:
-        """(gain by size, residuals (N,) of every size that it was asked for)."""
+                 ) -> tuple[Callable[[float], float], dict[float, FloatArray],
+                            dict[float, Residuals]]:
+        """(gain by size, whitened and plain residuals of every size that it was asked for)."""
         kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
+        plain: dict[float, Residuals] = {}
 
         def gain(k: float) -> float:
             try:
-                kept[k] = self.residual(apply(self._vehicle, effect.name,
-                                              **{**beside, parameter.name: k}))
+                vehicle = apply(self._vehicle, effect.name, **{**beside, parameter.name: k})
+                plain[k] = self._evidence.residuals(vehicle, self._timing)
             except ConfigError:  # the effect leads out of what a car can be
                 return -np.inf
+            kept[k] = self._from_plain(plain[k])
             return self.gain(kept[k])
 
-        return gain, kept
+        return gain, kept, plain
 
     def _along(self, effect: Effect, parameter: Parameter,
                beside: Mapping[str, float]) -> Trial:
-        gain, kept = self._gain_of(effect, parameter, beside)
+        gain, kept, plain = self._gain_of(effect, parameter, beside)
 
         def moved(k: float) -> float:
             return self._moved(kept[k]) if k in kept else np.inf
@@ -213,22 +241,28 @@ class Scan:
         best, around = max(gains, key=lambda k: gains[k]), _bracket(gains)
         known = (*near, *(around or ()), *(() if around and len(near) > 1 else far[:2]))
         return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best],
-                     (self._line(parameter, beside, kept, known),))
+                     (self._line(parameter, beside, plain, known),))
 
     def _faint_on_both_sides(self, p: Parameter, k: float, kept: Mapping[float, FloatArray]
                              ) -> bool:
         """Whether next to nothing is promised if the other side does the opposite of size k."""
         if k not in kept:
             return False
-        change = (kept[k] - self.point.residual).astype(np.float32)
-        line = Line(p, {}, {k: change, 2.0 * p.null - k: -change})
-        return not _promises(self.promised(line), line, self._policy)
+        change = kept[k] - self.point.residual
+        changes = {k: change, 2.0 * p.null - k: -change}
+        return not _promises(self.promised(p, changes), p, changes, self._policy)
 
-    def _line(self, p: Parameter, beside: Mapping[str, float], kept: Mapping[float, FloatArray],
+    def _plain_change(self, plain: Residuals) -> NDArray[np.float32]:
+        """Change (N,) in SI units; 0 where nothing was read."""
+        parts = (plain.motion - self._plain.motion, plain.sensors - self._plain.sensors)
+        change = np.concatenate([part.ravel() for part in parts])
+        return np.asarray(np.nan_to_num(change, nan=0.0, posinf=0.0, neginf=0.0),
+                          dtype=np.float32)
+
+    def _line(self, p: Parameter, beside: Mapping[str, float], plain: Mapping[float, Residuals],
               ks: Sequence[float]) -> Line:
         """What sizes did; the other side the opposite where it was not tried."""
-        changes = {k: (kept[k] - self.point.residual).astype(np.float32) for k in ks
-                   if k in kept and k != p.null}
+        changes = {k: self._plain_change(plain[k]) for k in ks if k in plain and k != p.null}
         if len(changes) == 1 and p.low < p.null < p.high:
             (k, change), = changes.items()
             changes[2.0 * p.null - k] = -change
@@ -278,17 +312,17 @@ def _goes_on(gains: dict[float, float], p: Parameter, gain: Callable[[float], fl
     return bool(abs(gains[k] - promised) > policy.kept * promised)
 
 
-def _promises(gains: Mapping[float, float], line: Line, policy: ScanPolicy) -> bool:
+def _promises(gains: Mapping[float, float], p: Parameter, changes: Mapping[float, FloatArray],
+              policy: ScanPolicy) -> bool:
     """Whether sizes that were tried before are worth another look; gains: what each would gain.
 
     Always, where what they explain may have a threshold or several tops.
     """
-    p = line.parameter
     ks = sorted(gains, key=lambda k: abs(k - p.null))[:3]
     if p.tops or len(ks) < 3 or max(gains.values()) > policy.faint:
         return True
     if not p.low < p.null < p.high:
-        near, far = (float(np.linalg.norm(line.changes[k])) for k in ks[1:])
+        near, far = (float(np.linalg.norm(changes[k])) for k in ks[1:])
         if near < policy.threshold * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
             return True
     bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
@@ -369,21 +403,17 @@ def _parabola(gains: Mapping[float, float], bracket: tuple[float, float, float]
 
 def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
          progress: Progress | None = None, jobs: int = 1, policy: ScanPolicy = USUAL.scan,
-         before: tuple[Noise, Mapping[str, Sequence[Line]]] | None = None) -> list[Trial]:
+         before: Mapping[str, Sequence[Line]] = MappingProxyType({})) -> list[Trial]:
     """Every effect alone, the one that takes away most first; effects of the point left out.
 
-    jobs: processes; None of what comes out depends on it. before: what was tried in the round
-    before, by effect, and the noise that it was seen with.
+    jobs: processes; None of what comes out depends on it. before: by effect, what was tried in
+    the round before.
     """
     work = Scan(evidence, point, policy)
     has = {a.name for a in point.vehicle.effects}
     wanted = [n for n in (catalogue() if names is None else names) if n not in has]
-    noise, lines = before or (point.noise, {})
-    windows = len(evidence.motion_drive)
-    seen = {n: [line.seen_by(point.noise, noise, windows) for line in lines[n]]
-            for n in wanted if lines.get(n)}
-    known = {n: [(line, work.promised(line)) for line in mine] for n, mine in seen.items()}
-    trials = [t for t in (work.again(name, before) for name, before in known.items()) if t]
+    known = {n: [work.recalled(line) for line in before[n]] for n in wanted if before.get(n)}
+    trials = [t for t in (work.again(name, lines) for name, lines in known.items()) if t]
     done = {t.effect for t in trials}
     todo = [(n, known.get(n, ())) for n in wanted if n not in done]
     for trial in each(work.tried, todo, jobs):

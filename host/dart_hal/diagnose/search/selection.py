@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import comb
@@ -30,7 +30,10 @@ STEPS = 5  # of the fit of how far to go
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a search may do: see ``diagnose``."""
+    """What a search may do: see ``diagnose``.
+
+    free: parameters of the base that move. refit: the effects of the base move as well.
+    """
 
     free: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
@@ -40,6 +43,7 @@ class Settings:
     jobs: int = 1
     seed: int = 0
     policy: Policy = USUAL
+    refit: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +82,40 @@ class Step:
     rejected: tuple[Rejected, ...]
 
 
-def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
-           fit_with: FitWith, settings: Settings, failed: dict[str, float]) -> Step:
+def explain(point: Point, trials: Sequence[Trial], fit_with: FitWith, policy: NamingPolicy
+            ) -> dict[str, Point]:
+    """Fit the trials that gain most until one keeps half of what it promised; by effect.
+
+    A trial that leads astray, for what is linear ends early, must not be the last word on what the
+    best effect would leave.
+    """
+    fits: dict[str, Point] = {}
+    for trial in trials[:policy.explanations]:
+        if trial.gain <= 0.0:
+            break
+        fits[trial.effect] = fit_with(point, trial)
+        if point.loss() - fits[trial.effect].loss() > policy.keeps * trial.gain:
+            break
+    return fits
+
+
+def least_lossy(point: Point, fits: Iterable[Point]) -> Point:
+    """The fit with the smallest loss, or the point itself where none is better."""
+    return min((point, *fits), key=lambda fit: fit.loss())
+
+
+def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: FitWith,
+           settings: Settings, failed: dict[str, float],
+           explanations: Mapping[str, Point] | None = None) -> Step:
     """The best effect that passes everything, and what else does apart from it.
 
     trials: largest gain first. failed: gain by name of what has been tried in vain
     in steps before; it is not tried again unless it gains more, and what fails here
-    is added.
+    is added. explanations: see ``explain``, where that was done before.
     """
     policy, rows = settings.policy.naming, rows_at(evidence, point, settings.policy)
-    first = fit_with(point, trials[0])
-    rest = first.residual if first.loss() < point.loss() else point.residual
+    fits = dict(explain(point, trials, fit_with, policy) if explanations is None else explanations)
+    rest = least_lossy(point, fits.values()).residual
     nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, policy.draws,
                               evidence.exact)
     limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
@@ -96,9 +123,8 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial],
     again = [t for t in passed if t.gain > policy.try_again * failed.get(t.effect, 0.0)
              and not _too_small(catalogue()[t.effect], t.values, policy.tried_size)]
     close = [t for t in again if t.gain > policy.close * again[0].gain]
-    fits = fitted(partial(fit_with, point), [t for t in close if t is not trials[0]], settings.jobs)
-    if any(t is trials[0] for t in close):
-        fits[trials[0].effect] = first
+    fits |= fitted(partial(fit_with, point), [t for t in close if t.effect not in fits],
+                   settings.jobs)
     direction = directions(point)
     order = sorted(passed, key=lambda t: policy.simpler * len(catalogue()[t.effect].parameters)
                    - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)
