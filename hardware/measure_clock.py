@@ -125,7 +125,7 @@ def measure(url: str) -> tuple[float, float]:
                  else load_car(backend.car or os.environ.get("DART_HAL_CAR", "dart-01")))
         pca = board(backend, files)
         period, slope, error = periods(backend)
-        pca.write_channel(files.config.pwm.clock_channel, None)
+        pca.all_off()
     finally:
         backend.close()
     hertz = STEPS * (pca.prescale + 1) / (period * slope)

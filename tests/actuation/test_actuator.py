@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from pwm_world import World, car_files
 
 from dart_hal.actuation import LIVE, RAW, Actuator, Output
+from dart_hal.actuation.chain import NEUTRAL_FRAMES
 from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, PcaFault
 
@@ -377,12 +378,17 @@ def test_the_gate_is_asked_right_before_a_write_that_moves_the_car() -> None:
     assert actuator.trips() == ("GUARD_SILENT",)
 
 
-def test_closing_leaves_two_frames_of_neutral_and_the_chip_awake() -> None:
+def test_closing_is_neutral_for_some_frames_and_then_no_pulse_on_a_chip_awake() -> None:
     world, actuator = opened()
     drive(world, actuator, 0.2, 0.5, frames=10)
+    before = len(world.pulses(1))
     actuator.close()
     world.t += 1.0
-    assert all(length == NEUTRAL for _, length in world.pulses(1)[-45:])
+    after = world.pulses(1)[before + 1:]
+    assert len(after) >= NEUTRAL_FRAMES - 2
+    assert all(length == NEUTRAL for _, length in after)
+    assert world.t - after[-1][0] > 0.9
+    assert world.t - world.pulses(0)[-1][0] > 0.9, "an ESC on the other channel gets none either"
     assert world.chip.peek(0x00) & 0x10 == 0
     written = len(world.bus.log)
     actuator.close()

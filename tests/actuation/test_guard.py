@@ -19,7 +19,15 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.guard import GIVE_UP, LAST_WORDS, SILENCE, Watch, watch
+from dart_hal.actuation.guard import (
+    ALL_OFF,
+    GIVE_UP,
+    LAST_WORDS,
+    NEUTRAL_WRITES,
+    SILENCE,
+    Watch,
+    watch,
+)
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.owner import own
 from dart_hal.errors import BusError
@@ -159,13 +167,18 @@ def wait_for_neutral(bench: Bench) -> None:
 
 
 @pytest.mark.realtime
-def test_a_killed_driver_leaves_neutral_on_the_bus(bench: Bench) -> None:
+def test_a_killed_driver_leaves_neutral_and_then_no_pulse_on_the_bus(bench: Bench) -> None:
     driver = start(bench, "guarded")
     driver.kill()
     driver.wait()
     wait_for_neutral(bench)
-    for _ in range(LAST_WORDS - 1):
-        assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+    assert_last_words(bench)
+
+
+def assert_last_words(bench: Bench) -> None:
+    """After the first neutral: some more, then all channels off for the rest of a second."""
+    for word in range(1, LAST_WORDS):
+        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_WRITES else ALL_OFF)
 
 
 def alive(pid: int) -> bool:
@@ -187,8 +200,7 @@ def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers:
     driver.wait()
     driver.stdout.close()
     wait_for_neutral(bench)
-    for _ in range(LAST_WORDS - 1):
-        assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+    assert_last_words(bench)
     deadline = time.monotonic() + PATIENCE
     while alive(guard) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -275,8 +287,8 @@ def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
     assert bench.writes.empty() == owned
     if release is not None:
         release()
-    for _ in range(LAST_WORDS):
-        assert bench.writes.get(timeout=PATIENCE) == NEUTRAL
+    for word in range(LAST_WORDS):
+        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_WRITES else ALL_OFF)
     guard._process.wait(PATIENCE)
 
 
@@ -288,6 +300,9 @@ def test_a_guard_on_a_bus_that_stays_dead_ends() -> None:
 
         def writeto(self, address: int, data: bytes) -> None:
             self.tries += 1
+            raise OSError(errno.ETIMEDOUT, "stuck")
+
+        def writeto_then_readfrom(self, address: int, data: bytes, into: bytearray) -> None:
             raise OSError(errno.ETIMEDOUT, "stuck")
 
     beats, status, bus, now = os.pipe(), os.pipe(), Dead(), iter(range(10_000))
@@ -323,8 +338,9 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
     driver.kill()
     driver.wait()
     driver.stdout.close()
-    for _ in range(LAST_WORDS):                               # until the guard is done, too
-        wait_for_neutral(bench)
+    for _ in range(LAST_WORDS - NEUTRAL_WRITES):              # until the guard is done, too
+        while bench.writes.get(timeout=PATIENCE) != ALL_OFF:
+            pass
 
 
 @pytest.mark.realtime

@@ -77,10 +77,14 @@ def test_who_stops_the_car_knows_the_drivers_counter(hertz):
     files = car_files(hertz)
     world, _, _ = held(hertz, files)
     standby = Throttle(files, world.bus, world.sleep)
-    assert not standby.at_rest
     assert standby.rest()
     world.t += 0.1
     assert world.pulses(THROTTLE)[-1][1] == pytest.approx(files.neutral_us, abs=2.6)
+    assert not standby.is_off
+    standby.switch_off()
+    assert standby.is_off
+    assert standby.rest(), "what is off stays off"
+    assert standby.is_off
 
 
 @pytest.mark.parametrize("hertz", CLOCKS)

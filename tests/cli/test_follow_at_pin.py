@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
+from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.cli.follow import follow, follower_of
 from dart_hal.control import follow as rules
 from dart_hal.control import stopping
 from dart_hal.control.follow import PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
+from dart_hal.errors import Disarmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE
@@ -92,9 +94,17 @@ def never_ends(world):
     raise NeverEnds(f"{world.motion.v_x:.1f} m/s")
 
 
-def test_a_car_that_rolls_away_is_given_up_at_neutral():
-    """Its drive ends by the time that a stop may take, and says that the car did not stop."""
-    follower, neutral, pulses = driven(2.5, downhill=True, until=9.0)
+def test_a_car_that_rolls_away_gets_no_pulse():
+    """It does not slow down at neutral: the drive ends with that name."""
+    with pytest.raises(Disarmed, match="MOVES_AT_NEUTRAL"):
+        driven(2.8, downhill=True, until=9.5)
+
+
+def test_a_car_that_rolls_away_is_given_up_at_neutral(monkeypatch):
+    """Without the layer before, its drive ends by the time that a stop may take, and says that the
+    car did not stop."""
+    monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
+    follower, neutral, pulses = driven(2.8, downhill=True, until=9.5)
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert "it still rolls at" in follower.why
@@ -106,8 +116,9 @@ def test_a_car_that_rolls_away_is_given_up_at_neutral():
 @pytest.mark.more
 def test_control_without_that_time_it_never_ends(monkeypatch):
     monkeypatch.setattr(stopping, "WITHIN", 1e9)
+    monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
     with pytest.raises(NeverEnds):
-        driven(2.5, downhill=True, until=9.0)
+        driven(2.8, downhill=True, until=9.5)
 
 
 def test_a_car_that_is_held_is_given_up_at_neutral():

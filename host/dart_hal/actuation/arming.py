@@ -27,8 +27,9 @@ GOOD_FOR = 0.5
 class Facts:
     """What is known about car, link and process; the defaults are those of a good car.
 
-    Times in s. ``wheel_moves``: edges come in at neutral. ``bus_fault``: what
-    the PCA9685 does not do: "absent", "mode", "prescale", "write", None = it
+    Times in s. ``wheel_moves``: edges come in at neutral; ``moves_at_neutral``: they came in
+    faster and faster, the pulses are off, and the wheels have not come to rest since.
+    ``bus_fault``: what the PCA9685 does not do: "absent", "mode", "prescale", "write", None = it
     obeys. ``cutoff``: the Nano's safety_out; ``cutoff_test``: "pending",
     "passed", "failed", "unwired" (no pulse came through the capture wire).
     ``car_moves``: the wheels shall be off the ground, and the IMU does not show a car
@@ -50,6 +51,7 @@ class Facts:
     imu_stuck: bool = False
     imu_doubted: bool = False
     wheel_moves: bool = False
+    moves_at_neutral: bool = False
     encoder_lost: bool = False
     encoder_noisy: bool = False
     car_moves: bool = False
@@ -117,6 +119,11 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("ENCODER_MOVING", "sensors", "the wheels turn at neutral",
             "wait until the car is at rest; if it stays: [throttle] neutral_us in car.toml",
             lambda f: f.wheel_moves),
+    Refusal("MOVES_AT_NEUTRAL", "sensors",
+            "the wheels turned faster while the throttle was neutral; the pulses are off",
+            "hold the car still and arm() again; if it comes again, check [throttle] neutral_us, "
+            "[pwm] oscillator_hz and the channels in the car's files",
+            lambda f: f.moves_at_neutral),
     Refusal("ENCODER_LOST", "sensors", "edges were missing while the car drove",
             "check the gap from sensor to ring; turn a wheel by hand", lambda f: f.encoder_lost),
     Refusal("ENCODER_NOISY", "sensors", "the encoder counts more edges than the car can make",

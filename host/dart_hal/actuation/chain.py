@@ -16,7 +16,7 @@ from typing import cast
 
 from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
-from dart_hal.actuation.plan import Output, Plan, Planner
+from dart_hal.actuation.plan import OFF, Output, Plan, Planner
 from dart_hal.actuation.play import play_of
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
@@ -34,7 +34,12 @@ WATCH_PULSE_US = 2300.0
 BACKWARD = 1e-6
 """s by which time may seem to go back through rounding."""
 
+NEUTRAL_FRAMES = 10
+"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC takes some of them to give up a
+throttle. As few as that, since the neutral may be wrong."""
+
 _NOT_ARMED = (Limit.NOT_ARMED.value,)
+_NO_PULSES = (0, 0)
 
 
 @dataclass(slots=True)
@@ -79,6 +84,10 @@ class Actuator:
         self.fault: BusError | None = None
         self.watched = self._watching = False
         self._sending, self._sleep, self._opened = bus is not None, sleep, False
+        self.moving = False
+        """Whether the last frame carried something else than neutral."""
+        self.found_pulses = False
+        """Whether ``open`` found a pulse of another program on the pins."""
         play = play_of(files, self.map)
         self._planner = Planner(car, self.map, self.neutral_us, self.pca.frame, play)
         # to and fro by a count would shake the wheels across the play that is taken up
@@ -91,15 +100,19 @@ class Actuator:
 
     # -- life ------------------------------------------------------------
 
-    def open(self) -> Applied:
+    def open(self, *, keep_off: bool = False) -> Applied:
         """Bring the pins to neutral and centre from any state; hold them for two frames.
 
+        keep_off: channels that carry no pulse get none. A pulse that is found is replaced by
+        neutral for ``NEUTRAL_FRAMES``, so that the ESC gives it up.
         Raises PcaMissing, PcaFault or BusError after three tries.
         """
         for attempt in range(TRIES if self._sending else 0):
             try:
-                self._bring_up()
-                self._sleep(2 * self.pca.frame)
+                off = keep_off and self.pca.is_off()
+                self.found_pulses = not off
+                self._bring_up(off)
+                self._sleep((NEUTRAL_FRAMES if keep_off and not off else 2) * self.pca.frame)
                 break
             except BusError as error:
                 self.counters.bus_errors += 1
@@ -111,20 +124,26 @@ class Actuator:
         return self.applied
 
     def close(self) -> None:
-        """Throttle neutral for two frames, steering held, and leave it so.
+        """Throttle neutral and steering held for ``NEUTRAL_FRAMES``, then no pulse on any channel.
 
+        After it nobody sees whether the neutral drives the car, so none is left on the pins.
         Never sleeps the chip: asleep it would keep the old pulse for its waking.
-        Raises BusError when the neutral could not be written.
+        Raises BusError when this could not be written.
         """
         if not self._opened:
             return
         self._opened = False
         self._planner.forget()
+        off = self._planner.output.throttle == "off"
         counts = self._at_rest(self._planner.angle)
-        for _ in range(2):
-            self._send(counts)
-            self._sleep(self.pca.frame)
-        self.applied = self._applied(counts, _NOT_ARMED)
+        try:
+            for _ in range(0 if off else NEUTRAL_FRAMES):
+                self._send(counts)
+                self._sleep(self.pca.frame)
+        finally:
+            if self._sending:
+                self.pca.all_off()
+            self.applied = self._applied(_NO_PULSES, OFF.why)
 
     # -- commands --------------------------------------------------------
 
@@ -190,7 +209,14 @@ class Actuator:
     @property
     def astray(self) -> bool:
         """The pins may move the car and the state demands that they do not."""
-        return self._planner.output.live and not self.demand().live
+        written, demanded = self._planner.output, self.demand()
+        goes_off = demanded.throttle == "off" and written.throttle != "off"
+        return goes_off or (written.live and not demanded.live)
+
+    @property
+    def at_neutral(self) -> bool:
+        """Whether the pins carry the neutral pulse of the car's files, as far as is known."""
+        return self._opened and not self.moving and self.applied.throttle_us > 0.0
 
     def stop(self) -> Applied:
         """Throttle neutral now, steering held; a ramp if car.toml asks for one.
@@ -265,15 +291,19 @@ class Actuator:
         if tripped is not None:
             self._trip(tripped)
             plan = self._planner.neutral(self._planner.angle, (*plan.limited, *_NOT_ARMED))
-        counts = self._step(plan)
+        off = self._planner.output.throttle == "off"
+        counts = _NO_PULSES if off else self._step(plan)
         try:
             self._send(counts)
             self._watch_pulse()
         except BusError as error:
             self._lost(error, "PCA_WRITE_FAILED")
             return self.applied
-        self._planner.wrote(plan, counts[0] * self.pca.count_us)
-        self.applied = self._applied(counts, plan.limited, plan.moving)
+        if not off:
+            self._planner.wrote(plan, counts[0] * self.pca.count_us)
+        self.moving = plan.moving
+        why = (*OFF.why, *plan.limited) if off else plan.limited
+        self.applied = self._applied(counts, why, plan.moving)
         return self.applied
 
     def _peek(self, plan: Plan) -> tuple[int, int]:
@@ -309,18 +339,22 @@ class Actuator:
         throttle = pulled if moving and counts[1] else 0.0
         standing = [] if self.map.calibrated else [Limit.UNCALIBRATED.value]
         standing += [] if self._sending else [Limit.NOT_SENT.value]
-        return Applied(self._planner.meant(steering_us), throttle, steering_us, throttle_us,
+        angle = self._planner.meant(steering_us) if counts[0] else self._planner.angle
+        return Applied(angle, throttle, steering_us, throttle_us,
                        tuple(dict.fromkeys((*why, *standing))))
 
     # -- faults ------------------------------------------------------------
 
-    def _bring_up(self) -> None:
-        counts = self._at_rest(0.0)
+    def _bring_up(self, off: bool) -> None:
+        """Open the chip at neutral and centre; ``off``: without pulses."""
+        rest = self._at_rest(0.0)
+        counts = _NO_PULSES if off else rest
         self.pca.open(counts)
         self.fault, self._opened, self._watching = None, True, False
+        self.moving = False
         self._planner.angle, self._planner.throttle = self.map.angle(
-            counts[0] * self.pca.count_us), 0.0
-        self.applied = self._applied(counts, _NOT_ARMED)
+            rest[0] * self.pca.count_us), 0.0
+        self.applied = self._applied(counts, OFF.why if off else _NOT_ARMED)
 
     def _read_back(self, now: float) -> bool:
         """Before the write of a frame: after it a stranger's pulse would be gone.
@@ -347,7 +381,7 @@ class Actuator:
             return
         self._tried_at = now
         try:
-            self._bring_up()
+            self._bring_up(self.demand().throttle == "off")
         except BusError as error:
             self.fault = error
             self.counters.bus_errors += 1

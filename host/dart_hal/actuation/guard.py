@@ -10,8 +10,10 @@ descriptor of the bus, and a pipe from the driver:
 End of file, another parent than before (a child of the driver may keep the pipe
 open), or 100 ms without a beat: the throttle channel gets neutral, 50 times a
 second, until the driver has seen the trip or, when it is gone, for a second.
-With the driver gone it stands back while somebody else owns the chip. Steering
-is left where it is. Run as ``python -m dart_hal.actuation.guard``; the driver says
+After 0.2 s of neutral all channels are switched off instead: nobody sees whether
+the neutral drives the car. A throttle channel that is off already stays off.
+With the driver gone it stands back while somebody else owns the chip. Until then
+steering is left where it is. Run as ``python -m dart_hal.actuation.guard``; the driver says
 which function opens the bus, since this room does not know the kinds of buses.
 """
 
@@ -36,7 +38,11 @@ SILENCE = 0.100
 REPEAT = 0.020
 """s between two neutral writes, and between two beats to the driver."""
 LAST_WORDS = 50
-"""Neutral writes that must succeed after the driver is gone: one second."""
+"""Writes that must succeed after the driver is gone: one second."""
+NEUTRAL_WRITES = 10
+"""The first of them, 0.2 s, are neutral: an ESC takes some pulses to give up a throttle."""
+ALL_OFF = bytes([0xFD, 0x10])
+"""One write that ends the pulses of all channels."""
 GIVE_UP = 30.0
 """s for which a bus that fails is tried after the driver is gone."""
 
@@ -49,7 +55,9 @@ class Watch:
 
     def __init__(self) -> None:
         self.tripped = self.gone = self.done = False
-        self._beat, self._gone_at, self._written = math.inf, math.inf, 0
+        self.found_off = False
+        """The driver had switched the throttle channel off before the trip."""
+        self._beat, self._gone_at, self._written, self._neutral = math.inf, math.inf, 0, 0
 
     def heard(self, data: bytes, now: float) -> None:
         """Bytes from the driver; b"" = end of file."""
@@ -61,7 +69,8 @@ class Watch:
         if b"b" in data:
             self._beat = now
         if b"a" in data:
-            self.tripped, self._beat = False, now
+            self.tripped, self._beat, self._neutral = False, now, 0
+            self.found_off = False
 
     def due(self, now: float) -> bool:
         """Whether neutral must be written now; a bus that never comes back is given up."""
@@ -69,8 +78,14 @@ class Watch:
         self.done = self.done or now - self._gone_at > GIVE_UP
         return self.tripped and not self.done
 
+    @property
+    def switches_off(self) -> bool:
+        """Whether the write that is due ends all pulses; else it is neutral."""
+        return self.found_off or self._neutral >= NEUTRAL_WRITES
+
     def wrote(self, ok: bool) -> None:
-        """The outcome of a neutral write; with the driver gone, the end comes in sight."""
+        """The outcome of a write; with the driver gone, the end comes in sight."""
+        self._neutral += ok
         self._written += ok and self.gone
         self.done = self.done or self._written >= LAST_WORDS
 
@@ -95,14 +110,27 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
             state.heard(b"", now)
         if state.due(now):
             if not told or (now - written >= REPEAT and not (state.gone and taken())):
+                if not told:
+                    state.found_off = _is_off(bus, address, channel)
                 told, written = True, now
-                state.wrote(_write(bus, address, neutral, status))
+                data = ALL_OFF if state.switches_off else neutral
+                state.wrote(_write(bus, address, data, status))
                 _say(status, b"t")
         else:
             told = False
             if now - written >= REPEAT:
                 written = now
                 _say(status, b"b")
+
+
+def _is_off(bus: Bus, address: int, channel: int) -> bool:
+    """Whether the channel carries no pulse; False where the chip does not answer."""
+    high = bytearray(1)
+    try:
+        bus.writeto_then_readfrom(address, bytes([0x09 + 4 * channel]), high)
+    except OSError:
+        return False
+    return bool(high[0] & 0x10)
 
 
 def _write(bus: Bus, address: int, data: bytes, status: int) -> bool:

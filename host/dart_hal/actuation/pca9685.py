@@ -110,11 +110,18 @@ class Pca9685:
         """No pulse on any channel: one 2-byte write. The ESC sees signal loss."""
         self._register(ALL_LED_OFF_H, FULL_OFF)
 
+    def is_off(self) -> bool:
+        """Whether neither servo nor ESC gets a pulse; False where the chip does not answer."""
+        try:
+            return all(self.pulse_counts(channel) == 0 for channel in self.channels)
+        except BusError:
+            return False
+
     def rest(self, throttle: int) -> bool:
         """Throttle to ``throttle`` counts, for one who does not own the chip; nothing is woken.
 
-        False: it is not set up as ours, or does not say so; a count may mean
-        another pulse there, and no channel gets one. Raises NotPca (nothing
+        Channels without pulses get none. False: the chip is not set up as ours, or does not say
+        so; a count may mean another pulse there, and no channel gets one. Raises NotPca (nothing
         was written), BusError.
         """
         try:
@@ -126,7 +133,7 @@ class Pca9685:
         except BusError:
             mode1, prescale = 0, 0
         ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
-        if ours:
+        if ours and not self.is_off():
             self._led(self.channels[1], _pulse(throttle))
         else:
             self.all_off()

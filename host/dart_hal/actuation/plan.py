@@ -33,8 +33,9 @@ LONGEST_STEP = 0.1
 class Output:
     """What the supervisor's state demands of the pins.
 
-    throttle: "neutral", "command", "raw", "untouched"; steering: "centre",
+    throttle: "neutral", "command", "raw", "untouched", "off"; steering: "centre",
     "held", "command", "raw", "untouched". ``why`` enters ``Applied.limited``.
+    "off" holds for both: an ESC on the steering's channel must get no pulse either.
     ``full_range``: raw pulses up to 1000 and 2000 us, for wheels off the ground.
     """
 
@@ -50,6 +51,7 @@ class Output:
 
 
 LIVE = Output("command", "command", ())
+OFF = Output("off", "held", (Limit.PULSES_OFF.value, Limit.NOT_ARMED.value))
 RAW = Output("raw", "raw", ())
 
 

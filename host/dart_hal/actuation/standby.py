@@ -2,7 +2,9 @@
 
 A driver has a guard of its own. Where both die (memory ends, a service is
 killed as a whole), the PCA9685 repeats the last throttle for ever. ``Watchman``
-sees that nobody holds the port any more and has neutral written for a second.
+sees that nobody holds the port any more and has neutral written for 0.2 s, then
+all channels switched off for the rest of a second: without a Nano nobody sees
+whether the neutral drives the car. A throttle channel that is off stays off.
 It arms nothing, wakes nothing, and leaves a car alone that somebody drives.
 """
 
@@ -25,7 +27,9 @@ LOOK_EVERY = 0.1
 REPEAT = 0.02
 """s between two neutral writes: one PWM frame."""
 WRITES = 50
-"""Neutral writes that must succeed: one second, as the guard's last words."""
+"""Writes that must succeed: one second, as the guard's last words."""
+NEUTRAL_WRITES = 10
+"""The first of them are neutral; the others switch all channels off."""
 GRACE = 1.0
 """s that a driver gets to leave at neutral by itself: two PWM frames and a join."""
 
@@ -48,14 +52,20 @@ class Throttle:
         return self._pca.pulse_counts(self._channel) * self._pca.count_us
 
     @property
-    def at_rest(self) -> bool:
-        """Neutral within one count (a driver's own rounding), or off. Raises BusError."""
-        counts = self._pca.pulse_counts(self._channel)
-        return counts == 0 or abs(counts - self.neutral) <= 1
+    def is_off(self) -> bool:
+        """Whether neither ESC nor servo gets a pulse, as the registers say."""
+        return self._pca.is_off()
 
     def rest(self) -> bool:
-        """Write neutral; False: the chip is not set up as ours, all is off. Raises BusError."""
+        """Write neutral; channels that are off stay off. Raises BusError.
+
+        False: the chip is not set up as ours, all is off.
+        """
         return self._pca.rest(self.neutral)
+
+    def switch_off(self) -> None:
+        """End the pulses of all channels. Raises BusError."""
+        self._pca.all_off()
 
 
 class Watchman:
@@ -63,7 +73,7 @@ class Watchman:
 
     def __init__(self) -> None:
         self.owed = WRITES
-        """Neutral writes still to be made: also at the start, when nobody drives."""
+        """Writes still to be made: also at the start, when nobody drives."""
         self.driver: int | None = None
         self._next = -math.inf
 
@@ -75,8 +85,13 @@ class Watchman:
             self.owed = WRITES
         self.driver = driver
 
+    @property
+    def switches_off(self) -> bool:
+        """Whether the next write switches all channels off; else it is neutral."""
+        return self.owed <= WRITES - NEUTRAL_WRITES
+
     def due(self, now: float) -> bool:
-        """Whether neutral must be written now."""
+        """Whether something must be written now."""
         return self.owed > 0 and now >= self._next
 
     def wrote(self, ok: bool, now: float) -> None:
@@ -87,7 +102,10 @@ class Watchman:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """What ``stop`` met and left. Pulses in us, 0 = off; ``driver`` still drives, None = none."""
+    """What ``stop`` met and left. Pulses in us, 0 = off; ``driver`` still drives, None = none.
+
+    ``at_rest``: neither ESC nor servo gets a pulse.
+    """
 
     found_us: float
     left_us: float
@@ -98,9 +116,9 @@ class Stopped:
 
 def stop(throttle: Throttle, holder: Callable[[], int | None],
          sleep: Callable[[float], None]) -> Stopped:
-    """Neutral at once, then end the driver (SIGTERM), then neutral for a second.
+    """Neutral at once, then end the driver (SIGTERM), then all channels off for a second.
 
-    Raises BusError when neutral could not be written.
+    Raises BusError when that could not be written.
     """
     found = throttle.pulse_us
     throttle.rest()
@@ -109,10 +127,13 @@ def stop(throttle: Throttle, holder: Callable[[], int | None],
         with suppress(ProcessLookupError, PermissionError):    # told by ``driver`` below
             os.kill(ended, signal.SIGTERM)
         _while_driven(throttle, holder, sleep)
-    for _ in range(WRITES):
-        throttle.rest()
+    for write in range(WRITES):
+        if write < NEUTRAL_WRITES:
+            throttle.rest()
+        else:
+            throttle.switch_off()
         sleep(REPEAT)
-    return Stopped(found, throttle.pulse_us, ended, holder(), throttle.at_rest)
+    return Stopped(found, throttle.pulse_us, ended, holder(), throttle.is_off)
 
 
 def _while_driven(throttle: Throttle, holder: Callable[[], int | None],

@@ -63,7 +63,7 @@ CHECKED       .        .         .        ARMED    .        .        .        . 
 STOP          .        .         .        DISARMED DISARMED .        .        DISARMED .
 REBOOT        .        .         .        DISARMED DISARMED .        .        DISARMED .
 TRIP          .        .         .        DISARMED TRIPPED  .        .        DISARMED .
-THIRD_TRIP    .        .         .        .        LOCKED   .        .        .        .
+THIRD_TRIP    .        .         LOCKED   LOCKED   LOCKED   LOCKED   .        LOCKED   .
 CLEARED       .        .         .        .        .        DISARMED .        .        .
 UNLOCK        .        .         .        .        .        .        DISARMED .        .
 RAW_OPEN      .        .         RAW      .        .        .        .        .        .

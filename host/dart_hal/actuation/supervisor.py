@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Collection
 
 from dart_hal.actuation.arming import GOOD_FOR, not_armed
-from dart_hal.actuation.plan import Output
+from dart_hal.actuation.plan import OFF, Output
 from dart_hal.actuation.states import ENTRY, TABLE, ArmState, Event
 
 CLEAR_FOR = 0.5
@@ -53,6 +53,9 @@ class Supervisor:
         self.log: deque[tuple[float, Event, ArmState, tuple[str, ...]]] = deque(maxlen=1000)
         self.lifted = False
         """RAW with the wheels off the ground; asked for at its opening."""
+        self.silent = False
+        """No pulse until ``arm`` or ``raw``: the car moved at neutral."""
+        self._blind = False
         self._locked = False
         self._arm_neutral, self._follow = arm_neutral, follow_disarmed
         self._trips: deque[float] = deque(maxlen=TRIPS_TO_LOCK)
@@ -67,6 +70,8 @@ class Supervisor:
     def output(self) -> Output:
         """What the pins may carry now."""
         entry = ENTRY[self.state].output
+        if (self.silent or self._blind) and entry.throttle != "untouched":
+            return OFF
         steering = entry.steering
         if self.state is ArmState.LOCKED and self._now - self.since >= HELD_FOR:
             steering = "centre"
@@ -83,6 +88,31 @@ class Supervisor:
         """Mode of the heartbeat: a name of ``wire.messages.BEAT_MODES``."""
         return ENTRY[self.state].beat
 
+    def silence(self, now: float, cause: str) -> None:
+        """Trip, and no pulse on any channel until ``resume``: neutral moves the car.
+
+        Counts as a trip in every state, so that a program that arms again and again is locked.
+        """
+        self.silent = True
+        self._neutral_since = None
+        self._note_trip(now)
+        self.event(Event.THIRD_TRIP if self._locked else Event.TRIP, now, (cause,))
+        self.causes = (cause,)
+
+    def resume(self, now: float) -> None:
+        """Neutral instead of no pulse, from now on."""
+        self.silent = False
+        self._restart_neutral(now)
+
+    def see(self, now: float, blind: bool) -> None:
+        """``blind``: no State shows whether the car moves; then servo and ESC get no pulse."""
+        if blind != self._blind:
+            self._blind = blind
+            self._restart_neutral(now)
+
+    def _restart_neutral(self, now: float) -> None:
+        self._neutral_since = now if self.output.throttle == "neutral" else None
+
     def neutral_for(self, now: float) -> float:
         """s for which the throttle has been neutral without a break."""
         return 0.0 if self._neutral_since is None else now - self._neutral_since
@@ -92,7 +122,8 @@ class Supervisor:
     def event(self, event: Event, now: float, why: Collection[str] = ()) -> ArmState:
         """Something happened; returns the state after it."""
         self._now = max(self._now, now)
-        if event in (Event.TRIP, Event.BUS_LOST) and self.state is ArmState.ARMED:
+        if (event in (Event.TRIP, Event.BUS_LOST) and self.state is ArmState.ARMED
+                and not self.silent):
             event = self._count_trip(event, now)
         if event in (Event.ARM, Event.STOP):
             self.ended_by = ()
@@ -175,10 +206,15 @@ class Supervisor:
             self._good_since = now
         return now - self._good_since >= seconds - 1e-9
 
-    def _count_trip(self, event: Event, now: float) -> Event:
+    def _note_trip(self, now: float) -> bool:
+        """Count a trip; whether it is the third within a minute, which locks."""
         self._trips.append(now)
         third = len(self._trips) == TRIPS_TO_LOCK and now - self._trips[0] <= TRIP_WINDOW
         self._locked = self._locked or third
+        return third
+
+    def _count_trip(self, event: Event, now: float) -> Event:
+        third = self._note_trip(now)
         # A lost bus is said first: nobody knows what the pins carry. LOCKED comes after it.
         return Event.THIRD_TRIP if third and event is Event.TRIP else event
 
@@ -189,12 +225,13 @@ class Supervisor:
         if self.state is ArmState.ARMED and event not in (Event.STOP, Event.CLOSE):
             self.ended_by = why
         if self.state is ArmState.ARMING:
-            self.reasons = why if to is ArmState.DISARMED else ()
-        if ENTRY[to].output.throttle != "neutral":
-            self._neutral_since = None
-        elif self._neutral_since is None:
-            self._neutral_since = now
+            self.reasons = (*why, *(["LATCHED"] if to is ArmState.LOCKED else [])) \
+                if to in (ArmState.DISARMED, ArmState.LOCKED) else ()
         if to is not ArmState.RAW:
             self.lifted = False
         self.state, self.since, self._good_since = to, now, None
+        if self.output.throttle != "neutral":
+            self._neutral_since = None
+        elif self._neutral_since is None:
+            self._neutral_since = now
         self.log.append((now, event, to, why))

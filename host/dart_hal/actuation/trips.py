@@ -22,6 +22,10 @@ TRIPS: dict[str, tuple[str, str]] = {
     "GUARD_SILENT": ("the guard process does not answer", "close other programs; open it again"),
     "CUT_OFF": ("the hardware cut-off does not pass the pulses on",
                 "check the Nano and its wiring; dart-hal doctor"),
+    "MOVES_AT_NEUTRAL": ("the wheels turned faster while the throttle was neutral; servo and ESC "
+                         "get no pulse since then",
+                         "was it pushed, or does it roll? else check [throttle] neutral_us, [pwm] "
+                         "oscillator_hz and the channels in the car's files"),
     "RUN_STOP": ("STOP was pressed at a live page, all cars of the room were stopped, or nobody "
                  "watches it any more", "see who did and why: member.held"),
 }

@@ -105,6 +105,10 @@ class Arming(Recorded, ABC):
         not good; clock and calibration need not exist yet.
         """
         engine, driver = self._engine, self._engine.driver
+        for _ in self.states(duration=RAW_PATIENCE):
+            with engine.lock:
+                if driver.resume_pulses(engine.now):
+                    break
         for _ in self.states(duration=self.files.config.throttle.arm_neutral + FIRST_PULSES):
             pass
         for _ in self.states(duration=RAW_PATIENCE):

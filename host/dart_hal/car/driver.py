@@ -22,6 +22,7 @@ from dart_hal.actuation import (
 )
 from dart_hal.actuation import warnings as cautions
 from dart_hal.actuation.arming import WAIVABLE
+from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.actuation.supervisor import COMES_BY_WAITING
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.facts import LIVE_AFTER, STALE, Observer
@@ -55,6 +56,7 @@ class Driver:
         self.actuator = Actuator(files, backend.bus, backend.clock.sleep,
                                  demand=lambda: self.supervisor.output)
         self.observer = Observer(files, backend, receiver, self.actuator)
+        self._neutral_watch = NeutralWatch()
         self._guard: GuardPost | None = None
         self._test: CutoffTest | None = None
         self._passed = False
@@ -87,10 +89,16 @@ class Driver:
     # -- life ------------------------------------------------------------------
 
     def open(self, now: float) -> None:
-        """Bring the pins to neutral; on a real bus call a guard. Raises BusError."""
+        """Bring the pins to rest; on a real bus call a guard. Raises BusError.
+
+        Until the first State servo and ESC get no pulse, as a wrong neutral would go unnoticed.
+        """
         self.supervisor.event(Event.OPEN, now)
+        self.supervisor.see(now, blind=True)
         try:
-            self.actuator.open()
+            self.actuator.open(keep_off=True)
+            if self.actuator.found_pulses:
+                self._neutral_watch.note_driven(self._backend.clock.now())
         except BusError:
             self.supervisor.event(Event.OPEN_FAILED, now)
             raise
@@ -136,11 +144,22 @@ class Driver:
     def seen(self, state: State, now: float) -> None:
         """A State arrived."""
         self.observer.seen(state, now)
+        self._watch_neutral(state, now)
         health = state.health
         # An encoder that is lost caps the throttle; in RAW one that is doubted does.
         lost = health.speed_doubted if self.mode is ArmState.RAW else health.encoder_lost
         cap = self._files.config.limits.encoder_lost_throttle
         self.actuator.throttle_cap = cap if lost and not self.supervisor.lifted else None
+
+    def _watch_neutral(self, state: State, now: float) -> None:
+        """A car that speeds up under neutral gets no pulse any more."""
+        if self.actuator.moving:
+            self._neutral_watch.note_driven(now)
+        # While armed, a doubted speed caps the throttle already; noise must not disarm as well.
+        doubted = self.mode is ArmState.ARMED and state.health.speed_doubted
+        if self._neutral_watch.update(now, state.speed, self.actuator.at_neutral, doubted):
+            self.supervisor.silence(now, "MOVES_AT_NEUTRAL")
+            self._neutral_watch.restart()
 
     def on_boot(self) -> None:
         """Another boot than before: disarm, and refuse until arm() is called again."""
@@ -178,6 +197,7 @@ class Driver:
 
     def frame(self, now: float) -> Applied:
         """Let the supervisor decide, then write one PWM frame."""
+        self.supervisor.see(now, self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)
@@ -187,7 +207,7 @@ class Driver:
         if late := self.actuator.trips():
             self._step(now, list(late), ())
         if self._guard is not None:
-            self._guard.beat(at_neutral=self.supervisor.output.throttle == "neutral"
+            self._guard.beat(at_neutral=self.supervisor.output.throttle in ("neutral", "off")
                              and self.actuator.fault is None)
         return self.applied
 
@@ -218,7 +238,8 @@ class Driver:
         """Everything that arming asks about."""
         supervisor = self.supervisor
         refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
-        facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now))
+        facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now),
+                                    supervisor.silent)
         return replace(facts, command_ok=not refused, run_stop=bool(self.holders))
 
     def settled(self, now: float) -> bool:
@@ -258,8 +279,16 @@ class Driver:
         observer.tested = "pending"
         self.waived = waive
         self.supervisor.arm(now, refusals(self.facts(now), waive))
+        self.resume_pulses(now)
         if observer.cutoff != "none" and self.mode is ArmState.ARMING:
             self._test = CutoffTest(observer, self._transmitter, self._receiver, now)
+
+    def resume_pulses(self, now: float) -> bool:
+        """Neutral again after MOVES_AT_NEUTRAL, once the wheels are at rest; whether it is."""
+        state = self.observer.state
+        if self.supervisor.silent and state is not None and state.speed == 0.0:
+            self.supervisor.resume(now)
+        return not self.supervisor.silent
 
     def refused(self) -> NotArmed:
         """Why arming ended in DISARMED."""
@@ -270,6 +299,8 @@ class Driver:
         """Enter RAW. Raises NotArmed unless link, firmware and bus are good."""
         if held := self.raw_refusals(now, lifted=lifted):
             raise not_armed(held)
+        if self.supervisor.silent:
+            raise not_armed(("MOVES_AT_NEUTRAL",))
         self.supervisor.open_raw(now, lifted)
         if self.mode is not ArmState.RAW:
             raise not_armed(("PCA_ABSENT",))

@@ -17,6 +17,9 @@ from dart_hal.wire.messages import PARAM_BY_NAME
 STALE = 0.08
 """s without a good frame until the throttle goes neutral: 100 ms at the pin, where the
 PWM frame under way takes up to 20 ms to end."""
+BLIND = 0.5
+"""s without a State until servo and ESC get no pulse at all. Neutral, which comes after ``STALE``,
+has stopped the motor by then; longer, and a neutral that drives the car would go unnoticed."""
 LOSS_WINDOW = 500
 """Frames, 5 s, over which the share of lost ones is judged."""
 CLOCK_GOOD = 2e-3
@@ -112,12 +115,17 @@ class Observer:
         rate, x, y = (sum(values) / LIFTED_FRAMES for values in zip(*self._motion, strict=True))
         return abs(rate) > LIFTED_RATE or hypot(x, y) > LIFTED_ACC
 
+    def blind(self, now: float) -> bool:
+        """No State for so long that a car that moves at neutral would go unnoticed."""
+        return now - self.seen_at > BLIND
+
     def stale(self, now: float) -> bool:
         """No good frame for too long."""
         return now - self.seen_at > STALE
 
-    def facts(self, mode: ArmState, now: float, neutral_for: float) -> Facts:
-        """Everything that arming asks about; ``neutral_for`` [s]: written neutral so far."""
+    def facts(self, mode: ArmState, now: float, neutral_for: float, silent: bool) -> Facts:
+        """Everything that arming asks about; ``neutral_for`` [s]: written neutral so far;
+        ``silent``: the pulses are off since the car moved at neutral."""
         receiver, state, files = self._receiver, self.state, self._files
         hello, fault = receiver.hello, self._actuator.fault
         flags = state.health.flags if state else frozenset[str]()
@@ -138,6 +146,7 @@ class Observer:
             imu_stale="IMU_STALE" in flags or "IMU_VALID" not in flags,
             imu_stuck="IMU_STUCK" in flags, imu_doubted=bool(state and state.health.imu_doubted),
             wheel_moves=moving,
+            moves_at_neutral=silent and (state is None or state.speed != 0.0),
             encoder_lost=not {Doubt.ENCODER_DEAD, Doubt.ENCODER_LOW}.isdisjoint(doubts),
             encoder_noisy=not {Doubt.ENCODER_HIGH, Doubt.ENCODER_NOISY}.isdisjoint(doubts),
             bus_fault=None if fault is None else fault.part,

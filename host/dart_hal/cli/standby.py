@@ -25,7 +25,9 @@ from dart_hal.links.notify import notify
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             as_json: bool) -> None:
-    """Hold the throttle at neutral whenever no program drives. Never arms, never wakes a chip.
+    """End the pulses of ESC and servo whenever no program drives: 0.2 s of neutral, then none.
+
+    Never arms, never wakes a chip.
 
     Notifies systemd (ready, watchdog, status). The port stays free for drivers.
     """
@@ -66,11 +68,14 @@ class Post:
             self._write(now)
         if self.error is None:
             self._say(f"pid {driver} drives" if driver is not None else
-                      "neutral" if self.watch.owed else "no program drives")
+                      "neutral" if self.watch.owed else "no program drives, no pulses")
 
     def _write(self, now: float) -> None:
         try:
-            self._throttle.rest()
+            if self.watch.switches_off:
+                self._throttle.switch_off()
+            else:
+                self._throttle.rest()
             self.error = None
         except BusError as error:
             self.error = f"{error.what}; tried again"

@@ -25,9 +25,10 @@ from dart_hal.ports import Bus
 @car_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) -> int:
-    """Set the throttle to neutral, whichever program drives; exit 1 if one goes on driving.
+    """End the pulses of ESC and servo, whichever program drives; exit 1 if one goes on driving.
 
-    Needs only the I2C bus, no Nano. The program that drives is asked to end.
+    0.2 s of neutral, then no pulse on any channel. Needs only the I2C bus, no Nano. The program
+    that drives is asked to end.
     """
     address = real(url)
     throttle, bus = reach(address, car_name, cars)
@@ -39,12 +40,20 @@ def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) ->
     if as_json:
         print_json({"url": address.text, **asdict(done)})
     else:
-        results.print(f"throttle at {done.left_us:.0f} us (was {done.found_us:.0f})"
+        results.print(f"{_left(done.left_us)} (throttle was {_pulse(done.found_us)})"
                       + (f"; asked pid {done.ended} to end" if done.ended else ""))
     if done.driver is None and done.at_rest:
         return 0
     console.print(f"still driven; try: sudo kill -9 {done.driver or 'PID'}", style="red")
     return 1
+
+
+def _pulse(pulse_us: float) -> str:
+    return f"at {pulse_us:.0f} us" if pulse_us else "off"
+
+
+def _left(pulse_us: float) -> str:
+    return f"throttle at {pulse_us:.0f} us" if pulse_us else "no pulse for ESC and servo"
 
 
 def real(url: str | None) -> Url:

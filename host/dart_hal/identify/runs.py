@@ -170,7 +170,7 @@ def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
         table = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
         return np.array([table[e + 1 - every:e + 1].mean() for e in ends])
 
-    command = _command(mean(s.applied.steering_us for s in states), files)
+    command = _command(mean(_steering_pulses(states)), files)
     if every == EVERY:  # groups of one level; finer messages keep what the servo got
         command = undithered(command, count)
     t = np.array([s.t for s in states])
@@ -185,13 +185,24 @@ def _moments(states: Sequence[State], files: CarFiles) -> Messages:
     count, share = _counts(files)
     tau, jumps = _throttle(states, share)
     ends = _ends(len(states), FINE, EVERY, jumps)
-    command = undithered(_command(np.array([s.applied.steering_us for s in states]), files), count)
+    command = undithered(_command(_steering_pulses(states), files), count)
     t = np.array([s.t for s in states])
     gyro, a_x, a_y = (_sensed(values, states, t, latency, 0.0)[ends] for values, latency in (
         ([s.yaw_rate for s in states], GYRO_FILTER), ([s.accel_x for s in states], ACCEL_DELAY),
         ([s.accel_y for s in states], ACCEL_DELAY)))
     return _at(ends, t, _around(tau, jumps, FINE), command[ends], _speed(states, t, EVERY)[ends],
                (gyro, a_x, a_y))
+
+
+def _steering_pulses(states: Sequence[State]) -> FloatArray:
+    """Pulses of the servo [us]; where it got none (PULSES_OFF) it stays where the last one led,
+    before the first one where that leads."""
+    pulses = np.array([s.applied.steering_us for s in states], dtype=np.float64)
+    present = np.flatnonzero(pulses)
+    if len(present) in (0, len(pulses)):
+        return pulses
+    newest = np.searchsorted(present, np.arange(len(pulses)), side="right") - 1
+    return pulses[present[np.maximum(newest, 0)]]
 
 
 def _counts(files: CarFiles) -> tuple[float, float]:

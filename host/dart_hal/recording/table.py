@@ -91,8 +91,8 @@ class CsvWriter(_CsvWriter):
 
 
 def pulse_command(center_us: float = 1500.0, span_us: float = 375.0) -> Callable[[State], float]:
-    """Steering command in [-1, 1] of a State: pulse = center + span * command."""
-    return lambda state: (state.applied.steering_us - center_us) / span_us
+    """Steering command in [-1, 1] of a State: pulse = center + span * command. 0 without one."""
+    return lambda state: ((state.applied.steering_us or center_us) - center_us) / span_us
 
 
 class DartCsvWriter(_CsvWriter):

@@ -31,6 +31,8 @@ class Limit(str, Enum):
     """Why the pins do not carry what was asked for.
 
     VALIDITY: the command holds for less than its ``valid_for``, 0.5 s or raw 0.2 s.
+    PULSES_OFF: servo and ESC get no pulse at all, since no State shows whether the car moves, or
+    since it sped up at neutral (MOVES_AT_NEUTRAL).
     A command that lost against a source of higher priority is said as the
     string ``"OVERRIDDEN(name)"``.
     """
@@ -46,6 +48,7 @@ class Limit(str, Enum):
     ENCODER_DOUBTED = "ENCODER_DOUBTED"
     REVERSING = "REVERSING"
     VALIDITY = "VALIDITY"
+    PULSES_OFF = "PULSES_OFF"
 
     def __str__(self) -> str:
         return self.value
