@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -36,6 +36,8 @@ CUTOFF_HOLDS = True
 """False: the hardware cut-off welds at the first driving pulse, after it was tested."""
 
 Command = Callable[[Car, State], object]
+Edit = tuple[str, str]
+"""Pattern in the text of car.toml, and what replaces it."""
 
 
 def forward(throttle: float, valid_for: float = 0.2) -> Command:
@@ -61,10 +63,13 @@ class Drive:
     """One simulated car. Use as a context manager; ``pulses`` are (rise, fall) at the ESC."""
 
     def __init__(self, folder: Path, options: str = "", *, nano: str = "mock",
-                 edit: tuple[str, str] | None = None) -> None:
+                 edit: Edit | None = None, edits: Sequence[Edit] = (),
+                 prepare: Callable[[World], None] | None = None) -> None:
         backend = open_backend(f"sim://?nano={nano}{options}")
-        if edit is not None:
-            backend.car_toml = re.sub(*edit, backend.car_toml)
+        for pattern, text in (*edits, *([] if edit is None else [edit])):
+            backend.car_toml = re.sub(pattern, text, backend.car_toml)
+        if prepare is not None:
+            prepare(world_of(backend))
         self.backend, self.world = backend, world_of(backend)
         self.pulses: list[tuple[float, float]] = []
         self.hellos: list[tuple[float, int]] = []

@@ -178,6 +178,12 @@ host("expiry", "a command runs out", "dart_hal.actuation.chain.checked", eternal
 host("link_stale", "80 ms without a frame trip", "dart_hal.car.driver.Driver._causes", deaf)
 host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
      nothing)
+host("neutral_watch", "a car that speeds up at neutral gets no pulse",
+     "dart_hal.actuation.neutral_watch.NeutralWatch.update", always(False))
+host("blind", "no pulse while no State shows what neutral does",
+     "dart_hal.car.facts.Observer.blind", always(False))
+host("pulses_end", "whoever stops watching leaves no pulse on any channel",
+     "dart_hal.actuation.pca9685.Pca9685.all_off", nothing)
 host("guard", "a process that outlives the driver", "dart_hal.car.driver.GuardPost", NoGuard)
 host("cutoff", "the Nano's hardware cut-off (without: it welds once tested)",
      "fault_table.drive.CUTOFF_HOLDS", False)

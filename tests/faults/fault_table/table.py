@@ -8,6 +8,7 @@ from fault_table import (
     rows_fleet,
     rows_inputs,
     rows_nano,
+    rows_neutral,
     rows_owner,
     rows_pins,
     rows_processes,
@@ -23,7 +24,7 @@ from fault_table.row import Row
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
 ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_processes,
-         rows_soak, rows_fleet, rows_inputs)
+         rows_soak, rows_fleet, rows_inputs, rows_neutral)
 
 
 def joined() -> tuple[Row, ...]:

@@ -1,0 +1,119 @@
+"""Rows of a neutral that drives the car: judged by the ESC's own neutral, not by the car's files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dart_hal.actuation.standby import Throttle, stop
+from dart_hal.sim.esc import Esc, Mode
+from dart_hal.sim.pwm_output import Pulse
+from dart_hal.sim.world import World
+from fault_table.bench import Bench
+from fault_table.drive import Drive, Edit
+from fault_table.row import NEVER, Measured, Row, case
+
+MS = "ms"
+DRIVES_US = 60.0
+"""us from the ESC's neutral: beyond every dead band of the simulated cars."""
+CLOCK: Edit = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = { value = 27e6, std = 1000 }")
+"""Accepted, and 8 % from the oscillator of car 0: neutral is 1621 us."""
+NEUTRAL: Edit = (r"neutral_us = 1500.0", "neutral_us = 1600.0")
+SWAPPED: tuple[Edit, ...] = ((r"(?<=\[steering\]\n)channel = 0", "channel = 1"),
+                             (r"(?<=\[throttle\]\n)channel = 1", "channel = 0"),
+                             (r"center_us = [\d.]+", "center_us = 1620.0"))
+
+
+class ArmedEsc(Esc):
+    """An ESC that an earlier program has armed, and that obeys again after a loss of the signal."""
+
+    def pulse(self, pulse: Pulse) -> None:
+        if self.mode is Mode.UNARMED:
+            self.mode = Mode.READY
+        super().pulse(pulse)
+
+
+def arm_esc(world: World) -> None:
+    world.esc = ArmedEsc(world.car.esc)
+
+
+def driving(drive: Drive) -> list[Pulse]:
+    """Pulses at the ESC that drive it, either way."""
+    neutral = drive.world.car.esc.neutral_us
+    return [(rise, fall) for rise, fall in drive.pulses
+            if abs(1e6 * (fall - rise) - neutral) > DRIVES_US]
+
+
+def opened(options: str, *edits: Edit, fail: str = "") -> Callable[[Bench], Measured]:
+    """ms from the first driving pulse to the last one of a car that is opened and left alone."""
+    def measure(bench: Bench) -> Measured:
+        drive = bench.drive(options, edits=edits, prepare=arm_esc)
+        if fail:
+            drive.fail(fail)
+        drive.run(4.0)
+        pulses = driving(drive)
+        if not pulses:
+            return Measured(0.0, "no pulse drives")
+        lasted = 1e3 * (pulses[-1][1] - pulses[0][0])
+        rolled = abs(drive.world.truth(pulses[-1][1]).distance)
+        ends = drive.now - pulses[-1][1] > 0.5
+        return Measured(lasted if ends else NEVER,
+                        f"{1e3 * rolled:.0f} mm, {', '.join(drive.car.causes)}")
+    return measure
+
+
+def steered(bench: Bench) -> Measured:
+    """The same of an armed car whose ESC is on the steering's channel; it only steers."""
+    drive = bench.drive(edits=(*SWAPPED[:2], (r"center_us = [\d.]+", "center_us = 1500.0")),
+                        prepare=arm_esc).armed()
+    at = drive.now
+    drive.run(2.0, lambda car, state: car.drive(steering=0.3, throttle=0.0))
+    pulses = [pulse for pulse in driving(drive) if pulse[0] > at]
+    ends = pulses and drive.now - pulses[-1][1] > 0.5
+    return Measured(1e3 * (pulses[-1][1] - pulses[0][0]) if ends else NEVER,
+                    ", ".join(drive.car.causes))
+
+
+def before_states(bench: Bench) -> Measured:
+    """Driving pulses until the Nano, which boots for 1.3 s, has said something."""
+    drive = bench.drive("&boot=old", edits=(CLOCK,), prepare=arm_esc)
+    return Measured(len(driving(drive)), f"{len(drive.pulses)} pulses in {drive.now:.1f} s")
+
+
+def left_by_close(bench: Bench) -> Measured:
+    """Pulses at the ESC later than 0.1 s after a program closed its car."""
+    drive = bench.drive().armed()
+    drive.car.close()
+    at = drive.now
+    drive.backend.clock.sleep(1.0)
+    return Measured(sum(rise > at + 0.1 for rise, _ in drive.pulses))
+
+
+def left_by_stop(bench: Bench) -> Measured:
+    """The same after ``dart-hal stop`` to a car whose program and guard are gone."""
+    drive = bench.drive().driving()
+    assert drive.backend.bus is not None
+    sleep = drive.backend.clock.sleep
+    done = stop(Throttle(drive.car.files, drive.backend.bus, sleep), lambda: None, sleep)
+    at = drive.now
+    sleep(1.0)
+    return Measured(sum(rise > at + 0.1 for rise, _ in drive.pulses) + (not done.at_rest),
+                    f"found {done.found_us:.0f} us")
+
+
+ROWS = (
+    Row(55, "neutral is none: a wrong number, channels or leads swapped",
+        "all pulses end by the wheel speed alone", (
+            case("mock", "27 MHz", opened("", CLOCK), 300.0, MS, "neutral_watch", fast=True),
+            case("mock", "27 MHz, oe", opened("&cutoff=oe", CLOCK), 300.0, MS, "neutral_watch"),
+            case("mock", "neutral 1600", opened("", NEUTRAL), 700.0, MS, "neutral_watch"),
+            case("mock", "leads swapped", opened("", NEUTRAL, fail="esc:wrong"), 700.0, MS,
+                 "neutral_watch"),
+            case("mock", "channels swapped", opened("", *SWAPPED), 300.0, MS, "neutral_watch"),
+            case("mock", "channels swapped, armed", steered, 300.0, MS, "neutral_watch", fast=True),
+        )),
+    Row(56, "nobody sees whether neutral drives the car", "no pulse on any channel", (
+        case("mock", "the Nano boots", before_states, 0, "pulses", "blind", fast=True),
+        case("mock", "after close()", left_by_close, 0, "pulses", "pulses_end", fast=True),
+        case("mock", "after dart-hal stop", left_by_stop, 0, "pulses", "pulses_end"),
+    )),
+)
