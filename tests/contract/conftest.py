@@ -22,8 +22,6 @@ from dart_hal.links.image import find_image
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 COUNT_US = 122 / 25.0
 """us of one PWM count of the nominal car."""
-NEUTRAL_COUNTS = range(305, 309)
-"""1488 to 1503 us around the neutral of 1500 us."""
 PATIENCE = 30.0
 """s that anything in real time may take on a machine that does something else."""
 

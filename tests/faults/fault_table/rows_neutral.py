@@ -1,4 +1,4 @@
-"""Rows of a neutral that drives the car: judged by the ESC's own neutral, not by the car's files."""
+"""Rows of a neutral that drives: judged by the ESC's own neutral, not by the car's files."""
 
 from __future__ import annotations
 

@@ -75,16 +75,16 @@ def test_driver_and_guard_are_killed(served: dict[str, str], standby: bool,
                       "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED",
                       stderr=subprocess.PIPE)
     try:
-        assert until(lambda: not throttle.at_rest or driver.poll() is not None)
+        assert until(lambda: not throttle.is_off or driver.poll() is not None)
         assert driver.poll() is None, driver.communicate()[1]
         time.sleep(0.5)
-        assert not throttle.at_rest, "standby leaves a driven car alone"
+        assert not throttle.is_off, "standby leaves a driven car alone"
         guards = guards_of(driver.pid)
         assert guards
         for pid in (*guards, driver.pid):       # the guard first: it has no last word
             os.kill(pid, signal.SIGKILL)
         driver.wait()
-        assert until(lambda: throttle.at_rest, 5.0 if standby else 1.0) is standby
+        assert until(lambda: throttle.is_off, 5.0 if standby else 1.0) is standby
     finally:
         for process in (watch, driver):
             if process is not None:

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.standby import REPEAT, WRITES, Throttle, Watchman
+from dart_hal.actuation.standby import NEUTRAL_WRITES, REPEAT, WRITES, Throttle, Watchman
 from dart_hal.cli.main import main
 from dart_hal.config import load_car
 from dart_hal.errors import BusError
@@ -33,22 +33,24 @@ from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
 
 CARS = Path(__file__).parents[3] / "cars"
-NEUTRAL = 307
+OFF = 0x1000
+"""OFF_H bit 4: no pulse."""
 PATIENCE = 20.0
 
 
 # -- decisions ---------------------------------------------------------------
 
-def test_a_driver_that_leaves_owes_a_second_of_neutral() -> None:
+def test_a_driver_that_leaves_owes_a_second_neutral_first_and_then_off() -> None:
     watch = Watchman()
     watch.see(4711)
     assert not watch.due(0.0), "nothing while somebody drives"
     watch.see(None)
-    written, now = 0, 1.0
+    written, now = [], 1.0
     while watch.due(now):
+        written.append(watch.switches_off)
         watch.wrote(True, now)
-        written, now = written + 1, now + REPEAT
-    assert written == WRITES
+        now += REPEAT
+    assert written == [False] * NEUTRAL_WRITES + [True] * (WRITES - NEUTRAL_WRITES)
     watch.see(None)
     assert not watch.due(now + 1.0), "and then the bus is left alone"
 
@@ -102,13 +104,30 @@ def test_rest_writes_neutral_and_steering_is_left_alone() -> None:
     bench.write(0x06, 0, 0, 0x50, 1)
     bench.sleep(0.1)
     assert bench.pulses()[-1] == pytest.approx(338 * 4.88, abs=1)
-    assert not bench.throttle.at_rest
+    assert not bench.throttle.is_off
     assert bench.throttle.rest()
     bench.pulses()
     bench.sleep(0.1)
     assert bench.pulses()[-1] == pytest.approx(1500, abs=5)
-    assert bench.throttle.at_rest
+    assert not bench.throttle.is_off
     assert bench.throttle._pca.pulse_counts(0) == 0x150
+    bench.throttle.switch_off()
+    bench.sleep(0.02)                                         # the frame under way
+    bench.pulses()
+    bench.sleep(0.1)
+    assert bench.pulses() == []
+    assert bench.throttle.is_off
+
+
+def test_channels_that_are_off_stay_off() -> None:
+    """A driver had ended the pulses, since its neutral drove the car."""
+    bench = Bench()
+    bench.throttle.switch_off()
+    bench.sleep(0.02)
+    bench.pulses()
+    assert bench.throttle.rest()
+    bench.sleep(0.2)
+    assert bench.pulses() == []
 
 
 @pytest.mark.parametrize("state", [{"prescale": 30}, {"mode1": 0x00}, {"mode1": 0x11}])
@@ -124,7 +143,7 @@ def test_a_chip_that_is_not_ours_gets_no_pulse_and_is_not_woken(state: dict[str,
     after = bytearray(1)
     bench.bus.writeto_then_readfrom(0x40, b"\x00", after)
     assert after[0] == before[0] & 0x7F, "MODE1 as it was, but for a RESTART that is void now"
-    assert bench.throttle.at_rest
+    assert bench.throttle.is_off
 
 
 def test_a_bus_without_the_chip_says_so() -> None:
@@ -205,6 +224,9 @@ class Board:
                 data = receive(client, write)
                 if len(data) > 1:
                     self.regs[data[0]:data[0] + len(data) - 1] = data[1:]
+                if data[:1] == b"\xfd" and len(data) == 2:       # OFF_H of all channels
+                    for register in range(0x09, 0x46, 4):
+                        self.regs[register] = data[1]
                 client.sendall(b"\0" + bytes(self.regs[data[0]:data[0] + read]))
 
     @property
@@ -293,14 +315,14 @@ def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
         time.sleep(0.3)
         assert scene.board.throttle == 338, "who drives is left alone"
         driver.send_signal(signal.SIGKILL)
-        assert until(lambda: scene.board.throttle == NEUTRAL)
+        assert until(lambda: scene.board.throttle & OFF)
         assert manager.recv(200) == b"WATCHDOG=1"
         service.send_signal(signal.SIGTERM)
         assert service.wait(PATIENCE) == 128 + signal.SIGTERM
 
 
 @pytest.mark.realtime
-def test_stop_ends_the_driver_and_leaves_neutral(scene: Scene, capsys: pytest.CaptureFixture[str]
+def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.CaptureFixture[str]
                                                  ) -> None:
     driver = scene.driver()
     scene.board.drive()
@@ -309,8 +331,8 @@ def test_stop_ends_the_driver_and_leaves_neutral(scene: Scene, capsys: pytest.Ca
     assert told["ended"] == driver.pid
     assert told["driver"] is None
     assert told["found_us"] == pytest.approx(1649, abs=5)
-    assert told["left_us"] == pytest.approx(1500, abs=5)
-    assert scene.board.throttle == NEUTRAL
+    assert (told["left_us"], told["at_rest"]) == (0.0, True)
+    assert scene.board.throttle & OFF
     assert driver.wait(PATIENCE) == -signal.SIGTERM
 
 
