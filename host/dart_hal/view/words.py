@@ -37,6 +37,9 @@ TRIP_WORDS: dict[str, Words] = {
     "GUARD_SILENT": ("The guard process does not answer.", REOPEN),
     "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
                 f"Check the Nano and its wires. {DOCTOR}"),
+    "MOVES_AT_NEUTRAL": ("The wheels turned faster at neutral, so motor and steering get no pulse.",
+                         f"Was the car pushed, or does it roll? {AT_REST} If it comes again, the "
+                         "neutral or a channel in the files of the car is wrong."),
     "RUN_STOP": ("The car was stopped.", ARM),
 }
 
@@ -44,6 +47,7 @@ REFUSAL_WORDS: dict[str, Words] = {
     "MCU_REBOOTED": TRIP_WORDS["MCU_REBOOTED"],
     "IMU_DOUBTED": ("The IMU's numbers are impossible, or the wheels contradict them.",
                     f"Check its plug and its mount. {DOCTOR}"),
+    "MOVES_AT_NEUTRAL": TRIP_WORDS["MOVES_AT_NEUTRAL"],
     "ENCODER_MOVING": ("The wheels turn.",
                        f"{AT_REST} If they turn without end, at the car's computer: dart-hal "
                        "calibrate esc."),
