@@ -38,8 +38,7 @@ TRIP_WORDS: dict[str, Words] = {
     "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
                 f"Check the Nano and its wires. {DOCTOR}"),
     "MOVES_AT_NEUTRAL": ("The wheels turned faster at neutral, so motor and steering get no pulse.",
-                         f"Was the car pushed, or does it roll? {AT_REST} If it comes again, the "
-                         "neutral or a channel in the files of the car is wrong."),
+                         f"{AT_REST} If nothing pushed the car, its neutral is wrong. {DOCTOR}"),
     "RUN_STOP": ("The car was stopped.", ARM),
 }
 
