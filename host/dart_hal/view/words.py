@@ -37,8 +37,8 @@ TRIP_WORDS: dict[str, Words] = {
     "GUARD_SILENT": ("The guard process does not answer.", REOPEN),
     "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
                 f"Check the Nano and its wires. {DOCTOR}"),
-    "MOVES_AT_NEUTRAL": ("The wheels turned faster at neutral, so motor and steering get no pulse.",
-                         f"{AT_REST} If nothing pushed the car, its neutral is wrong. {DOCTOR}"),
+    "MOVES_AT_NEUTRAL": ("The wheels sped up at neutral, so motor and steering get no pulse.",
+                         f"{AT_REST} If nobody pushed it, its neutral is wrong. {DOCTOR}"),
     "RUN_STOP": ("The car was stopped.", ARM),
 }
 
