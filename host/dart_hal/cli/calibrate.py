@@ -25,6 +25,7 @@ from dart_hal.cli.calibrate_measured import (
 )
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
 from dart_hal.cli.output import print_json, progress_bar
+from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import opened
 from dart_hal.cli.steering_table import show
 from dart_hal.config import check_writable
@@ -49,7 +50,7 @@ for verb in (everything, clock, esc, throttle, encoder, imu, latency, mocap, lid
               help="fit recordings (files or folders) instead of driving; to compare, and for the "
                    "paper's form: nothing is written to calibration.toml")
 @click.option("--dry-run", is_flag=True, help="measure and show, write nothing")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="picture of map, data and residuals")
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
 @click.option("--speeds", nargs=2, type=Number(0.15, 0.8), default=SPEEDS,

@@ -25,6 +25,7 @@ from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.bench import AskedWorkshop, agreed
 from dart_hal.cli.options import F, Number, car_options, json_option, lidar_option, map_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import map_of
 from dart_hal.config import CarFiles, DriveTable, Quantity, check_writable
 from dart_hal.errors import UsageError
@@ -184,7 +185,7 @@ def esc(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: b
 @click.option("--room", type=Number(0.0, 30.0), default=ROOM, show_default=True, metavar="METRES",
               help="straight floor; more of it reaches faster speeds, below 2.5 m the car circles "
                    "on 3.5 m x 3.5 m")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="picture of the pulses beside the model's")
 def throttle(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
              room: float, plot: Path | None, as_json: bool) -> None:

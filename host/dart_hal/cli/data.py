@@ -9,6 +9,7 @@ import click
 from dart_hal.cli.data_show import show_checks, show_fetch, show_repair
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, progress_bar
+from dart_hal.cli.outputs import PlotFileOrFolder
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
@@ -21,7 +22,7 @@ def command() -> None:
 
 @command.command("check")
 @click.argument("files", nargs=-1, metavar="[FILES]...", type=click.Path(path_type=Path))
-@click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="DIR|FILE",
+@click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="DIR|FILE",
               help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
               "of one recording, or of several at a glance")
 @click.option("--full", is_flag=True, help="list every finding of every file")

@@ -21,6 +21,7 @@ from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import with_progress
+from dart_hal.config import check_writable
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit
@@ -61,6 +62,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
     if find_spec("matplotlib") is None:
         raise UsageError("the demo draws its page with matplotlib, which is not installed",
                          remedy=install_command("plot"))
+    check_writable(out)
     reveal_url(parsed)  # raises what opening this car would raise, before anything is driven
     number = parsed.options.get("seed", "0")
     healthy = without_effect(parsed)

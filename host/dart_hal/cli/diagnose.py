@@ -15,13 +15,13 @@ import click
 from dart_hal.cli.evaluate import hashes
 from dart_hal.cli.options import (
     REFERENCE,
-    NamedFile,
     Number,
     PathsOption,
     html_option,
     json_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.config import ModelFile
 from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
@@ -52,7 +52,7 @@ Skipped = list[tuple[str, str]]
                    "recording)")
 @click.option("--refit/--no-refit", default=True, show_default=True,
               help="estimate the model's own parameters again before a cause is searched")
-@click.option("--out", type=NamedFile(".toml"), default=None, metavar="MODEL.TOML",
+@click.option("--out", type=OutputFile(".toml", replaces=False), default=None, metavar="MODEL.TOML",
               help="write the extended model (an older one goes to history/)")
 @html_option
 @click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")

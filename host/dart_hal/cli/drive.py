@@ -23,6 +23,7 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, print_json, results
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.session import in_real_time, opened, paced, shown_live, with_progress
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
@@ -46,7 +47,7 @@ HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops th
 @click.option("--view", is_flag=True, help="serve a live page that watches the car, and stops it; "
               "sim:// runs in real time then")
 @waive_option
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the run to this MCAP file")
 @poses_option
 @foxglove_options

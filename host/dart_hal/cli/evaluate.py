@@ -9,6 +9,7 @@ import click
 
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
+from dart_hal.cli.outputs import PlotFileOrFolder
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
@@ -30,7 +31,7 @@ from dart_hal.vehicle.parameters import Vehicle
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m "
                    "(default: fitted, but known for the published recordings)")
-@click.option("--plot", type=click.Path(path_type=Path), default=None, metavar="FILE|DIR",
+@click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="FILE|DIR",
               help="picture of the errors, or all pictures into a folder")
 @html_option
 @json_option

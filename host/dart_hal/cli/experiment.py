@@ -23,6 +23,7 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import OutputFile, PlotFile
 from dart_hal.config import CarFiles
 from dart_hal.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
@@ -48,13 +49,13 @@ SIM_FLOOR = "10"
               help="top speed in m/s (default: what the test needs, or less on a short floor)")
 @click.option("--mass", type=Number(0.2, 20.0), default=None, metavar="KG",
               help="weight of the car, ready to drive (default: that of car.toml, +- 2 %)")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--out", type=OutputFile(replaces=False), default=None,
               help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
-@click.option("--out-model", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--out-model", type=OutputFile(".toml", replaces=False), default=None,
               help="add the identified values to this model.toml")
 @waive_option
 @click.option("--no-fit", is_flag=True, help="drive and record only")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="picture of the path and the commands")
 @poses_option
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")

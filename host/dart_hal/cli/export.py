@@ -15,6 +15,7 @@ from dart_hal.car.export.whole import whole
 from dart_hal.car.table import read_table
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import notices, print_json, results
+from dart_hal.config import check_writable
 from dart_hal.errors import UsageError
 from dart_hal.recording.run import RunReader
 
@@ -72,6 +73,9 @@ def _check(kind: str, runs: Sequence[Path], out: Path) -> None:
     if kind == "ros1" and out.suffix != ".bag":
         raise UsageError(f"{out}: a bag of ROS 1 ends in .bag", found=out.name,
                          expected=f"{out.stem}.bag", remedy=f"--out {out.with_suffix('.bag')}")
+    check_writable(out.parent)
+    if kind in TABLES and out.is_file():
+        notices((f"{out} is replaced",))
     if out.is_dir() if kind in TABLES else out.exists():
         raise UsageError(f"{out} is there already", expected="a name that is free",
                          remedy=f"mv {out} {out}.old")

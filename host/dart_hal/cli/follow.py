@@ -19,7 +19,6 @@ from dart_hal.car.others import Others
 from dart_hal.cli.follow_picture import draw
 from dart_hal.cli.options import (
     DiscType,
-    NamedFile,
     Number,
     car_options,
     drive_options,
@@ -30,6 +29,7 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import opened
 from dart_hal.cli.summary import Summary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
@@ -45,7 +45,6 @@ from dart_hal.control.raceline import raceline
 from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import track_named
 from dart_hal.errors import UsageError
-from dart_hal.report.figures import FORMATS
 from dart_hal.types import MotionEstimate, State
 
 STEP, SLOWEST = 0.1, 0.3
@@ -84,7 +83,7 @@ SOURCE = "follow"
 @click.option("--lane", type=Number(0.05, 5.0), default=LANE, show_default=True,
               help="m beside the path at which the car is stopped")
 @drive_options
-@click.option("--plot", type=NamedFile(*FORMATS), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="write a picture of the path and the driven line")
 @waive_option
 @poses_option

@@ -12,6 +12,7 @@ import click
 
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
+from dart_hal.cli.outputs import OutputFile, PlotFolder
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.identify.measured import named_model
@@ -48,10 +49,10 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               help="source of all that is not identified: a model.toml or paper, paper-printed, "
                    "upstream-2024; measured: the paper's with what calibration says of the "
                    "car of the runs (default: the file of --out if it exists, then paper)")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--out", type=OutputFile(".toml", replaces=False), default=None,
               help="file to write the model to (default: model.toml; an older one goes to "
                    "history/)")
-@click.option("--plot", type=click.Path(path_type=Path, file_okay=False), default=None,
+@click.option("--plot", type=PlotFolder(), default=None,
               metavar="DIR", help="pictures of data, fit and the paper's curve")
 @html_option
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",

@@ -13,7 +13,6 @@ from dart_hal.car import Car
 from dart_hal.cli.follow import listen, typed
 from dart_hal.cli.follow_picture import draw_lane
 from dart_hal.cli.options import (
-    NamedFile,
     Number,
     car_options,
     drive_options,
@@ -22,13 +21,13 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import check_drives_by_lidar, opened
 from dart_hal.cli.summary import Summary
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.localisation.localiser import MIRRORED
-from dart_hal.report.figures import FORMATS
 
 SOURCE = "lane"
 
@@ -41,7 +40,7 @@ SOURCE = "lane"
 @click.option("--distance", type=Number(min=0.1), default=None,
               help="m after which it is stopped")
 @drive_options
-@click.option("--plot", type=NamedFile(*FORMATS), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="write a picture of the lane and the driven line")
 @lidar_option
 @waive_option

@@ -14,7 +14,6 @@ from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.cli.localize_picture import draw
 from dart_hal.cli.options import (
-    NamedFile,
     Number,
     car_options,
     json_option,
@@ -23,13 +22,13 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import OutputFile, PlotFile
 from dart_hal.cli.session import map_of, say_trouble, with_progress
 from dart_hal.control.ending import Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.links.base import Backend
 from dart_hal.localisation.localiser import Located
 from dart_hal.localisation.source import LidarPoses, start_of
-from dart_hal.report.figures import FORMATS
 from dart_hal.types import FloatArray, Pose
 
 
@@ -44,9 +43,9 @@ from dart_hal.types import FloatArray, Pose
               help="m/s at which the car drives while it is located; 0: it is not armed")
 @click.option("--steering", type=Number(-0.5, 0.5), default=0.0, show_default=True,
               help="rad, left positive")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the run to this MCAP file")
-@click.option("--plot", type=NamedFile(*FORMATS), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="write a picture of the path over the map")
 @lidar_option
 @waive_option

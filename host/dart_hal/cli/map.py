@@ -15,7 +15,6 @@ from dart_hal.cli.drive import run_manual
 from dart_hal.cli.lane import drive as drive_along
 from dart_hal.cli.map_picture import draw
 from dart_hal.cli.options import (
-    NamedFile,
     Number,
     car_options,
     json_option,
@@ -23,6 +22,7 @@ from dart_hal.cli.options import (
     waive_option,
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.outputs import OutputFile, PlotFile
 from dart_hal.cli.session import check_drives_by_lidar, opened
 from dart_hal.control.gamepad import Gamepad
 from dart_hal.control.keyboard import Keyboard
@@ -37,12 +37,11 @@ from dart_hal.mapping.checks import Checks
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
 from dart_hal.mapping.occupancy import CELL, grid_of
-from dart_hal.report.figures import FORMATS
 
 
 @click.command("map")
 @car_options
-@click.argument("out", metavar="OUT.yaml", type=NamedFile(".yaml", ".yml"))
+@click.argument("out", metavar="OUT.yaml", type=OutputFile(".yaml", ".yml"))
 @click.option("--run", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="map this recording, which holds scans; no car is driven")
 @click.option("--speed", type=Number(0.1, 3.0), default=None,
@@ -60,9 +59,9 @@ from dart_hal.report.figures import FORMATS
               help="scale of keyboard and gamepad")
 @click.option("--cell", type=Number(0.01, 0.2), default=CELL, show_default=True,
               help="m of a cell")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--record", type=OutputFile(replaces=False), default=None,
               help="keep the drive in this MCAP file (default: OUT.mcap)")
-@click.option("--plot", type=NamedFile(*FORMATS), default=None,
+@click.option("--plot", type=PlotFile(), default=None,
               help="write a picture of map, path and loop closures")
 @lidar_option
 @waive_option

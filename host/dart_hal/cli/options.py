@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
@@ -12,8 +11,8 @@ import click
 
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.car.misuse import check_url
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.control.mpc.obstacles import Disc
-from dart_hal.errors import UsageError
 from dart_hal.recording.dart import Reference
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -92,8 +91,8 @@ def waive_option(command: F) -> F:
 
 def drive_options(command: F) -> F:
     """``--duration`` and ``--record`` of a drive that ends by itself."""
-    command = click.option("--record", type=click.Path(path_type=Path, dir_okay=False),
-                           default=None, help="write the run to this MCAP file")(command)
+    command = click.option("--record", type=OutputFile(replaces=False), default=None,
+                           help="write the run to this MCAP file")(command)
     return click.option("--duration", type=Number(min=0.1), default=None,
                         help="s after which it is stopped")(command)
 
@@ -113,26 +112,9 @@ def json_option(command: F) -> F:
                         help="print one JSON object for machines")(command)
 
 
-class NamedFile(click.Path):
-    """A file to write, whose name has to end in one of ``suffixes``."""
-
-    def __init__(self, *suffixes: str) -> None:
-        super().__init__(path_type=Path, dir_okay=False)
-        self.suffixes = suffixes
-
-    def convert(self, value: Any, param: click.Parameter | None,
-                ctx: click.Context | None) -> Path:
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if path.suffix.lower() not in self.suffixes:
-            raise UsageError(f"{path} does not end in {self.suffixes[0]}", found=path.name,
-                             expected=f"a name that ends in {' or '.join(self.suffixes)}",
-                             remedy=f"write {path.with_suffix(self.suffixes[0])}")
-        return path
-
-
 def html_option(command: F) -> F:
     """``--html``: the result as one page."""
-    return click.option("--html", type=NamedFile(".html", ".htm"), default=None,
+    return click.option("--html", type=OutputFile(".html", ".htm"), default=None,
                         metavar="REPORT.HTML",
                         help="write the report: one page with every figure")(command)
 

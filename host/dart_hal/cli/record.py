@@ -16,6 +16,7 @@ from dart_hal.cli.options import (
     poses_option,
 )
 from dart_hal.cli.output import print_json, results
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.session import in_real_time, opened, shown_live, with_progress
 from dart_hal.cli.summary import Summary
 
@@ -24,7 +25,7 @@ from dart_hal.cli.summary import Summary
 @car_options
 @click.option("--duration", type=Number(min=0.1), default=60.0, show_default=True,
               help="seconds of the car's time")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
+@click.option("--out", type=OutputFile(replaces=False),
               default=Path("runs/run.mcap"), show_default=True, help="file to write")
 @poses_option
 @lidar_option

@@ -10,13 +10,14 @@ import click
 from dart_hal.car import Car
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import notices, print_json, results
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.summary import Summary
 from dart_hal.recording import open_writer
 
 
 @click.command("replay")
 @click.argument("recording", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--csv", type=OutputFile(".csv"), default=None,
               help="also write the States as a table")
 @json_option
 def command(recording: Path, csv: Path | None, as_json: bool) -> None:

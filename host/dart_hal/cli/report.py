@@ -9,8 +9,9 @@ import click
 
 from dart_hal.car.digest import Digest, digest
 from dart_hal.car.files import DEFAULT_CAR
-from dart_hal.cli.options import NamedFile, cars_option, json_option
+from dart_hal.cli.options import cars_option, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.report_page import About, write_page
 from dart_hal.config import CarFiles, load_car, parse_car
 from dart_hal.config.history import calibration_changes, model_changes
@@ -25,7 +26,7 @@ MOST = 10
 @click.option("--car", "car_name", default=DEFAULT_CAR, envvar="DART_HAL_CAR", show_default=True,
               help="name of the car (also: $DART_HAL_CAR)")
 @cars_option
-@click.option("--out", type=NamedFile(".html"), default=Path("report.html"), show_default=True,
+@click.option("--out", type=OutputFile(".html"), default=Path("report.html"), show_default=True,
               help="the page")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path, exists=True), metavar="[RUNS]..")
 @json_option

@@ -21,6 +21,7 @@ from dart_hal.cli.options import (
     room_key_option,
     waive_option,
 )
+from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.cli.session import opened, paced
 from dart_hal.errors import UsageError
@@ -36,7 +37,7 @@ from dart_hal.types import FloatArray
 @click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
               help="of a stick that is pushed to its end")
 @waive_option
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), default=None,
+@click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the run to this MCAP file")
 @poses_option
 @lidar_option

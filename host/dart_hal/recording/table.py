@@ -39,6 +39,7 @@ class _CsvWriter:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self.path.open("w", encoding="ascii", newline="")
         self._file.write(",".join(self.columns) + self.newline)
 
