@@ -28,6 +28,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from dart_hal.actuation.owner import lock_path
+from dart_hal.actuation.pca9685 import ALIASES, AUTO_INCREMENT
+from dart_hal.actuation.servokit import MODE1, SLEEP
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.locks import holder
@@ -57,7 +59,9 @@ class Watch:
         self.tripped = self.gone = self.done = False
         self.found_off = False
         """The driver had switched the throttle channel off before the trip."""
-        self._beat, self._gone_at, self._written, self._neutral = math.inf, math.inf, 0, 0
+        self.written = 0
+        """Good writes since the trip."""
+        self._beat, self._gone_at, self._last_words = math.inf, math.inf, 0
 
     def heard(self, data: bytes, now: float) -> None:
         """Bytes from the driver; b"" = end of file."""
@@ -69,8 +73,8 @@ class Watch:
         if b"b" in data:
             self._beat = now
         if b"a" in data:
-            self.tripped, self._beat, self._neutral = False, now, 0
-            self.found_off = False
+            self.tripped, self._beat = False, now
+            self.found_off, self.written = False, 0
 
     def due(self, now: float) -> bool:
         """Whether neutral must be written now; a bus that never comes back is given up."""
@@ -81,13 +85,13 @@ class Watch:
     @property
     def switches_off(self) -> bool:
         """Whether the write that is due ends all pulses; else it is neutral."""
-        return self.found_off or self._neutral >= NEUTRAL_WRITES
+        return self.found_off or self.written >= NEUTRAL_WRITES
 
     def wrote(self, ok: bool) -> None:
         """The outcome of a write; with the driver gone, the end comes in sight."""
-        self._neutral += ok
-        self._written += ok and self.gone
-        self.done = self.done or self._written >= LAST_WORDS
+        self.written += ok
+        self._last_words += ok and self.gone
+        self.done = self.done or self._last_words >= LAST_WORDS
 
 
 def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, status: int,
@@ -115,12 +119,25 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
                 told, written = True, now
                 data = ALL_OFF if state.switches_off else neutral
                 state.wrote(_write(bus, address, data, status))
+                if state.written == 1:
+                    _answer_one_address(bus, address)
                 _say(status, b"t")
         else:
             told = False
             if now - written >= REPEAT:
                 written = now
                 _say(status, b"b")
+
+
+def _answer_one_address(bus: Bus, address: int) -> None:
+    """Clear the bits by which the chip answers further addresses; it is not woken by that."""
+    mode1 = bytearray(1)
+    try:
+        bus.writeto_then_readfrom(address, bytes([MODE1]), mode1)
+        if mode1[0] & ALIASES:
+            bus.writeto(address, bytes([MODE1, mode1[0] & SLEEP | AUTO_INCREMENT]))
+    except OSError:                          # as good as the bus allows; the pulses come first
+        return
 
 
 def _is_off(bus: Bus, address: int, channel: int) -> bool:

@@ -28,7 +28,10 @@ from dart_hal.ports.bus import NACK, bus_name, explain
 
 T = TypeVar("T")
 
-AUTO_INCREMENT, EXTCLK, ALLCALL = 0x20, 0x40, 0x01
+AUTO_INCREMENT, EXTCLK = 0x20, 0x40
+ALIASES = 0x0F
+"""Bits of MODE1 by which the chip answers further addresses: SUB1 to SUB3 and all-call, which is on
+at power-on. With one of them set, data for another chip at 0x70 become pulses of this car."""
 MODE2_NORMAL = 0x04
 """Totem pole, not inverted, latched at STOP, low while /OE is high."""
 ALL_LED_OFF_H = 0xFD
@@ -39,6 +42,8 @@ LOCK_TRIES = 100
 SETTLE = 0.005
 """s that ServoKit grants the oscillator after a new prescale."""
 LED0, SUBADDRESSES = 0x06, range(0x02, 0x06)
+FURTHER_ADDRESSES = b"\xe2\xe4\xe8\xe0"
+"""Sub-addresses and all-call address of power-on."""
 LOWEST_PRESCALE = 3
 """The chip's own limit, by its data sheet."""
 TI, TI_ID = 0xFE, b"\x54\x49"
@@ -77,7 +82,10 @@ class Pca9685:
         if mode1 & EXTCLK:
             raise PcaFault("the PCA9685 runs on an external clock", found=f"MODE1 {mode1:#04x}",
                            expected="bit 6 clear", remedy="switch the board's power off and on")
-        self._register(MODE1, (mode1 & 0x7F) | AUTO_INCREMENT)
+        self._register(MODE1, (mode1 & 0x7F & ~ALIASES) | AUTO_INCREMENT)
+        for register, address in zip(SUBADDRESSES, FURTHER_ADDRESSES, strict=True):
+            if self._read(register) != address:
+                self._register(register, address)
         if mode2 & 0x1F != MODE2_NORMAL:
             self._register(MODE2, MODE2_NORMAL)
         if prescale == self.prescale:
@@ -113,7 +121,7 @@ class Pca9685:
     def is_off(self) -> bool:
         """Whether neither servo nor ESC gets a pulse; False where the chip does not answer."""
         try:
-            return all(self.pulse_counts(channel) == 0 for channel in self.channels)
+            return all(self._read(LED0 + 4 * channel + 3) & FULL_OFF for channel in self.channels)
         except BusError:
             return False
 
@@ -133,6 +141,8 @@ class Pca9685:
         except BusError:
             mode1, prescale = 0, 0
         ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
+        if mode1 & ALIASES and self._known:
+            self._register(MODE1, mode1 & (AUTO_INCREMENT | SLEEP))
         if ours and not self.is_off():
             self._led(self.channels[1], _pulse(throttle))
         else:
@@ -141,24 +151,32 @@ class Pca9685:
 
     def pulse_counts(self, channel: int) -> int:
         """Counts for which a channel is high, as its registers say; 0 = off. Raises BusError."""
-        low, high = (self._read(LED0 + 4 * channel + k) for k in (2, 3))
-        return 0 if high & FULL_OFF else (high << 8 | low) & 0xFFF
+        on_high, low, high = (self._read(LED0 + 4 * channel + k) for k in (1, 2, 3))
+        if high & FULL_OFF:
+            return 0
+        return STEPS if on_high & FULL_OFF else (high << 8 | low) & 0xFFF
 
     def check(self, *, pulses: bool = True) -> None:
-        """Read MODE1, MODE2, PRE_SCALE and the ``pulses`` of servo and ESC back.
+        """Read back every register that decides what the chip answers and puts out.
 
+        MODE1, MODE2, the further addresses, PRE_SCALE and the ``pulses`` of servo and ESC.
         Raises PcaFault where they are not ours; look *before* a write, or it
         hides what another program has written since the last one.
         """
-        mode1, mode2 = self._read(MODE1), self._read(MODE2)
+        mode1, mode2, *addresses = self._read_many(MODE1, 2 + len(SUBADDRESSES))
         prescale = self._read(PRE_SCALE)
-        if mode1 & (SLEEP | AUTO_INCREMENT | EXTCLK) != AUTO_INCREMENT \
-                or mode2 & 0x1F != MODE2_NORMAL or prescale != self.prescale:
+        if mode1 & (SLEEP | AUTO_INCREMENT | EXTCLK | ALIASES) != AUTO_INCREMENT \
+                or mode2 & 0x1F != MODE2_NORMAL or bytes(addresses) != FURTHER_ADDRESSES \
+                or prescale != self.prescale:
             fault = PcaFault(
                 f"the PCA9685 at {self.address:#04x} lost its settings",
-                found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, PRE_SCALE {prescale:#04x}",
-                expected=f"MODE1 0x20 or 0x21, MODE2 0x04, PRE_SCALE {self.prescale:#04x}",
-                remedy="check the 3.3 V supply of the board; dart-hal doctor")
+                found=f"MODE1 {mode1:#04x}, MODE2 {mode2:#04x}, registers 2 to 5 "
+                      f"{bytes(addresses).hex(' ')}, PRE_SCALE {prescale:#04x}",
+                expected=f"MODE1 0x20, MODE2 0x04, registers 2 to 5 {FURTHER_ADDRESSES.hex(' ')}, "
+                         f"PRE_SCALE {self.prescale:#04x}",
+                likely="a dip of its supply, or another program that writes to it",
+                remedy="check the 3.3 V supply of the board; end other programs on the bus; "
+                       "dart-hal doctor")
             fault.part = "mode" if prescale == self.prescale else "prescale"
             raise fault
         if pulses and all(channel in self._written for channel in self.channels):
@@ -234,7 +252,7 @@ class Pca9685:
                 self._led(channel, _OFF)
         self._attach(keep=True)
         if mode1 & SLEEP:
-            self._register(MODE1, AUTO_INCREMENT | ALLCALL)
+            self._register(MODE1, AUTO_INCREMENT)
             self._sleep(WAKE_TIME)
 
     def _set_up(self, prescale: int | None, neutral: tuple[int, int]) -> None:

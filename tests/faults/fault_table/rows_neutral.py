@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.sim.esc import Esc, Mode
@@ -100,6 +101,45 @@ def left_by_stop(bench: Bench) -> Measured:
                     f"found {done.found_us:.0f} us")
 
 
+FOREIGN = bytes([0x0A, 0, 0, 0x9A, 0x01])
+"""Data for another chip: 2001 us, if the PCA9685 took them for its channel 1."""
+
+
+def talk_to_others(drive: Drive) -> None:
+    """Somebody writes to every other address of the bus."""
+    assert drive.backend.bus is not None
+    for address in range(0x08, 0x78):
+        if address != 0x40:
+            with suppress(OSError):
+                drive.backend.bus.writeto(address, FOREIGN)
+
+
+def left_answering(mode1: int) -> Callable[[Bench], Measured]:
+    """Driving pulses of a car that is opened on a chip in that mode, among data for others."""
+    def measure(bench: Bench) -> Measured:
+        def prepare(world: World) -> None:
+            arm_esc(world)
+            world.pca.write(bytes([0x00, mode1]), [0.0, 0.0], 0.0)
+
+        drive = bench.drive(prepare=prepare)
+        for _ in range(20):
+            drive.run(0.1)
+            talk_to_others(drive)
+        return Measured(len(driving(drive)), f"MODE1 {drive.world.pca.peek(0):#04x}")
+    return measure
+
+
+def answering_while_driven(bench: Bench) -> Measured:
+    """ms until the chip answers its own address alone again, after another program changed that."""
+    drive = bench.drive().armed()
+    at = drive.now
+    drive.backend.bus.writeto(0x40, b"\x00\xa1")  # type: ignore[union-attr]
+    while drive.world.pca.peek(0) & 0x0F and drive.now < at + 3.0:
+        drive.run(0.02)
+    ends = not drive.world.pca.peek(0) & 0x0F
+    return Measured(1e3 * (drive.now - at) if ends else NEVER, ", ".join(drive.car.causes))
+
+
 ROWS = (
     Row(55, "neutral is none: a wrong number, channels or leads swapped",
         "all pulses end by the wheel speed alone", (
@@ -115,5 +155,10 @@ ROWS = (
         case("mock", "the Nano boots", before_states, 0, "pulses", "blind", fast=True),
         case("mock", "after close()", left_by_close, 0, "pulses", "pulses_end", fast=True),
         case("mock", "after dart-hal stop", left_by_stop, 0, "pulses", "pulses_end"),
+    )),
+    Row(57, "the PCA9685 is found answering addresses of other chips", "its own address alone", (
+        *(case("mock", f"MODE1 {mode1:#04x}", left_answering(mode1), 0, "pulses", "own_address",
+               fast=mode1 == 0xA1) for mode1 in (0xA1, 0x28, 0x24, 0x22)),
+        case("mock", "changed while armed", answering_while_driven, 1100.0, MS, "own_address"),
     )),
 )

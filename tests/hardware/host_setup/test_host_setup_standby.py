@@ -142,7 +142,7 @@ def test_a_chip_that_is_not_ours_gets_no_pulse_and_is_not_woken(state: dict[str,
     assert bench.pulses() == []
     after = bytearray(1)
     bench.bus.writeto_then_readfrom(0x40, b"\x00", after)
-    assert after[0] == before[0] & 0x7F, "MODE1 as it was, but for a RESTART that is void now"
+    assert after[0] == before[0] & 0x70, "as it was, without RESTART and further addresses"
     assert bench.throttle.is_off
 
 
