@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
+from dart_hal.actuation.quantiser import prescale_for
 from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.sim.esc import Esc, Mode
+from dart_hal.sim.pca9685 import MODE1, PRE_SCALE
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.world import World
 from fault_table.bench import Bench
@@ -119,7 +121,9 @@ def left_answering(mode1: int) -> Callable[[Bench], Measured]:
     def measure(bench: Bench) -> Measured:
         def prepare(world: World) -> None:
             arm_esc(world)
-            world.pca.write(bytes([0x00, mode1]), [0.0, 0.0], 0.0)
+            counts = prescale_for(50.0, world.car.oscillator_hz)
+            for register, value in ((PRE_SCALE, counts), (MODE1, 0x20), (MODE1, mode1)):
+                world.pca.write(bytes([register, value]), [0.0, 0.0], 0.0)
 
         drive = bench.drive(prepare=prepare)
         for _ in range(20):
@@ -156,7 +160,7 @@ ROWS = (
         case("mock", "after close()", left_by_close, 0, "pulses", "pulses_end", fast=True),
         case("mock", "after dart-hal stop", left_by_stop, 0, "pulses", "pulses_end"),
     )),
-    Row(57, "the PCA9685 is found answering addresses of other chips", "its own address alone", (
+    Row(58, "the PCA9685 is found answering addresses of other chips", "its own address alone", (
         *(case("mock", f"MODE1 {mode1:#04x}", left_answering(mode1), 0, "pulses", "own_address",
                fast=mode1 == 0xA1) for mode1 in (0xA1, 0x28, 0x24, 0x22)),
         case("mock", "changed while armed", answering_while_driven, 1100.0, MS, "own_address"),
