@@ -18,7 +18,7 @@ from dart_hal.experiment.circles import TYRE_STEERING
 from dart_hal.experiment.understeer import GENTLE
 from dart_hal.identify.mass import never_weighed, weighed
 from dart_hal.identify.outcome import per_recording
-from dart_hal.identify.runs import read_run
+from dart_hal.identify.runs import read_any, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER
@@ -45,7 +45,7 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
         assert entry.std < most * entry.value
     assert abs(done.outcome.mass.value - done.truth.vehicle.body.mass) < 0.008
     # identify takes the mass out of the recording, and the model it writes has it
-    found, recordings = per_recording([done.path], ["friction"], PAPER, "")
+    found, recordings = per_recording(*read_any([done.path]), ["friction"], PAPER, "")
     mass = found.mass
     assert mass is not None
     assert (mass.value, mass.std) == pytest.approx((done.outcome.mass.value,

@@ -11,6 +11,7 @@ from dart_hal.errors import ConfigError
 from dart_hal.links.base import Backend
 
 DEFAULT_CAR = "dart-01"
+REPLAY = "replay"
 
 
 def files_of(backend: Backend, car: str | None, cars: str | Path | None) -> CarFiles:
@@ -22,7 +23,12 @@ def files_of(backend: Backend, car: str | None, cars: str | Path | None) -> CarF
     folders = [cars] if cars else None
     named = car or os.environ.get("DART_HAL_CAR") or DEFAULT_CAR
     if backend.car_toml is None:
-        return load_car(backend.car or named, folders)
+        loaded = load_car(backend.car or named, folders)
+        if backend.url.scheme == REPLAY:
+            backend.notices += (f"{backend.url.target} holds no files of its car; those of "
+                                f"{loaded.config.name} ({loaded.origin}) are used: steering and "
+                                "throttle are wrong if it is another car (--car NAME)",)
+        return loaded
     url = backend.url.text
     files = (parse_car(backend.car_toml, url, folders) if backend.simulated
              else _of_run(backend, backend.car_toml, folders))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from dart_hal.cli.data_show import show_checks, show_fetch, show_repair
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, progress_bar
 from dart_hal.cli.outputs import PlotFileOrFolder
+from dart_hal.cli.sizes import named_car, recorded_car_options
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
@@ -26,8 +28,10 @@ def command() -> None:
               help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
               "of one recording, or of several at a glance")
 @click.option("--full", is_flag=True, help="list every finding of every file")
+@recorded_car_options
 @json_option
-def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, as_json: bool) -> int:
+def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_name: str | None,
+                  cars: Path | None, as_json: bool) -> int:
     """Say what is in recordings, what was dropped and why, and what each is good for.
 
     FILES are DART CSV files, runs (.mcap) or folders of them; what is not here is looked for in
@@ -35,9 +39,13 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, as_jso
     all of it is checked. Exit 0: something is good for a fit or an evaluation, 1: all could
     be read but nothing is, 2: a file named by itself, or a whole folder, cannot be read.
     """
-    from dart_hal.identify.runs import read_any
+    from dart_hal.identify.runs import NamedCar, read_any
 
-    recordings, skipped = read_any(find(files))
+    car = named_car(car_name, cars)
+    recordings, skipped = read_any(find(files),
+                                   car=NamedCar(car_name, str(cars) if cars else None))
+    if car is not None:
+        recordings = [r if r.car else replace(r, car=car.config) for r in recordings]
     with progress_bar() as bar:
         task = bar.add_task("checking", total=len(recordings))
         checks = []

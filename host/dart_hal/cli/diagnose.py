@@ -22,13 +22,14 @@ from dart_hal.cli.options import (
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.outputs import OutputFile
+from dart_hal.cli.sizes import named_car, recorded_car_options, sized
 from dart_hal.config import ModelFile
 from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
 from dart_hal.identify.measured import named_model
-from dart_hal.identify.runs import read_all_unframed
+from dart_hal.identify.runs import NamedCar, read_all_unframed
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 
@@ -73,11 +74,13 @@ Skipped = list[tuple[str, str]]
 @click.option("--suggest", is_flag=True,
               help="suggest a drive that distinguishes causes which these data cannot")
 @click.argument("loose", nargs=-1, metavar="")
+@recorded_car_options
 @json_option
 def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
             false_alarm: float, max_causes: int, jobs: int | None, reference: Reference | None,
-            seed: int, suggest: bool, loose: tuple[str, ...], as_json: bool) -> None:
+            seed: int, suggest: bool, loose: tuple[str, ...], car_name: str | None,
+            cars: Path | None, as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
@@ -88,12 +91,16 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     _check(loose, train, test)
     names = effects_named(only, exclude)
     typed = _typed(locals())
-    file, vehicle = named_model(model, (*train, *test))
+    car = named_car(car_name, cars)
+    file, _ = named_model(model, (*train, *test))
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
         number = count(1)
-        recordings, skipped = _read(train, test, reference, lambda file: bar.update(
+        named = NamedCar(car_name, str(cars) if cars else None)
+        recordings, skipped = _read(train, test, reference, named, lambda file: bar.update(
             task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
+        sizes = sized(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
+        file, vehicle = sizes.model, sizes.vehicle
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.diagnose import diagnose
         from dart_hal.process.jobs import wanted
@@ -104,13 +111,14 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
                      reference=reference, seed=seed,
                      progress=lambda share, text: bar.update(
                          task, completed=READ + (1.0 - READ) * share, description=text))
-    d = _completed(d, model, skipped, inputs.notes)
+    sizes.show(as_json)
+    d = _completed(d, model, skipped, (*sizes.lines, *inputs.notes))
     if out is not None:
         from dart_hal.diagnose.write import write_model
 
         d = replace(d, written=str(write_model(d, out, file, inputs.train, typed)))
     suggestions, drives = _suggested(d, file, seed) if suggest else ((), ())
-    answer = {**d.to_json(), "report": html,
+    answer = {**d.to_json(), "sizes": sizes.to_json(), "report": html,
               **({"suggestions": [s.to_json() for s in suggestions],
                   "parameter_drives": [s.to_json() for s in drives]} if suggest else {})}
     if html is not None:
@@ -118,7 +126,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
 
         write_page(d, html, command=typed, answer=answer,
                    suggestions=suggestions if suggest else None, drives=drives)
-    notices(d.notes)
+    notices(tuple(note for note in d.notes if note not in sizes.lines))
     if as_json:
         print_json(answer)
         return
@@ -150,11 +158,11 @@ def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) ->
 
 
 def _read(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference | None,
-          on_file: Callable[[Path], None]
+          car: NamedCar, on_file: Callable[[Path], None]
           ) -> tuple[tuple[list[Recording], list[Recording]], Skipped]:
     """(training recordings, test recordings), skipped files. Both share the marker frames."""
-    first, skipped = read_all_unframed(find(train), on_file)
-    second, more = read_all_unframed(find(test), on_file) if test else ([], [])
+    first, skipped = read_all_unframed(find(train), on_file, car)
+    second, more = read_all_unframed(find(test), on_file, car) if test else ([], [])
     both = with_marker_frames([*first, *second], reference)
     return (both[:len(first)], both[len(first):]), [*skipped, *more]
 

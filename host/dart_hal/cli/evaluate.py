@@ -10,11 +10,12 @@ import click
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
 from dart_hal.cli.outputs import PlotFileOrFolder
+from dart_hal.cli.sizes import named_car, recorded_car_options, sized
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
-from dart_hal.identify.runs import read_any
-from dart_hal.recording.dart import Reference
+from dart_hal.identify.runs import NamedCar, read_any
+from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
 from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.file import left_out
@@ -34,9 +35,11 @@ from dart_hal.vehicle.parameters import Vehicle
 @click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="FILE|DIR",
               help="picture of the errors, or all pictures into a folder")
 @html_option
+@recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: Reference | None,
-            plot: Path | None, html: Path | None, as_json: bool) -> None:
+            plot: Path | None, html: Path | None, car_name: str | None, cars: Path | None,
+            as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
     FILES: recordings with motion capture, or folders of them. A name that does not exist here
@@ -56,14 +59,19 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
         new_figure()  # refuses where there is no matplotlib
     if plot is not None:
         _drawing().check_target(plot)
-    result = _run(kinematic(vehicle) if as_kinematic else vehicle, tuple(find(files)), reference,
-                  hashes(file))
+    found = tuple(find(files))
+    car = named_car(car_name, cars)
+    recordings, skipped = _read(found, reference, car_name, cars)
+    sizes = sized(model, file, car, recordings, fitting=False)
+    sizes.show(as_json)
+    vehicle = kinematic(sizes.vehicle) if as_kinematic else sizes.vehicle
+    result = _run(vehicle, recordings, skipped, found, reference, hashes(file))
     pictures = _drawing().draw(result, plot) if plot is not None else []
-    answer = {**result.to_json(), "plots": pictures, "report": html}
+    answer = {**result.to_json(), "sizes": sizes.to_json(), "plots": pictures, "report": html}
     if html is not None:
         from dart_hal.cli.evaluate_page import write_page
 
-        write_page(result, html, answer)
+        write_page(result, html, answer, sizes.lines)
     if as_json:
         print_json(answer)
     else:
@@ -88,16 +96,23 @@ def hashes(model: ModelFile) -> frozenset[str]:
     return frozenset(map(str, files.values())) if isinstance(files, dict) else frozenset()
 
 
-def _run(vehicle: Vehicle, files: tuple[Path, ...], reference: Reference | None,
-         fitted_to: frozenset[str]) -> Evaluation:
+def _read(files: tuple[Path, ...], reference: Reference | None, car_name: str | None,
+          cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
     with progress_bar() as bar:
-        task = bar.add_task("reading", total=1.0)
-        recordings, skipped = read_any(files, reference=reference)
-        bar.update(task, completed=0.2, description="predicting")
+        bar.add_task("reading", total=None)
+        return read_any(files, reference=reference,
+                        car=NamedCar(car_name, str(cars) if cars else None))
+
+
+def _run(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str, str]],
+         files: tuple[Path, ...], reference: Reference | None, fitted_to: frozenset[str]
+         ) -> Evaluation:
+    with progress_bar() as bar:
+        task = bar.add_task("predicting", total=1.0)
         return evaluate(vehicle, recordings, reference=reference, skipped=skipped,
                         fitted_to=fitted_to,
                         named=[f for f in files if not f.is_dir()],
-                        progress=lambda share: bar.update(task, completed=0.2 + 0.8 * share))
+                        progress=lambda share: bar.update(task, completed=share))
 
 
 def _drawing() -> ModuleType:

@@ -19,15 +19,19 @@ NAMES = {"errors": "Error over the horizon, and by recording", "windows": "Six w
          "bad", "kinematic_limit": "Where the kinematic model ends"}
 
 
-def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any]) -> Path:
-    """Write the page; answer: JSON to embed. Errors: OSError, UsageError without matplotlib."""
+def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
+               cautions: Sequence[str] = ()) -> Path:
+    """Write the page; answer: JSON to embed; cautions: about the sizes of the car.
+
+    Errors: OSError, UsageError without matplotlib.
+    """
     drawn = [page.figure(NAMES[name], image(figure, NAMES[name]))
              for name, figure in figures(e).items()]
     warned = caution(e)
     lead, *gains = gain(e)
     limit = e.limit.sentences() if e.limit is not None else []
     result = page.card(el("p", lead[:1].upper() + lead[1:], class_="big"), page.items(gains),
-                       page.notices([f"Caution: {warned}"] if warned else []),
+                       page.notices([*cautions, *([f"Caution: {warned}"] if warned else [])]),
                        good=all(g.low > 0.0 for g in e.gain_over_ctrv(1.0).values()))
     by_file = [row for file in e.model.slices for row in _rows(e, file, 1.0, file)]
     files = [(name, str(use.windows), "; ".join(use.why)) for name, use in e.prepared.files.items()]

@@ -13,12 +13,14 @@ import click
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.outputs import OutputFile, PlotFolder
+from dart_hal.cli.sizes import Sizes, named_car, recorded_car_options, sized
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.identify.measured import named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
+from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
-from dart_hal.recording.dart import Reference
+from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
 from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.load import find_model, vehicle_of
@@ -63,10 +65,12 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
                    "motion capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
 @click.option("--full", is_flag=True, help="list every session by itself")
+@recorded_car_options
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
             out: Path | None, plot: Path | None, html: Path | None, reference: Reference | None,
-            joint: bool, dry_run: bool, full: bool, as_json: bool) -> int:
+            joint: bool, dry_run: bool, full: bool, car_name: str | None, cars: Path | None,
+            as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
     Values come with standard errors. A fit that did not converge or stopped at
@@ -78,9 +82,12 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
+    car = named_car(car_name, cars, out)
     start, origin = _base(base, target, files)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
-                                     "--reference": reference, "--joint": joint or None})
+                                     "--reference": reference, "--joint": joint or None,
+                                     "--car": car_name})
+    sizes: Sizes | None = None
     outcome: Identification
     data: Any
     if root is not None:
@@ -88,15 +95,23 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
 
         outcome, data = as_paper(root, names, typed)
     elif joint:
+        data, skipped = _read(files, reference, car_name, cars)
+        sizes = sized(origin, start, car, data, fitting=True)
+        sizes.show(as_json)
+        start = sizes.model
         with progress_bar() as bar:
             task = bar.add_task("joint fit", total=1.0)
-            outcome, data = jointly(files, names, start, typed, reference,
+            outcome, data = jointly(data, skipped, names, start, typed, reference,
                                     lambda share, text: bar.update(task, completed=share,
                                                                    description=text))
     else:
+        data, skipped = _read(files, reference, car_name, cars)
+        sizes = sized(origin, start, car, data, fitting=True)
+        sizes.show(as_json)
+        start = sizes.model
         with progress_bar() as bar:
-            task = bar.add_task("reading", total=1.0)
-            outcome, data = per_recording(files, names, vehicle_of(start), typed, reference,
+            task = bar.add_task("fitting", total=1.0)
+            outcome, data = per_recording(data, skipped, names, sizes.vehicle, typed, reference,
                                           lambda share, text: bar.update(task, completed=share,
                                                                          description=text))
     written = model_from(outcome.fits, outcome.over(start), outcome.source,
@@ -112,12 +127,14 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     drawn, missing = (_drawn(outcome, data, reference, vehicle_of(start)) if plot or html
                       else ({}, {}))
     pictures = _save(drawn, missing, plot) if plot else []
-    answer = {**outcome.to_json(), "base": origin, "model": path, "plots": pictures,
+    answer = {**outcome.to_json(), "base": origin, "sizes": sizes and sizes.to_json(),
+              "model": path, "plots": pictures,
               "report": html, "left_out": dict(written.left_out)}
     if html is not None:
         from dart_hal.cli.identify_page import write_page
 
-        write_page(outcome, drawn, missing, html, command=typed, answer=answer)
+        write_page(outcome, drawn, missing, html, command=typed, answer=answer,
+                   cautions=sizes.lines if sizes else ())
         console.print(f"report: {html}", markup=False, highlight=False)
     if as_json:
         print_json(answer)
@@ -125,6 +142,14 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         _next(path, data)
     asked_in_vain = out is not None and path is None and not dry_run
     return 1 if asked_in_vain or not outcome.sound else 0
+
+
+def _read(files: Sequence[Path], reference: Reference | None, car_name: str | None,
+          cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
+    with progress_bar() as bar:
+        bar.add_task("reading", total=None)
+        return read_any(files, reference=reference,
+                        car=NamedCar(car_name, str(cars) if cars else None))
 
 
 def _check(submodel: str, files: Sequence[Path], root: Path | None,
@@ -196,7 +221,7 @@ def _next(path: Path, data: Any) -> None:
     lines = [f"dart-hal evaluate --model {shlex.quote(str(path))} FILES   "
              "(motion capture that this fit has not seen)"] if judged else []
     if path.parent.parent.name != "cars":
-        lines.append("for a car of your own: the same with --out cars/NAME/model.toml")
+        lines.append("for a car of your own: the same with --car NAME --out cars/NAME/model.toml")
     for line in lines:
         console.print(f"next: {line}", markup=False, highlight=False)
 

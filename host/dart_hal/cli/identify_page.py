@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_hal.cli.identify_table import PARAMETERS, notes, parameters, quality
+from dart_hal.cli.identify_table import heads, notes, parameters, quality
 from dart_hal.identify.outcome import Identification
 from dart_hal.identify.write import why_unsound
 from dart_hal.report import page
@@ -16,12 +16,14 @@ from dart_hal.report.numbers import listed
 
 
 def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Mapping[str, str],
-               path: Path, *, command: str, answer: Mapping[str, Any]) -> Path:
-    """Write the page; figures: by name, missing: why there is none. Errors: OSError."""
+               path: Path, *, command: str, answer: Mapping[str, Any],
+               cautions: Sequence[str] = ()) -> Path:
+    """Write the page; figures: by name, missing: why there is none; cautions: about the sizes of
+    the car. Errors: OSError."""
     files = outcome.files
     drawn = [page.figure(name.replace("_", " "), image(f, name)) for name, f in figures.items()]
     return page.write(path, page.page("identification", "What these recordings say of the car",
-                                      _result(outcome), {
+                                      _result(outcome, cautions), {
         "fits": ("Parameters", _fits(outcome)),
         "pictures": ("Data, fit, and the paper's curve", join([
             *drawn, *(page.soft(f"No picture of {name}: {why}.")
@@ -35,18 +37,18 @@ def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Map
                                             page.download(answer, "identification.json")]))}))
 
 
-def _result(outcome: Identification) -> Html:
+def _result(outcome: Identification, cautions: Sequence[str]) -> Html:
     doubts = {name: why for name, fit in outcome.fits.items() if (why := why_unsound(fit))}
     sound = [name for name in outcome.fits if name not in doubts]
     said = f"Identified: {listed(sound, 'and')}." if sound else "Nothing could be identified."
     return page.card(el("p", said, class_="big"),
-                     page.notices(f"{name}: {why}" for name, why in doubts.items()),
+                     page.notices([*cautions, *(f"{name}: {why}" for name, why in doubts.items())]),
                      good=bool(sound) and not doubts)
 
 
 def _fits(outcome: Identification) -> Html:
     rows = [[el("strong", row[0]), *row[1:]] if not row[1] else row for row in parameters(outcome)]
     fits = quality(outcome)
-    return join([table(PARAMETERS, rows, caption="+- one standard error"),
+    return join([table(heads(outcome), rows, caption="+- one standard error"),
                  table(list(fits[0]), [list(f.values()) for f in fits], 1, "residuals")
                  if fits else Html()])

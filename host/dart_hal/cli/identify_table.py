@@ -14,9 +14,8 @@ from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.outcome import Identification
 from dart_hal.identify.write import SECTIONS, why_unsound
 from dart_hal.report.numbers import with_error
-from dart_hal.vehicle.sets import PER_DEGREE
+from dart_hal.vehicle.sets import PAPER, PER_DEGREE
 
-PARAMETERS = ("", "value", "paper", "identifiable")
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
 NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"
                     r"change speed|s earlier))")
@@ -88,8 +87,13 @@ def _files(outcome: Identification) -> None:
         results.print(line, style=style, markup=False, highlight=False)
 
 
+def heads(outcome: Identification) -> tuple[str, str, str, str]:
+    """Columns of ``parameters``; the third: what the values are compared with."""
+    return ("", "value", "paper" if outcome.compared == PAPER.name else "base", "identifiable")
+
+
 def parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
-    """Rows of PARAMETERS; a sub-model's own row has no value, a value in degrees no name."""
+    """Rows of ``heads``; a sub-model's own row has no value, a value in degrees no name."""
     rows = []
     for name, fit in outcome.fits.items():
         if name == "tyres" and "tyres_front" in outcome.fits:
@@ -124,7 +128,8 @@ def quality(outcome: Identification) -> list[dict[str, str]]:
 
 
 def _parameters(outcome: Identification) -> Table:
-    table = _columns("parameters, +- one standard error", PARAMETERS, ("paper",))
+    names = heads(outcome)
+    table = _columns("parameters, +- one standard error", names, (names[2],))
     for name, *cells in parameters(outcome):
         if not cells[0] and table.row_count:
             table.add_section()

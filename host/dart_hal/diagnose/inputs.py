@@ -83,8 +83,8 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
 
 
 def about_frames(recordings: Sequence[Recording]) -> list[str]:
-    """What is to be known of the marker frames that the recordings were given."""
-    kinds = ("marker", "marker_differs", "reference_unknown")
+    """Cautions of the reader, and the marker frames that the recordings were given."""
+    kinds = ("steering_reversed", "marker", "marker_differs", "reference_unknown", "car_files")
     found: dict[str, list[str]] = {}
     for r in recordings:
         for note in r.notes:

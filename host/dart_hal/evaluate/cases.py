@@ -23,7 +23,7 @@ from dart_hal.recording.dart.reference import NEEDED, OPTION
 
 LEFT_OUT = "window(s) left out"
 NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"
-FRAME = ("marker", "marker_differs")
+FRAME = ("steering_reversed", "marker", "marker_differs")
 SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead")
 OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
               "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -14,23 +13,26 @@ from dart_hal.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.mass import never_weighed, of_mass, weighed
 from dart_hal.identify.report import FileReport, Published
-from dart_hal.identify.runs import read_any
 from dart_hal.identify.write import SECTIONS, Source, rounded, why_unsound
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.flat import names as flat_names
+from dart_hal.vehicle.flat import unit
 from dart_hal.vehicle.flat import value as flat_value
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 
 Progress = Callable[[float, str], None]
+Skipped = Sequence[tuple[str, str]]
+"""(file, reason) of files that could not be read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
     """fits by sub-model (as_paper: also rows of its comparison), report by file.
 
-    published: the paper's values beside them; derived: what the data identify
+    published: the values of the base that was used (as_paper: the paper's); compared: its name;
+    derived: what the data identify
     where single parameters are not identifiable; source: for the file's provenance;
     joint: covariance across sub-models, where they were fitted together;
     mass [kg]: as weighed with the recordings, None = the base's was taken.
@@ -45,6 +47,7 @@ class Identification:
     joint: Covariance | None = None
     mass: Estimate | None = None
     frames: Mapping[str, Reference] = field(default_factory=dict)
+    compared: str = PAPER.name
 
     @property
     def sound(self) -> bool:
@@ -70,23 +73,26 @@ class Identification:
         out = {**fit.to_json(), "sound": fit.sound, "why_unsound": why_unsound(fit)}
         if name in self.published:
             paper = self.published[name]
-            out["paper"] = {"parameters": dict(paper.values), "rmse": paper.rmse}
+            key = "paper" if self.compared == PAPER.name else "base"
+            out[key] = {"parameters": dict(paper.values), "rmse": paper.rmse}
         out["derived"] = {key: {"value": e.value, "std": e.std, "unit": e.unit}
                           for key, e in self.derived.get(name, {}).items()}
         return out
 
 
-def published_values(section: str) -> Published:
-    """The section of the paper's set, in contract names."""
-    start = f"{section}."
-    return Published({name.removeprefix(start): float(flat_value(PAPER, name))
-                      for name in flat_names(PAPER) if name.startswith(start)})
+def base_values(base: Vehicle, fit: Fit) -> Published:
+    """Values of the base for the parameters of a fit, of those that have the same unit."""
+    names = set(flat_names(base))
+    return Published({key: float(flat_value(base, name)) for key, e in fit.parameters.items()
+                      if (name := f"{fit.submodel}.{key}") in names and unit(base, name) == e.unit})
 
 
-def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, command: str,
-            reference: Reference | None = None, progress: Progress | None = None
+def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str], base: ModelFile,
+            command: str, reference: Reference | None = None, progress: Progress | None = None
             ) -> tuple[Identification, list[Recording]]:
     """All sub-models in one fit on rollouts, from the recordings that have motion capture.
+
+    recordings, skipped: as ``read_any`` gives them.
 
     Standard errors of the base are its prior, unless some of these recordings
     are already in them.
@@ -95,7 +101,6 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, comman
     """
     from dart_hal.identify.shooting import fit_from_recordings
 
-    recordings, skipped = read_any(paths, reference=reference)
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
                                               progress, _known(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}
@@ -110,10 +115,12 @@ def jointly(paths: Iterable[Path], names: Sequence[str], base: ModelFile, comman
               for file, (_, g) in used.items()}
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "one fit of all sub-models by multiple shooting, errors over blocks")
-    published = {name: published_values(name) for name in made.fits}
+    start = vehicle_of(base)
+    published = {name: base_values(start, fit) for name, fit in made.fits.items()}
     joint = Covariance(made.names, rounded(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
-    return (Identification(made.fits, files, published, source, joint=joint, frames=frames),
+    return (Identification(made.fits, files, published, source, joint=joint, frames=frames,
+                           compared=base.name),
             recordings)
 
 
@@ -126,17 +133,15 @@ def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]
             for key, entry in getattr(base, section).items() if isinstance(entry, Quantity)}
 
 
-def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, command: str,
-                  reference: Reference | None = None, progress: Progress | None = None
-                  ) -> tuple[Identification, list[Recording]]:
+def per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
+                  base: Vehicle, command: str, reference: Reference | None = None,
+                  progress: Progress | None = None) -> tuple[Identification, list[Recording]]:
     """Every recording for itself, robust; also the recordings, for pictures.
 
-    Errors: RecordingError when a file named by itself, or all of them, cannot
-    be used.
+    recordings, skipped: as ``read_any`` gives them.
     """
     from dart_hal.identify.submodels import fit_submodels
 
-    recordings, skipped = read_any(paths, reference=reference)
     mass = weighed(recordings)
     fits, reports = fit_submodels(recordings, names, base=of_mass(base, mass), mass=mass,
                                   reference=reference, progress=progress)
@@ -156,5 +161,6 @@ def per_recording(paths: Iterable[Path], names: Sequence[str], base: Vehicle, co
     points = {file: (r.lx, r.theta, r.ly) for file, r in frames.items()}
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "per recording, robust, errors over blocks")
-    published = {name: published_values(name) for name in fits}
-    return Identification(fits, files, published, source, mass=mass, frames=frames), recordings
+    published = {name: base_values(base, fit) for name, fit in fits.items()}
+    return Identification(fits, files, published, source, mass=mass, frames=frames,
+                          compared=base.name), recordings

@@ -19,6 +19,7 @@ import numpy as np
 from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
 from dart_hal.config import CarFiles
+from dart_hal.config.car import CarConfig
 from dart_hal.errors import DartHalError, RecordingError
 from dart_hal.estimation.imu_clock import GYRO_READ
 from dart_hal.estimation.odometry import GYRO_FILTER
@@ -49,12 +50,22 @@ MASS = "mass"  # metadata of a run: kg and std, as weighed
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
-def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Recording:
+@dataclass(frozen=True, slots=True)
+class NamedCar:
+    """A car by its name, and the folder of the cars' files; None: as ``Car.open`` takes it."""
+
+    name: str | None = None
+    cars: str | None = None
+
+
+def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True,
+             car: NamedCar = NamedCar()) -> Recording:
     """As ``read_unframed``, with the marker frame fitted to this run where it is not calibrated."""
-    return with_marker_frames([read_unframed(path, every, poses=poses)])[0]
+    return with_marker_frames([read_unframed(path, every, poses=poses, car=car)])[0]
 
 
-def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True) -> Recording:
+def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True,
+                  car: NamedCar = NamedCar()) -> Recording:
     """A run as a Recording: schema "run", 10 Hz; mocap where poses from outside were recorded.
 
     With poses, the messages are what the published recordings have beside theirs:
@@ -63,33 +74,37 @@ def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True) -
     every: frames of 10 ms that one message is made of; fewer keep finer timing.
     Speed, yaw rate, acceleration and steering are means over the step that ends
     at a message's stamp; the throttle is that of the moment, free of dithering,
-    with one more message before and after each jump.
+    with one more message before and after each jump. car: whose files count where the run
+    holds none.
     Errors: RecordingError for a file that is no run or holds less than 1 s.
     """
     path = Path(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-    run = _replayed(path, digest)
+    run = _replayed(path, digest, car)
+    said = [Note(notice, kind="car_files") for notice in run.notices]
     lost = [Note("frames lost on the line", run.lost)] if run.lost else []
     seen = mocap_of(run.poses) if poses else None
     if seen is not None:
         mocap, start, more = seen
-        notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *lost, *more]
+        notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *said, *lost,
+                 *more]
         marker, late = run.marker or (None, 0.0)
         return note_false_lock(Recording(
             path, RUN, on_clock(run.moments, start - late), mocap, "ok", None, digest,
-            tuple(notes), mass=_weighed(path), marker=marker))
+            tuple(notes), mass=_weighed(path), marker=marker, car=run.car))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
-                                                       else "all used")), *lost]
+                                                       else "all used")), *said, *lost]
     messages = run.messages[every] if every in run.messages else _messages(
-        *_states(path), every)
+        *_states(path, car)[:2], every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_weighed(path), span=every * SAMPLE)
+                     mass=_weighed(path), span=every * SAMPLE, car=run.car)
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
     """What is kept of a run: messages by the frames that each is made of, and of the moment;
-    marker: where it sat on the car, and latency [s] of its poses, where that was calibrated."""
+    marker: where it sat on the car, and latency [s] of its poses, where that was calibrated;
+    car: its car file; notices: about the files that were used."""
 
     frames: int
     lost: int
@@ -97,23 +112,26 @@ class _Run:
     moments: Messages
     poses: tuple[ExternalPose, ...]
     marker: tuple[Reference, float] | None
+    car: CarConfig
+    notices: tuple[str, ...]
 
 
 @lru_cache(maxsize=KEPT)
-def _replayed(path: Path, digest: str) -> _Run:
+def _replayed(path: Path, digest: str, car: NamedCar) -> _Run:
     """A run, replayed once for all that is asked of it; digest: of its content."""
-    states, files = _states(path)
+    states, files, notices = _states(path, car)
     return _Run(len(states), states[-1].health.lost,
                 {every: _messages(states, files, every) for every in (EVERY, FINE)},
                 _moments(states, files), tuple(RunReader(path).poses()),
-                calibrated(files.calibration))
+                calibrated(files.calibration), files.config, notices)
 
 
-def _states(path: Path) -> tuple[list[State], CarFiles]:
-    """Errors: as ``read_run``."""
+def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[str, ...]]:
+    """(states, files of the car, notices about them). Errors: as ``read_run``."""
     try:
-        with Car.open(f"replay://{path}") as car:
+        with Car.open(f"replay://{path}", car=named.name, cars=named.cars) as car:
             files = car.files
+            notices = tuple(n for n in car.notices if " files of " in n)
             states = list(car.states())
     except RecordingError:
         raise
@@ -124,7 +142,7 @@ def _states(path: Path) -> tuple[list[State], CarFiles]:
         raise RecordingError(f"{path}: the run is too short", found=f"{len(states)} frames",
                              expected="at least 1 s", read=str(path),
                              remedy="leave this file out")
-    return states, files
+    return states, files, notices
 
 
 def finer(recording: Recording) -> Recording:
@@ -132,7 +150,8 @@ def finer(recording: Recording) -> Recording:
     coarse = recording.span > 1.5 * FINE * SAMPLE
     if not coarse:
         return recording
-    return read_run(recording.path, FINE, poses=recording.mocap is not None)
+    name = recording.car.name if recording.car is not None else None
+    return read_run(recording.path, FINE, poses=recording.mocap is not None, car=NamedCar(name))
 
 
 def _weighed(path: Path) -> tuple[float, float] | None:
@@ -290,18 +309,20 @@ def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArr
 
 
 def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
-             reference: Reference | None = None
+             reference: Reference | None = None, car: NamedCar = NamedCar()
              ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """(recordings, skipped as (file, reason)) of files and folders, in name order.
 
     The recordings carry their marker frames, see ``with_marker_frames``; reference: a given one.
+    car: whose files count for runs that hold none.
     told: of each file, before it is read.
     """
-    recordings, skipped = read_all_unframed(paths, told)
+    recordings, skipped = read_all_unframed(paths, told, car)
     return with_marker_frames(recordings, reference), skipped
 
 
-def read_all_unframed(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None
+def read_all_unframed(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
+                      car: NamedCar = NamedCar()
                       ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """As ``read_any`` without marker frames, for a caller that pools several calls.
 
@@ -322,7 +343,7 @@ def read_all_unframed(paths: Iterable[str | Path], told: Callable[[Path], None] 
             if told is not None:
                 told(file)
             try:
-                recordings.append(_read(file))
+                recordings.append(_read(file, car))
             except RecordingError as err:
                 if not entry.is_dir():
                     raise
@@ -341,5 +362,5 @@ def _in_folder(folder: Path) -> list[Path]:
     return sorted(f for f in folder.rglob("*") if f.is_file() and f.name.endswith(SUFFIXES))
 
 
-def _read(file: Path) -> Recording:
-    return read_unframed(file) if file.suffix == ".mcap" else read(file)
+def _read(file: Path, car: NamedCar) -> Recording:
+    return read_unframed(file, car=car) if file.suffix == ".mcap" else read(file)

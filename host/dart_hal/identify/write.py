@@ -51,6 +51,8 @@ class Source:
         table: dict[str, Any] = {
             "dart_hal": __version__, "command": self.command, "base": base.name,
             "files": {**kept, **self.sha256}, "sections": sections}
+        if "sizes" in before:
+            table["sizes"] = before["sizes"]
         if self.reference:
             table["reference"] = {file: list(point) for file, point in self.reference.items()}
         return table

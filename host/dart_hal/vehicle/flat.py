@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike
 from dart_hal.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.parameters import Vehicle, limits_of
 
 T = TypeVar("T")
 GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
@@ -65,7 +65,7 @@ def bounds(p: Vehicle, name: str) -> tuple[float, float]:
     group, key, applied = _find(p, name)
     if applied is None:
         meta = _metadata(p, group, key)
-        return float(meta["low"]), float(meta["high"])
+        return limits_of(meta, p.body.mass)
     parameter = applied.effect.parameters[_index(applied, key)]
     return parameter.low, parameter.high
 

@@ -1,7 +1,9 @@
 """Parameters of the vehicle models: frozen, checked, with units and bounds.
 
-Bounds are those of a 1:10 car: wide enough for every car of this class, tight
-enough that a wrong unit (degrees for radians, grams for kilograms) is refused.
+Bounds admit every car from 1:43 to 1:1. A wrong unit (grams for kilograms,
+degrees for radians) is refused by what no car can be: its mass against its
+length, its inertia against its mass. Bounds of forces are stated for a car of
+REFERENCE_MASS and scale with the mass where a fit moves within them.
 Slip angles are in rad and positive when the tyre force points to the left;
 published tyre values per degree are converted where they are entered.
 """
@@ -22,9 +24,35 @@ GEAR_REVOLUTION = 0.0412918
 drive and wheel radius of DART."""
 
 
+REFERENCE_MASS = 1.67
+"""kg, of the car for which bounds of forces are stated."""
+MASS_RANGE = 1000.0
+"""Times; how much lighter or heavier than REFERENCE_MASS a car may be."""
+MIN_DENSITY, MAX_DENSITY = 10.0, 3000.0
+"""kg/m3, mass over the cube of the wheelbase. A 1:43 car has 190, DART 310, a kart 130, a car of
+the road 76, so a factor of 10 is left to both sides; grams for kilograms are a factor of 1000."""
+MIN_SHAPE, MAX_SHAPE = 0.05, 20.0
+"""Yaw inertia over m l_f l_r: 0.5 for most cars, 1 with all mass at the axles."""
+
+
 def quantity(unit: str, low: float, high: float, **options: Any) -> Any:
     """A dataclass field that carries its unit and the interval it must lie in."""
     return field(metadata={"unit": unit, "low": low, "high": high}, **options)
+
+
+def force(unit: str, low: float, high: float, **options: Any) -> Any:
+    """A field as of ``quantity`` whose interval is that of a car of REFERENCE_MASS."""
+    return field(metadata={"unit": unit, "low": low, "high": high, "of_mass": True}, **options)
+
+
+def limits_of(meta: Any, mass: float) -> tuple[float, float]:
+    """Interval of a field by its metadata, for a car of that mass [kg]."""
+    if "of_mass" not in meta:
+        return float(meta["low"]), float(meta["high"])
+    larger = max(mass / REFERENCE_MASS, 1.0)
+    smaller = min(mass / REFERENCE_MASS, 1.0)
+    low, high = float(meta["low"]), float(meta["high"])
+    return low * (smaller if low > 0.0 else larger), high * larger
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +66,8 @@ class Checked:
 
     def _check(self, name: str, value: float, meta: Any) -> None:
         low, high = meta["low"], meta["high"]
+        if "of_mass" in meta:
+            low, high = low / MASS_RANGE if low > 0.0 else low * MASS_RANGE, high * MASS_RANGE
         if math.isnan(value) or not low <= value <= high:
             raise ConfigError(
                 f"{type(self).__name__}.{name} = {value!r} is out of range",
@@ -49,11 +79,11 @@ class Checked:
 class Body(Checked):
     """Geometry and inertia. ``front_share`` is the front axle's part of the wheel force."""
 
-    wheelbase: float = quantity("m", 0.05, 1.0)
-    l_f: float = quantity("m", 0.02, 0.8)
-    l_r: float = quantity("m", 0.02, 0.8)
-    mass: float = quantity("kg", 0.2, 20.0)
-    yaw_inertia: float = quantity("kg m2", 1e-4, 1.0)
+    wheelbase: float = quantity("m", 0.03, 5.0)
+    l_f: float = quantity("m", 0.005, 4.0)
+    l_r: float = quantity("m", 0.005, 4.0)
+    mass: float = quantity("kg", 0.01, 5000.0)
+    yaw_inertia: float = quantity("kg m2", 1e-7, 20_000.0)
     front_share: float = quantity("-", 0.0, 1.0, default=0.5)
 
     def __post_init__(self) -> None:
@@ -61,6 +91,19 @@ class Body(Checked):
         if abs(self.l_f + self.l_r - self.wheelbase) > 1e-6:
             raise ConfigError("l_f + l_r is not the wheelbase",
                               found=f"{self.l_f} + {self.l_r} != {self.wheelbase} m")
+        self._check_ratio("mass", "kg", self.mass / self.wheelbase**3, MIN_DENSITY, MAX_DENSITY,
+                          "kg per cubic metre of wheelbase")
+        self._check_ratio("yaw_inertia", "kg m2", self.yaw_inertia / (
+            self.mass * self.l_f * self.l_r), MIN_SHAPE, MAX_SHAPE, "times m l_f l_r")
+
+    def _check_ratio(self, name: str, unit: str, ratio: float, low: float, high: float,
+                     what: str) -> None:
+        if not low <= ratio <= high:
+            raise ConfigError(
+                f"Body.{name} = {getattr(self, name)!r} {unit} is out of range for a car of this "
+                "size",
+                found=f"{ratio:.3g} {what}", expected=f"{low:g} to {high:g} {what}",
+                remedy="check the units of wheelbase, mass and inertia; files hold SI units")
 
     @property
     def front_load(self) -> float:
@@ -77,18 +120,18 @@ class Body(Checked):
 class Friction(Checked):
     """F = -(a tanh(b v) + c v + q v |v|)."""
 
-    a: float = quantity("N", 0.0, 20.0)
+    a: float = force("N", 0.0, 20.0)
     b: float = quantity("s/m", 0.1, 200.0)
-    c: float = quantity("N s/m", -5.0, 20.0)
-    q: float = quantity("N s2/m2", -5.0, 20.0, default=0.0)
+    c: float = force("N s/m", -5.0, 20.0)
+    q: float = force("N s2/m2", -5.0, 20.0, default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Motor(Checked):
     """F = (d - e v) T(tau) - reverse (d + e v) T(-tau); T = smooth max(0, tau + g)."""
 
-    d: float = quantity("N", 0.0, 200.0)
-    e: float = quantity("N s/m", 0.0, 100.0)
+    d: float = force("N", 0.0, 200.0)
+    e: float = force("N s/m", 0.0, 100.0)
     g: float = quantity("-", -0.9, 0.0)
     reverse: float = quantity("-", 0.0, 1.0, default=0.6)
 
@@ -122,12 +165,12 @@ class PaperTyres(Checked):
     that may spin needs a finite ``rear_max``.
     """
 
-    front_D: float = quantity("N", 0.1, 100.0)  # noqa: N815
+    front_D: float = force("N", 0.1, 100.0)  # noqa: N815
     front_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
     front_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
     front_E: float = quantity("-", -20.0, 1.0)  # noqa: N815
-    rear_cornering_stiffness: float = quantity("N/rad", 0.5, 500.0)
-    rear_max: float = quantity("N", 0.1, math.inf, default=math.inf)
+    rear_cornering_stiffness: float = force("N/rad", 0.5, 500.0)
+    rear_max: float = force("N", 0.1, math.inf, default=math.inf)
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,8 @@ def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
 @pytest.mark.few("mass-*")
 def test_a_mass_that_is_wrong_is_still_found(name, k, seconds):
     """40 s do not separate an inertia from the age of commands: 1.49 of 1.2 at an age of 7 ms."""
-    found = search(drive((name, k), seconds=seconds), names=(*INERT, "grip", "steering_delay", "motor_gain"))
+    found = search(drive((name, k), seconds=seconds),
+                   names=(*INERT, "grip", "steering_delay", "motor_gain"))
     assert names(found) == [name]
     assert size_of(found, name) == pytest.approx(k, rel=0.2)
 

@@ -79,7 +79,9 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
             found=f"{factor:.2f} times the curvature that the model gives",
             expected="about 1 at low lateral acceleration",
             likely="a model of another car, or the sign of the steering command is turned over",
-            remedy="dart-hal identify all FILES --out model.toml fits a model to this car")
+            remedy="if the recordings have the steering turned over, multiply their column "
+                   "'steering' by -1; else dart-hal identify all FILES --out model.toml fits a "
+                   "model to this car")
     if not 1.0 / policy.other_car < factor < policy.other_car:
         return [f"the car turns {factor:.2f} times as tightly as the model says, at speeds where "
                 f"it rolls without slip: is {p.name} a model of this car? Its causes would be "

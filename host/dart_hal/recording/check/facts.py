@@ -53,7 +53,7 @@ class Facts:
     duration [s] without gaps; rows of the table, messages, their usual step [s];
     throttle while the gate was open; speed of the drive shaft [m/s]; yaw_rate
     of the gyro [rad/s]; marks: encoder edges per shaft turn that the quantum
-    stands for, of the published recordings; rounded: sensor values have 2 decimals.
+    stands for, where the car is known; rounded: sensor values have 2 decimals.
     """
 
     date: str | None
@@ -83,15 +83,26 @@ def facts(m: Motion, false_lock: float = 0.0) -> Facts:
         throttle=_range(messages.throttle_raw[messages.gate]),
         steering=_range(messages.steering) or (0.0, 0.0), speed=_range(messages.speed),
         yaw_rate=_range(messages.yaw_rate),
-        marks=marks(recording.quantum) if recording.published else None,
+        marks=marks(recording.quantum, _shaft_turn(recording)),
         rounded=_rounded(recording), mocap=_mocap(m, false_lock))
 
 
-def marks(quantum: float | None) -> int | None:
-    """Edges per turn of the drive shaft for ``quantum`` [m/s per count], None: no whole number."""
-    if not quantum:
+def _shaft_turn(recording: Recording) -> float | None:
+    """Travel [m] per turn of the shaft of the encoder; None where the car is not known."""
+    if recording.car is not None:
+        encoder = recording.car.encoder
+        return encoder.metres_per_edge.value * encoder.edges_per_rev
+    return SHAFT_TURN if recording.published else None
+
+
+def marks(quantum: float | None, shaft_turn: float | None = SHAFT_TURN) -> int | None:
+    """Edges per turn of the drive shaft for ``quantum`` [m/s per count], None: no whole number.
+
+    shaft_turn: travel per turn [m].
+    """
+    if not quantum or not shaft_turn:
         return None
-    turns = SHAFT_TURN / COUNTED / quantum
+    turns = shaft_turn / COUNTED / quantum
     whole = round(turns)
     return whole if whole > 0 and abs(turns / whole - 1.0) < MARKS_OFF else None
 

@@ -11,11 +11,11 @@ from .motion import SLIP, SLIPS, STANDING, Motion
 
 DROPPED = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
            "mocap_repeated")
-SAID = ("quantum", "lost_messages", "encoder_zero", "read", "reference_unknown", "marker_differs",
-        "steering_reversed")
+SAID = ("car_files", "quantum", "lost_messages", "encoder_zero", "read", "reference_unknown",
+        "marker_differs", "steering_reversed")
 SERIOUS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
            "never_moves", "too_short", "message_gap", "reference_unknown", "marker_differs",
-           "mostly_bad", "steering_reversed")
+           "mostly_bad", "steering_reversed", "car_files")
 SHORT = 3.0  # s
 TILT = 0.15  # m/s2 at rest
 REST_ROWS = 10

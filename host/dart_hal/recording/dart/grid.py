@@ -15,7 +15,7 @@ from .model import Recording, Reference, freeze, freeze_flags
 from .reference import NEEDED, OPTION, fit_reference, reference_for
 
 UNKNOWN_FRAME = "the marker frame on this car is not known"
-L_R = 0.0945  # m, rear axle to centre of mass of the paper's code
+L_R = 0.0945  # m, rear axle to centre of mass of DART in the paper's code
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +44,12 @@ class Grid:
         return len(self.t)
 
 
-def grid(recording: Recording, reference: Reference | None = None, l_r: float = L_R) -> Grid:
+def grid(recording: Recording, reference: Reference | None = None, l_r: float | None = None
+         ) -> Grid:
     """Motion of the centre of mass; ``reference`` None: the known frame, else one fitted to it.
 
-    l_r [m]: rear axle to centre of mass. Errors: RecordingError as for
+    l_r [m]: rear axle to centre of mass; None: that of DART for a published recording, else 0,
+    which is the motion of the rear axle (v_x and omega are the same). Errors: RecordingError as for
     ``marker_grid``, and when the marker frame is neither known nor identified by the driving.
     """
     m = marker_grid(recording)
@@ -61,6 +63,8 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float = 
             expected=NEEDED, read=str(recording.path),
             likely="a recording of turns to one side, or of straight driving",
             remedy=f"{OPTION}; or add a recording of the same day with turns to both sides")
+    if l_r is None:
+        l_r = L_R if recording.published else 0.0
     yaw = m.yaw + ref.theta
     x, y, v_x, v_y = map(freeze, ref.centre(l_r, (m.x, m.y, yaw), (m.dx, m.dy, m.omega)))
     return Grid(

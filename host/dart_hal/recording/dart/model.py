@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.config.car import CarConfig
 from dart_hal.types import BoolArray, FloatArray, IntArray
 
 RUN = "run"  # schema of a run of our own, read as a recording
@@ -135,6 +136,7 @@ class Recording:
     mass: as weighed for this recording, (kg, one sigma); None: it was not.
     marker: where its marker frame sat, as this recording itself tells.
     span [s]: messages are means of so much before their stamp; 0: of the moment.
+    car: the car file that a run holds or that was named for it; None for other recordings.
     published: its content is that of a published file of DART. framed: ``marker`` and the notes
     about it are those of ``with_marker_frames``.
     """
@@ -151,6 +153,7 @@ class Recording:
     mass: tuple[float, float] | None = None
     marker: Reference | None = None
     span: float = 0.0
+    car: CarConfig | None = None
     published: bool = False
     framed: bool = False
 

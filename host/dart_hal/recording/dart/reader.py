@@ -20,6 +20,7 @@ from .quantum import encoder_quantum
 from .ranges import check_units, check_values
 from .schema import DERIVED_C, NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
+from .steering_sign import steering_note
 from .table import keep_finite, parse_text, read_content, text_of
 
 MOVING = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
@@ -59,7 +60,8 @@ def read(path: str | Path) -> Recording:
         columns = {c: v[~idle] for c, v in columns.items()}
     check_units(columns, file)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return replace(_assemble(path, schema, columns, notes, digest), rows=rows,
+    made = _assemble(path, schema, columns, notes, digest)
+    return replace(made, rows=rows, notes=(*made.notes, *steering_note(made)),
                    published=hashlib.sha256(content).hexdigest() in published_content())
 
 

@@ -1,0 +1,69 @@
+"""Whether the steering command has the sign of the turns it makes: + is to the left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dart_hal.errors import RecordingError
+from dart_hal.types import FloatArray
+
+from .marker import marker_grid
+from .model import Note, Recording
+
+MIN_SPEED = 0.3  # m/s
+STEERED = 0.1  # of the command; less may be a trim
+LAGS = tuple(np.arange(0.0, 0.36, 0.05).tolist())
+"""s from a command to the turn that answers it, tried one by one."""
+REVERSED = -0.6
+"""Correlation below which the sign is turned over; a car that follows its command reaches 0.7 to
+1, one that slides or is pushed stays near 0."""
+MIN_ROWS, MIN_MESSAGES = 200, 20  # samples of 0.01 s; messages of 0.1 s
+
+
+def steering_note(recording: Recording) -> list[Note]:
+    """A caution where the car turns to the other side than its commands say, else nothing."""
+    found = follow(recording)
+    if found is None or found > REVERSED:
+        return []
+    return [Note("caution: the car turns to the other side than the steering command says "
+                 f"(correlation {found:.2f}): + is to the left; turn the column over (multiply "
+                 "'steering' by -1)", kind="steering_reversed")]
+
+
+def follow(recording: Recording) -> float | None:
+    """Correlation of command and curvature at the lag where it is largest; None: too few turns.
+
+    Both are about zero, so that a constant circle counts too.
+    """
+    try:
+        t, command, curvature, least = _turns(recording)
+    except RecordingError:  # less than 0.25 s of motion capture
+        return None
+    best = None
+    for lag in LAGS:
+        earlier = np.interp(t - lag, t, command)
+        use = (np.abs(earlier) > STEERED) & np.isfinite(curvature)
+        if int(use.sum()) < least:
+            continue
+        x, y = earlier[use], curvature[use]
+        size = float(np.sqrt((x @ x) * (y @ y)))
+        found = float(x @ y) / size if size > 0.0 else 0.0
+        best = found if best is None or abs(found) > abs(best) else best
+    return best
+
+
+def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """(time, command, curvature [1/m], least number of rows); NaN where the car does not drive."""
+    m = recording.messages
+    if recording.mocap is not None:
+        g = marker_grid(recording)
+        speed, rate, t, command, good = (np.hypot(g.dx, g.dy), g.omega, g.t, g.steering, ~g.bad)
+        forward = np.interp(t, m.arrival, m.throttle) >= 0.0
+        least = MIN_ROWS
+    else:
+        speed, rate, t, command = m.speed, m.yaw_rate, m.t, m.steering
+        good, forward, least = np.ones(len(t), dtype=np.bool_), m.throttle >= 0.0, MIN_MESSAGES
+    with np.errstate(invalid="ignore"):
+        use = good & forward & (speed > MIN_SPEED)
+    curvature = np.where(use, rate / np.where(use, speed, 1.0), np.nan)
+    return t, command, curvature, least

@@ -1,0 +1,82 @@
+"""Sizes of a car in a model: wheelbase, centre of mass, mass, inertia and lock of car.toml.
+
+A shipped parameter set is of DART. Where a car is named, its own sizes take the place of DART's
+before anything is fitted or predicted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from dart_hal.config import ModelFile, Quantity, plain
+from dart_hal.config.car import CarConfig, Geometry, Limits
+from dart_hal.config.model import Parameters
+from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.parameters import Body, Steering
+from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.steering import make_steering
+
+SIZES = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": "kg m2"}
+"""Entries of the section body that a car file gives, with their units."""
+SAME = 0.01
+"""Relative; sizes that differ by less are the same car's, weighed or measured twice."""
+
+
+def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
+    """Body of a car with the geometry of its car.toml.
+
+    A yaw inertia that is not stated is that of the base by its shape, I_z / (m l_f l_r).
+    """
+    shape = base.yaw_inertia / (base.mass * base.l_f * base.l_r)
+    inertia = size.yaw_inertia or shape * size.mass * size.l_f * size.l_r
+    return replace(base, wheelbase=size.l_f + size.l_r, l_f=size.l_f, l_r=size.l_r,
+                   mass=size.mass, yaw_inertia=inertia)
+
+
+def with_sizes(model: ModelFile, size: Geometry) -> ModelFile:
+    """The model with the sizes of a car; entries with a standard error were measured and stay."""
+    body = body_of(size)
+    measured = {key for key, entry in model.body.items() if isinstance(entry, Quantity)}
+    geometry = {"wheelbase", "l_f", "l_r"}
+    kept = measured - geometry if not geometry <= measured else measured
+    changed: Parameters = {key: getattr(body, key) for key in SIZES if key not in kept}
+    return msgspec.structs.replace(model, body={**model.body, **changed})
+
+
+def with_lock(model: ModelFile, car: CarConfig) -> ModelFile:
+    """The model with the steering lock of a car, where its car.toml states one: a start of a fit.
+
+    Both amplitudes of the steering map are scaled so that the mean of the angles at full
+    command is ``limits.max_steering``.
+    """
+    lock = car.limits.max_steering
+    values = model.values("steering")
+    names = {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}
+    if lock == Limits().max_steering or set(values) != names:
+        return model
+    ends = make_steering(Steering(**values), ARRAY)(np.array([1.0, -1.0]))
+    factor = lock / float(np.mean(np.abs(ends)))
+    scaled: Parameters = {key: factor * values[key] for key in ("a_left_rad", "a_right_rad")}
+    return msgspec.structs.replace(model, steering={**model.steering, **scaled})
+
+
+def differing(model: ModelFile, size: Geometry) -> list[str]:
+    """Sizes in which a model differs from a car by more than SAME, as sentences of one clause."""
+    body = body_of(size)
+    found = []
+    for key, unit in SIZES.items():
+        if key not in model.body or (key == "yaw_inertia" and size.yaw_inertia is None):
+            continue
+        here, there = plain(model.body[key]), getattr(body, key)
+        if abs(here - there) > SAME * abs(there):
+            found.append(f"{key} {here:.4g} {unit} and not {there:.4g}")
+    return found
+
+
+def listed_sizes(model: ModelFile) -> str:
+    """The sizes of a model in words."""
+    return ", ".join(f"{key} {plain(model.body[key]):.4g} {unit}" for key, unit in SIZES.items()
+                     if key in model.body)

@@ -1,0 +1,48 @@
+"""Parameters of cars from 1:43 to 1:1 are accepted; wrong units are refused all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from dart_hal.errors import ConfigError
+from dart_hal.vehicle.flat import bounds
+from dart_hal.vehicle.parameters import REFERENCE_MASS, Body
+from dart_hal.vehicle.sets import PAPER
+
+CARS = {
+    "1:43": (0.06, 0.041, 4e-5), "1:28": (0.098, 0.16, 2e-4), "1:10": (0.175, 1.67, 0.0065),
+    "F1TENTH": (0.32, 3.33, 0.0687), "AutoRally 1:5": (0.57, 21.8, 1.1),
+    "Hunter": (0.65, 72.0, 6.0), "kart": (1.05, 150.0, 30.0), "road car": (2.7, 1500.0, 2500.0)}
+"""Wheelbase [m], mass [kg], yaw inertia [kg m2]."""
+
+
+def body(wheelbase: float, mass: float, inertia: float) -> Body:
+    return Body(wheelbase, 0.5 * wheelbase, 0.5 * wheelbase, mass, inertia)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_car_of_every_scale_is_accepted(name):
+    size = body(*CARS[name])
+    car = replace(PAPER, body=size, friction=replace(
+        PAPER.friction, a=PAPER.friction.a * size.mass / REFERENCE_MASS))
+    low, high = bounds(car, "friction.a")
+    assert low <= car.friction.a <= high
+    assert high >= 0.5 * size.mass * 9.81 or size.mass < REFERENCE_MASS
+
+
+@pytest.mark.parametrize("wrong", [
+    (0.175, 1670.0, 6.5), (175.0, 1.67, 0.0065), (17.5, 1.67, 0.0065), (0.175, 1.67, 6513.0),
+    (0.175, 0.00167, 6.5e-6), (0.175, 1.67, 6.5e-6)],
+    ids=["g", "mm", "cm", "g mm2", "t", "kg m2 x 1e-3"])
+def test_wrong_unit_of_a_size_is_refused(wrong):
+    with pytest.raises(ConfigError):
+        body(*wrong)
+
+
+def test_fit_of_a_small_car_keeps_the_limits_of_forces():
+    """The limits a fit may reach are those of the 1:10 class, unless the car is heavier."""
+    assert bounds(PAPER, "motor.d") == (0.0, 200.0)
+    heavy = replace(PAPER, body=body(*CARS["Hunter"]))
+    assert bounds(heavy, "motor.d")[1] == pytest.approx(200.0 * 72.0 / REFERENCE_MASS)
