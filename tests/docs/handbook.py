@@ -5,7 +5,7 @@ A fenced block is run as it stands. A comment on the line above says otherwise:
     <!-- run: slow -->               among the slow tests
     <!-- run: no, WHY -->            not run; its commands and options must exist
     <!-- file: NAME -->              a file that the reader saves
-    <!-- output -->                  what the block before prints, whatever its numbers;
+    <!-- output -->                  what the block before prints, its numbers within 10 %;
                                      "..." = any rest of a line, any lines
 """
 
@@ -19,7 +19,10 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
                    re.MULTILINE | re.DOTALL)
-NUMBER = r"[-+]?\d+(?:\.\d+)?"
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?![\w]*\.\d)")
+MAX_RELATIVE_DIFFERENCE = 0.1
+"""Of a number that a page shows and the one that is printed; a unit of its last digit is allowed
+as well, because pages and programs round."""
 CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 IMAGE = re.compile(r"^```\{image\} (\S+)", re.MULTILINE)
@@ -70,16 +73,30 @@ def pages() -> list[Path]:
 
 
 def as_shown(shown: str, printed: str) -> bool:
-    """Whether the text of an output block stands in what was printed, whatever its numbers."""
-    pattern = ""
+    """Whether the text of an output block is in what was printed, its numbers within 10 %."""
+    pattern, numbers = "", []
     for line in filter(None, (x.strip() for x in shown.splitlines())):
         if line == "...":
             pattern += r"(?:.*\n)*?"
             continue
-        words = [".*" if w == "..." else
-                 re.sub(r"\d+(?:\\\.\d+)?", lambda _: NUMBER, re.escape(w)) for w in line.split()]
+        words = []
+        for word in line.split():
+            if word == "...":
+                words.append(".*")
+                continue
+            # Text between the numbers is literal, each number becomes a group.
+            numbers += NUMBER.findall(word)
+            words.append(r"([-+]?\d+(?:\.\d+)?)".join(map(re.escape, NUMBER.split(word))))
         pattern += r"[ \t]*" + r"\s+".join(words) + r"[ \t]*\n+"
-    return re.search(pattern, printed + "\n") is not None
+    return any(all(map(is_near, numbers, found.groups()))
+               for found in re.finditer(pattern, printed + "\n"))
+
+
+def is_near(shown: str, printed: str) -> bool:
+    """Whether a printed number is within 10 %, or one unit of the last digit, of the shown one."""
+    digits = len(shown.partition(".")[2])
+    most = max(MAX_RELATIVE_DIFFERENCE * abs(float(shown)), 1.001 * 10.0 ** -digits)
+    return abs(float(printed) - float(shown)) <= most
 
 
 def anchors(text: str) -> set[str]:

@@ -140,8 +140,9 @@ def _open(backend: Backend, url: str, car_name: str, cars: Path | None, checks: 
         return None
     if backend.bus is not None:
         applied = car.stop()
-        checks.append(_check("bus", True, "PCA9685 read back well, throttle at "
-                             f"{applied.throttle_us:.1f} us"))
+        pulse = (f"throttle at {applied.throttle_us:.1f} us" if applied.throttle_us
+                 else "no pulse before the Nano's first message")
+        checks.append(_check("bus", True, f"PCA9685 read back well, {pulse}"))
     return car
 
 
