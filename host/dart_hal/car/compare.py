@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from dart_hal.car.table import RunTable, read_table
+from dart_hal.config.parse import decode
+from dart_hal.errors import ConfigError
 from dart_hal.types import SAMPLE, BoolArray, FloatArray
 
 CHANNELS = ("speed", "yaw_rate", "steering", "throttle", "command_steering", "command_throttle")
@@ -153,8 +154,8 @@ def _keys(table: RunTable) -> Iterator[tuple[str, Any]]:
     """"calibration.pwm.oscillator_hz" and so on, with its value."""
     for file, text in table.run.files.items():
         try:
-            yield from _flat(Path(file).stem, msgspec.toml.decode(text))
-        except msgspec.DecodeError:  # then the text itself is what can be compared
+            yield from _flat(Path(file).stem, decode(text, file))
+        except ConfigError:  # then the text itself is what can be compared
             yield file, text
 
 

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import msgspec
 
 from dart_hal.config.parse import PER_EDGE, check_std, parse, require
+from dart_hal.config.plausible import CALIBRATION, check_ranges
 from dart_hal.config.quantity import Quantities, Quantity, Table
 from dart_hal.config.ranges import check_neutral, check_oscillator
 from dart_hal.errors import ConfigError, NotMonotone, OtherCar
@@ -237,6 +238,7 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None, *,
                        read=origin)
     for name, value in cal.quantities().items():
         check_std(value, name, origin, positive=name in _POSITIVE)
+    check_ranges(cal, CALIBRATION, origin)
     if not recorded:
         _check_pulse_widths(cal, origin, deliberate_us)
     metres = cal.encoder.metres_per_edge

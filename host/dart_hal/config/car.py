@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from dart_hal.config.parse import PER_EDGE, check_std, parse, require
+from dart_hal.config.plausible import CAR, check_name, check_ranges
 from dart_hal.config.quantity import Quantity, Table
 from dart_hal.config.ranges import check_neutral, check_oscillator
 
@@ -187,6 +188,7 @@ def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig
     may be out of the ranges of today.
     """
     car = parse(text, CarConfig, origin)
+    check_ranges(car, CAR, origin)
     _check_geometry(car, origin)
     _check_actuators(car, origin)
     _check_limits(car, origin)
@@ -203,8 +205,7 @@ def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig
         check_oscillator(car.pwm.oscillator_hz, origin)
         check_neutral(car.throttle.neutral_us, car.throttle.deliberate_neutral_us, origin,
                       "throttle.neutral_us")
-    require(bool(car.name) and "/" not in car.name and car.name not in (".", ".."), origin,
-            "name", repr(car.name), "a folder name")
+        check_name(car.name, origin)
     return car
 
 
@@ -223,6 +224,10 @@ def _check_actuators(car: CarConfig, origin: str) -> None:
         require(0 <= channel <= 15, origin, key, channel, "0 to 15")
     require(steer.channel != esc.channel, origin, "throttle.channel", esc.channel,
             "another channel than the steering's")
+    for name, channel in (("steering", steer.channel), ("throttle", esc.channel)):
+        require(pwm.clock_channel != channel, origin, "pwm.clock_channel", pwm.clock_channel,
+                f"another channel than [{name}] channel; without the key it is 15",
+                "[pwm] clock_channel = a channel that carries nothing")
     deliberate = esc.deliberate_neutral_us
     for key, pulse in (("steering.center_us", steer.center_us),
                        ("throttle.neutral_us", esc.neutral_us),

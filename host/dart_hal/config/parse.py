@@ -20,6 +20,14 @@ _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>.*)`)?$", re.DOTALL)
 _MISSING = re.compile(r"missing required field `(?P<name>\w+)`")
 _NOT_A_TABLE = re.compile(r"Expected `object(?: \| null)?`, got `(?:int|float|array)`")
 
+MAX_DEPTH = 20
+"""Levels of tables and lists in a file; those of a car have six."""
+MAX_NUMBER = 1e12
+"""No number of a car is larger: its square and its product with another must not overflow."""
+MAX_TEXT = 1000
+"""Characters of a text outside of [provenance]."""
+MAX_SHOWN = 200
+"""Characters of a value in a message."""
 PER_EDGE = (0.0002, 0.05)
 """m: from a fine optical ring to one magnet per turn of a large gear."""
 
@@ -30,18 +38,51 @@ def parse(text: str, cls: type[S], origin: str) -> S:
     Raises ConfigError for syntax, unknown or missing keys, wrong types,
     values out of range and numbers that are not finite.
     """
-    try:
-        data = msgspec.toml.decode(text)
-    except msgspec.DecodeError as error:
-        raise ConfigError(f"{origin} is not valid TOML: {error}", read=origin,
-                          remedy="correct the line that the message names") from error
+    data = decode(text, origin)
     check_schema(data, cls, origin)
     refuse_unknown(data, cls, origin)
-    refuse_not_finite(data, origin)
+    refuse_impossible_values(data, origin)
     try:
         return msgspec.convert(data, cls)
     except msgspec.ValidationError as error:
         raise explain(str(error), data, origin, cls) from error
+
+
+def decode(text: str, origin: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises ConfigError, also for what no parser can hold."""
+    try:
+        data = msgspec.toml.decode(text)
+    except (RecursionError, MemoryError) as error:
+        raise _too_deep(origin, "tables or lists that the parser cannot hold") from error
+    except ValueError as error:  # msgspec.DecodeError, and numbers of thousands of digits
+        raise ConfigError(f"{origin} is not valid TOML: {shortened(error)}", read=origin,
+                          remedy="correct the line that the message names") from error
+    level: list[Any] = [data]
+    for _ in range(MAX_DEPTH):
+        level = [inner for outer in level for inner in _inside(outer)]
+    if level:
+        raise _too_deep(origin, f"more than {MAX_DEPTH} levels")
+    tables: dict[str, Any] = data
+    return tables
+
+
+def _inside(data: Any) -> Iterable[Any]:
+    """What a table or a list contains."""
+    if isinstance(data, Mapping):
+        return data.values()
+    return data if isinstance(data, list) else ()
+
+
+def _too_deep(origin: str, found: str) -> ConfigError:
+    return ConfigError(f"{origin}: tables or lists are nested too deeply", read=origin,
+                       found=found, expected=f"at most {MAX_DEPTH} levels",
+                       remedy="remove the brackets that do not belong there")
+
+
+def shortened(found: object) -> str:
+    """Text of a value for a message: what is longer than ``MAX_SHOWN`` is cut off."""
+    text = str(found)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}... ({len(text)} characters)"
 
 
 def check_schema(data: Mapping[str, Any], cls: type[msgspec.Struct], origin: str) -> None:
@@ -49,7 +90,8 @@ def check_schema(data: Mapping[str, Any], cls: type[msgspec.Struct], origin: str
     default = next((f.default for f in msgspec.structs.fields(cls) if f.name == "schema"), None)
     if default is not None and data.get("schema", default) != default:
         raise ConfigError(f"{origin}: key schema names another kind of file",
-                          found=repr(data["schema"]), expected=repr(default), read=origin,
+                          found=shortened(repr(data["schema"])), expected=repr(default),
+                          read=origin,
                           remedy="check the file's name, or convert it to this version")
 
 
@@ -83,21 +125,39 @@ def unknown_key(key: str, known: Iterable[str], origin: str, path: str) -> Confi
     names = sorted(known)
     near = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
     remedy = f"write {near[0]} for {key}" if near else f"remove {key}"
+    key, path = shortened(key), shortened(path)
     return ConfigError(f"{origin}: {_section(path)} has no key {key}", found=key,
                        expected="one of " + ", ".join(names), remedy=remedy, read=origin)
 
 
-def refuse_not_finite(data: Any, origin: str, path: str = "") -> None:
-    """TOML can spell nan and inf; no number of a car is either."""
+def refuse_impossible_values(data: Any, origin: str, path: str = "") -> None:
+    """Raise ConfigError for nan, inf, numbers beyond ``MAX_NUMBER`` and texts beyond ``MAX_TEXT``,
+    but in [provenance]."""
     if isinstance(data, float) and not math.isfinite(data):
         raise ConfigError(f"{origin}: {path} is not a finite number", found=str(data),
                           expected="a number", read=origin, remedy=f"give {path} a number")
+    if isinstance(data, float | int) and abs(data) > MAX_NUMBER:
+        raise ConfigError(f"{origin}: {path} is too large", found=_written(data),
+                          expected=f"a number of at most {MAX_NUMBER:g}", read=origin,
+                          remedy=f"correct {path}")
+    if isinstance(data, str) and len(data) > MAX_TEXT:
+        raise ConfigError(f"{origin}: {path} is too long", found=shortened(data),
+                          expected=f"at most {MAX_TEXT} characters", read=origin,
+                          remedy=f"correct {path}")
     if isinstance(data, Mapping):
         for key, value in data.items():
-            refuse_not_finite(value, origin, f"{path}.{key}" if path else str(key))
+            if path or key != "provenance":
+                refuse_impossible_values(value, origin, f"{path}.{key}" if path else str(key))
     elif isinstance(data, list):
         for index, value in enumerate(data):
-            refuse_not_finite(value, origin, f"{path}[{index}]")
+            refuse_impossible_values(value, origin, f"{path}[{index}]")
+
+
+def _written(number: float) -> str:
+    """A number as text; a whole one of more digits than Python prints in words."""
+    if isinstance(number, int) and number.bit_length() > MAX_SHOWN:
+        return f"a whole number of {number.bit_length()} bits"
+    return str(number)
 
 
 def explain(message: str, data: Mapping[str, Any], origin: str,
@@ -116,10 +176,10 @@ def explain(message: str, data: Mapping[str, Any], origin: str,
     if _NOT_A_TABLE.search(what):
         return no_std(origin, path, value)
     fixed = choices(cls, path)
-    near = difflib.get_close_matches(str(value), fixed, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(shortened(value), fixed, n=1, cutoff=0.5)
     expected = "one of " + ", ".join(fixed) if fixed else wanted(what)
     why = "" if expected else f": {what}"
-    return ConfigError(f"{origin}: key {path} cannot be used{why}", found=repr(value),
+    return ConfigError(f"{origin}: key {path} cannot be used{why}", found=shortened(repr(value)),
                        expected=expected, read=origin,
                        remedy=f"write {near[0]} for {value}" if near else f"correct {path}")
 
@@ -127,7 +187,7 @@ def explain(message: str, data: Mapping[str, Any], origin: str,
 def no_std(origin: str, key: str, found: object) -> ConfigError:
     """A measured value whose standard error is missing."""
     return ConfigError(
-        f"{origin}: {key} has no standard error", found=repr(found), read=origin,
+        f"{origin}: {key} has no standard error", found=shortened(repr(found)), read=origin,
         expected=f"std_rad in {key}, one for each angle" if key.endswith("map") else
         f"{key} = {{ value = ..., std = ... }}",
         remedy="measure it again with dart-hal calibrate, or enter the std you can defend")
@@ -156,7 +216,7 @@ def require(ok: bool, origin: str, key: str, found: object, expected: str,
             remedy: str | None = None) -> None:
     """Raise ConfigError about ``key`` unless ``ok``."""
     if not ok:
-        raise ConfigError(f"{origin}: {key} is out of range", found=f"{found}",
+        raise ConfigError(f"{origin}: {key} is out of range", found=shortened(found),
                           expected=expected, remedy=remedy or f"correct {key}", read=origin)
 
 

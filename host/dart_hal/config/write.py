@@ -54,7 +54,7 @@ def merge(text: str, thing: msgspec.Struct) -> str:
     try:
         before = as_plain(msgspec.toml.decode(text, type=type(thing)))
         document = tomlkit.parse(text)
-    except (msgspec.DecodeError, TOMLKitError):
+    except (ValueError, TOMLKitError, RecursionError):
         return dump(thing)                  # a broken file has nothing worth keeping in place
     return _merged(document, as_plain(thing), before)
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path as File
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 from dart_hal.control.paths import GAP, Path
 from dart_hal.errors import UsageError
 from dart_hal.text_file import read_text
-from dart_hal.types import FloatArray
+from dart_hal.types import MAX_COORDINATE, FloatArray
 
 COLUMNS = ("x", "y")
 UNITS = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}
@@ -38,6 +37,12 @@ MAX_UNNAMED_EXTENT = 60.0
 The smallest circle of the car is 0.9 m wide, 90 in centimetres; the rooms in which a motion
 capture observes a car of 1:10 are less than 30 m wide.
 """
+MAX_CELL = 1e8
+"""Largest number in a column of lengths, whatever its unit."""
+MAX_LENGTH = 25e3
+"""m of a path: the longest race track has 21 km."""
+SPEED_RANGE = (1e-3, 1e3)
+"""m/s: at a lower speed a path never ends, and no car reaches the other."""
 MAX_CLOSING_GAP = 2.0
 """Of a track: distance from its last point to its first, in median distances of its points."""
 
@@ -118,7 +123,10 @@ def find_delimiter(line: str) -> str:
 
 def split_line(line: str, delimiter: str) -> tuple[str, ...]:
     """Split a line into cells without surrounding spaces and quotes."""
-    row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    try:
+        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:  # a cell of more than 128 kB, or a NUL: no number either
+        row = [line[:80]]
     return tuple(cell.strip() for cell in row)
 
 
@@ -143,7 +151,16 @@ def choose_columns(header: Sequence[str], file: File) -> list[tuple[int, float]]
 
 
 def check_unit(points: FloatArray, name: str, file: File) -> None:
-    """Raise UsageError for points (n, 2) that look like centimetres and do not name their unit."""
+    """Raise UsageError for points (n, 2) that look like centimetres and do not name their unit,
+    and for paths that no car drives."""
+    farthest = float(np.abs(points).max()) if len(points) else 0.0
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) else 0.0
+    if farthest > MAX_COORDINATE or length > MAX_LENGTH:
+        raise UsageError(f"{file}: the path is too large", read=str(file),
+                         found=f"{length:g} m long, a point at {farthest:g} m",
+                         expected=f"at most {MAX_LENGTH:g} m, within {MAX_COORDINATE:g} m of the "
+                                  "origin", likely="another unit",
+                         remedy="name the columns x_cm,y_cm or x_mm,y_mm")
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     if extent > MAX_UNNAMED_EXTENT and name in COLUMNS:
         raise UsageError(f"{file}: is this path in metres?", read=str(file),
@@ -173,8 +190,10 @@ def parse_cell(row: Sequence[str], index: int, name: str, line: int, file: File)
         value = float(text or "")
     except ValueError:
         value = float("nan")
-    if not isfinite(value) or (name in SPEEDS and value <= 0.0):
+    low, high = SPEED_RANGE if name in SPEEDS else (-MAX_CELL, MAX_CELL)
+    if not low <= value <= high:
         raise UsageError(f"{file}, line {line}: {name} is no number that a path can have",
-                         found=repr(text), expected="m/s above 0" if name in SPEEDS else "m",
+                         found=repr(text if text is None else text[:80]),
+                         expected=f"{low:g} to {high:g} m/s" if name in SPEEDS else "m",
                          read=str(file))
     return value

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dart_hal.errors import UsageError
 from dart_hal.process.extras import install_command
 from dart_hal.text_file import read_text
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.types import MAX_COORDINATE, BoolArray, FloatArray
 
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
                   rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")
@@ -24,6 +24,13 @@ UNKNOWN = 205
 """Shade of what nobody saw, between map_server's thresholds."""
 
 
+CELL_RANGE = (1e-4, 100.0)
+"""m: cells of a map."""
+MAX_CELLS = 25e6
+"""Cells of a map, 250 m by 250 m at 5 cm: an image of some kB may expand to gigabytes."""
+MAX_YAML = 1 << 16
+MAX_BRACKETS = 100
+"""Characters, lists and tables of a map's YAML file: deep ones take the parser seconds."""
 MODES = ("trinary", "scale")
 """How an image is read. Both know occupied and free cells by two thresholds."""
 
@@ -55,28 +62,42 @@ def read_grid(path: Path) -> Grid:
         low, negate = float(table.get("free_thresh", 0.196)), int(table.get("negate", 0))
     except UsageError:
         raise
-    except (OSError, KeyError, TypeError, ValueError) as why:
-        raise UsageError(f"{path} is no map of map_server", found=repr(why), read=str(path),
+    except (OSError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as why:
+        raise UsageError(f"{path} is no map of map_server", found=repr(why)[:200], read=str(path),
                          expected="image, resolution, origin; the image a binary PGM (P5) or PNG"
                          ) from why
-    if yaw or not cell > 0.0:
+    if yaw or not CELL_RANGE[0] <= cell <= CELL_RANGE[1]:
         raise UsageError(f"{path}: the map cannot be used", read=str(path),
                          found=f"origin turned by {yaw:g} rad, cells of {cell:g} m",
-                         expected="a map that is not turned, cells above 0 m")
+                         expected="a map that is not turned, resolution from "
+                                  f"{CELL_RANGE[0]:g} to {CELL_RANGE[1]:g} m")
+    if not max(abs(x), abs(y)) <= MAX_COORDINATE:
+        raise UsageError(f"{path}: the map cannot be used", read=str(path),
+                         found=f"origin: [{x:g}, {y:g}, {yaw:g}]",
+                         expected=f"an origin within {MAX_COORDINATE:g} m")
+    if not 0.0 <= low <= high <= 1.0:
+        raise UsageError(f"{path}: the map cannot be used", read=str(path),
+                         found=f"free_thresh {low:g}, occupied_thresh {high:g}",
+                         expected="0 <= free_thresh <= occupied_thresh <= 1")
     share = shades / 255.0 if negate else 1.0 - shades / 255.0
     return Grid(share[::-1] > high, share[::-1] < low, cell, np.array((x, y)))
 
 
 def read_map_table(path: Path) -> dict[str, Any]:
     """Read the keys of a map's YAML file. Raises OSError and ValueError."""
+    text = read_text(path)
+    if len(text) > MAX_YAML or text.count("[") + text.count("{") > MAX_BRACKETS:
+        raise ValueError(f"a file of {len(text)} characters and {text.count('[')} lists, where ten "
+                         "lines are expected")
     try:
-        table = yaml.safe_load(read_text(path))
+        table = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError) as why:
         raise ValueError(f"no YAML: {why}") from why
     if not isinstance(table, dict):
         raise ValueError("no keys")
-    if table.get("mode", "trinary") not in MODES:
-        raise ValueError(f"mode: {table['mode']}, expected {' or '.join(MODES)}")
+    if (mode := table.get("mode", "trinary")) not in MODES:
+        found = mode if isinstance(mode, str) else type(mode).__name__
+        raise ValueError(f"mode: {found[:80]}, expected {' or '.join(MODES)}")
     return table
 
 
@@ -102,6 +123,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     A binary PGM needs nothing else, PNG and others need Pillow.
     Raises UsageError without Pillow, OSError, ValueError.
     """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path.name} is no file")  # a device may have no end
     with path.open("rb") as file:
         if file.read(2) == b"P5":
             return read_pgm(path)
@@ -113,10 +136,13 @@ def read_image(path: Path) -> NDArray[np.uint8]:
                          remedy=install_command("camera")) from error
     try:
         with Image.open(path) as picture:
+            if picture.width * picture.height > MAX_CELLS:
+                raise ValueError(f"{path.name} has {picture.width} x {picture.height} cells, at "
+                                 f"most {MAX_CELLS:.0f} can be used")
             if picture.mode.startswith("I"):  # 16 bits
                 shades = np.asarray(picture, dtype=np.float64) / 257.0
             else:
-                shades = np.asarray(picture.convert("RGB"), dtype=np.float64).mean(axis=2)
+                shades = np.asarray(picture.convert("RGB")).mean(axis=2)
     except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
         raise ValueError(f"{path.name} is no image: {error}") from error
     rounded: NDArray[np.uint8] = shades.round().astype(np.uint8)

@@ -58,14 +58,14 @@ def open_file(path: Path, convention: Convention) -> FileSource:
                              expected="t,x,y,yaw and, if known, std,yaw_std",
                              remedy="s, m, rad; other units by ?units=mm&angle=deg")
     readings: list[Reading] = []
-    for row in table:
+    for row in _rows(table, path):
         try:
             reading = convention.read(Reading("", "file", **{
                 name: float(row[name]) for name in header}))
             reading.at(0.0)
             if readings and reading.t <= readings[-1].t:
                 raise ValueError(f"t = {reading.t:g} s behind {readings[-1].t:g} s")
-        except (ValueError, TypeError) as why:
+        except (ValueError, TypeError, OverflowError) as why:
             raise RecordingError(f"{path}: line {table.line_num} is no pose", found=str(why),
                                  read=str(path), expected="finite numbers, t that advances",
                                  remedy="leave the line out") from why
@@ -74,3 +74,13 @@ def open_file(path: Path, convention: Convention) -> FileSource:
         raise RecordingError(f"{path}: holds no pose", read=str(path), found="a header alone",
                              expected="a row for each pose", remedy="give another file")
     return FileSource(path, readings)
+
+
+def _rows(table: csv.DictReader[str], path: Path) -> list[dict[str, str]]:
+    """All rows. Raises RecordingError for a cell that is longer than csv allows."""
+    try:
+        return list(table)
+    except csv.Error as why:
+        raise RecordingError(f"{path}: line {table.line_num} cannot be read as CSV",
+                             found=str(why), read=str(path), expected="numbers",
+                             remedy="leave the line out") from why

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import isfinite, pi, radians
 
 from dart_hal.errors import UsageError
-from dart_hal.types import POSE_STD, POSE_YAW_STD, ExternalPose, pose_cov
+from dart_hal.types import MAX_COORDINATE, POSE_STD, POSE_YAW_STD, ExternalPose, pose_cov
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +25,8 @@ class Reading:
 
     def at(self, arrival: float) -> ExternalPose:
         """As a pose that arrived then [s]. Raises ValueError for what is none."""
-        if not (self.std > 0.0 and self.yaw_std > 0.0):
-            raise ValueError("one sigma that is not above 0")
+        if not (0.0 < self.std <= MAX_COORDINATE and 0.0 < self.yaw_std <= MAX_COORDINATE):
+            raise ValueError(f"one sigma that is not above 0, or above {MAX_COORDINATE:g}")
         return ExternalPose(self.t, arrival, self.x, self.y, self.yaw,
                             pose_cov(self.std, self.yaw_std), self.frame)
 

@@ -201,7 +201,7 @@ def _attached(found: McapFile, attachment: Attachment) -> None:
     elif attachment.media_type == JSON:
         try:
             found.metadata[attachment.name] = dict(json.loads(text))
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, RecursionError):
             return
 
 

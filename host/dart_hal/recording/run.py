@@ -276,7 +276,7 @@ class RunReader:
             return None
         try:
             values: dict[str, Any] = json.loads(found["values"])
-        except (ValueError, LookupError) as why:
+        except (ValueError, LookupError, RecursionError) as why:
             raise RecordingError(f"{self.path}: the HELLO record is damaged", found=repr(why),
                                  read=str(self.path)) from why
         return values
@@ -349,7 +349,8 @@ class RunReader:
         for m in self._mcap.messages(makers):
             try:
                 yield makers[m.topic](stamp.join(m.ns, m.rest), m.data)
-            except (StructError, ValueError, LookupError, TypeError) as why:
+            except (StructError, ValueError, LookupError, TypeError, OverflowError,
+                    RecursionError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
                                      found=repr(why), read=str(self.path)) from why
 

@@ -209,8 +209,12 @@ def of_car(found: McapFile, car: str | None) -> McapFile:
             found="no car named" if car is None else car, read=str(found.path),
             expected="one of them" if cars else "no ?car=",
             remedy=f"replay://{example}, RunReader('{example}')" if cars else str(found.path))
-    told = json.loads(cars[car])
-    prefix, shift = str(told["prefix"]), int(told.get("shift_ns", 0))  # until format 4
+    try:
+        told = json.loads(cars[car])
+        prefix, shift = str(told["prefix"]), int(told.get("shift_ns", 0))  # until format 4
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as why:
+        raise RecordingError(f"{found.path}: the list of its cars is damaged", found=repr(why),
+                             read=str(found.path)) from why
     facts = {name.removeprefix(prefix): values for name, values in found.metadata.items()
              if name.startswith(prefix)}
     files = {name.removeprefix(prefix): text
