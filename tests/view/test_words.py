@@ -36,7 +36,7 @@ def test_no_text_of_the_page_speaks_of_calls_or_files(name, text):
 
 
 def test_control_the_texts_of_the_package_do():
-    assert PROGRAMMERS.search(TRIPS["RUN_STOP"][1])
+    assert PROGRAMMERS.search(TRIPS["COMMAND_EXPIRED"][1])
     assert sum(PROGRAMMERS.search(refusal.remedy) is not None for refusal in REFUSALS) >= 5
 
 

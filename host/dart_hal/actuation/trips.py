@@ -26,17 +26,19 @@ TRIPS: dict[str, tuple[str, str]] = {
                          "get no pulse since then",
                          "was it pushed, or does it roll? else check [throttle] neutral_us, [pwm] "
                          "oscillator_hz and the channels in the car's files"),
-    "RUN_STOP": ("STOP was pressed at a live page, all cars of the room were stopped, or nobody "
-                 "watches it any more", "see who did and why: member.held"),
+    "RUN_STOP": ("the run-stop was pressed", "arm when the way is free"),
 }
 """Cause: what happened, and what to do. CAR_MOVES ends RAW alone."""
 
 
-def disarmed(causes: Iterable[str]) -> Disarmed:
-    """The error that says by what an armed car was disarmed."""
+def disarmed(causes: Iterable[str], stop_reason: str = "") -> Disarmed:
+    """The error that says by what an armed car was disarmed; stop_reason: of a RUN_STOP."""
     names = tuple(causes)
     known = [TRIPS[name] for name in names if name in TRIPS]
-    found = "\n".join(f"{name}: {TRIPS[name][0]}" if name in TRIPS else name for name in names)
+    texts = {name: text for name, (text, _) in TRIPS.items()}
+    if stop_reason:
+        texts["RUN_STOP"] = stop_reason
+    found = "\n".join(f"{name}: {texts[name]}" if name in texts else name for name in names)
     cure = "\n".join([*(remedy for _, remedy in known), "then car.arm() again"])
     return Disarmed("the car was disarmed by a trip and the program goes on commanding it",
                     causes=names, found=found, remedy=cure)

@@ -284,7 +284,8 @@ class Car(Arming, Sensed, Shown):
         with self._engine.lock:
             causes = self._engine.driver.supervisor.ended_by
             if causes and self.raise_on_trip and not self._closed:
-                raise (self._pump and self._pump.error()) or disarmed(causes)
+                raise (self._pump and self._pump.error()) or disarmed(
+                    causes, self._engine.driver.stop_reason)
 
     def stop(self) -> Applied:
         """Throttle neutral now, steering held; the car is disarmed."""

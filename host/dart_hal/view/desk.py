@@ -214,6 +214,11 @@ class Desk:
             image = None if self._state is None else self._state.image
         return None if image is None else image.jpeg
 
+    def is_driver(self, page: Hashable) -> bool:
+        """Whether this page has the wheel."""
+        with self._lock:
+            return page == self.operator.page
+
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""
         return _json({"type": "said", "text": why}).decode()

@@ -104,6 +104,10 @@ class FleetDesk:
         """A fleet's page shows none."""
         return None
 
+    def is_driver(self, page: Hashable) -> bool:
+        """Nobody drives by the page of a fleet."""
+        return False
+
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""
         return _json({"type": "said", "text": why}).decode()

@@ -90,6 +90,10 @@ class Player:
         """Nothing happens in a recording."""
         return ()
 
+    def is_driver(self, page: Hashable) -> bool:
+        """Nobody drives a recording."""
+        return False
+
     def refusal(self, why: str) -> str:
         """A sentence for the list of what was said."""
         return msgspec.json.encode({"type": "said", "text": why}).decode()

@@ -2,10 +2,10 @@
 
 Nothing here waits for a page: what a page does not read in time ends its socket, and no other's.
 
-STOP needs no socket, as strangers may have taken all ``MOST_PAGES``: it is also a plain HTTP
-request. ``MAX_HANDSHAKES`` limits connections that have asked for nothing yet; the oldest of them
-is closed for a new one. A page that has its socket, such as that of the driver, is never closed
-for another.
+Strangers may take all ``MOST_PAGES`` sockets. Then a new page takes the place of the one that has
+watched longest, but never of the page that drives; the other page says so, and its STOP still
+works: STOP needs no socket, it is also a plain HTTP request. ``MAX_HANDSHAKES`` limits connections
+that have asked for nothing yet; the oldest of them is closed for a new one.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import asyncio
 import logging
 import socket
 import threading
+import time
 from collections.abc import Iterable, Sequence
 from functools import partial
 from http import HTTPStatus
 from importlib.resources import files
+from math import inf
 from typing import Any, Protocol
 
 from websockets.asyncio.server import Server as Socket
@@ -38,6 +40,11 @@ MOST_WAITING = 1 << 20
 SEND_BUFFER = 16384
 """Bytes that the kernel keeps for a page, and as much again: news that waits longer is old."""
 MOST_PAGES = 50
+REPLACED = 4001
+"""Code with which a socket is closed whose place a newer page takes."""
+MIN_REPLACE_PERIOD_S = 0.2
+"""Time between two pages that are replaced: a flood of sockets costs no more of the processor than
+the refusal of most of them."""
 MAX_HANDSHAKES = 64
 """Connections that have not sent a whole request. Browsers need some ms for that; without a limit
 idle connections would take all file descriptors of the program, 1024 by default."""
@@ -69,8 +76,10 @@ SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe
 
 log = logging.getLogger("dart_hal")
 _socket_log = logging.getLogger("dart_hal.view.sockets")
-_socket_log.setLevel(logging.INFO)
-"""At DEBUG the library would log each message that comes, and so the token."""
+_socket_log.setLevel(logging.WARNING)
+_socket_log.addFilter(lambda record: record.msg != "opening handshake failed")
+"""At DEBUG the library would log each message that comes, and so the token. That a stranger's
+connection requested nothing is no error of ours."""
 
 
 class Visitor(ServerConnection):
@@ -108,6 +117,9 @@ class Listener(Protocol):
 
     def batch(self) -> Iterable[str]:
         """Messages for all pages now; called 30 times a second."""
+
+    def is_driver(self, page: ServerConnection) -> bool:
+        """Whether this page drives."""
 
     def refusal(self, why: str) -> str:
         """The message that tells one page why not."""
@@ -150,6 +162,9 @@ class Server:
         self._assets = assets(page)
         self._trouble = ""
         self._handshakes: dict[ServerConnection, None] = {}
+        self._pages: dict[ServerConnection, None] = {}
+        self._replaced_at = -inf
+        self._closing: set[asyncio.Task[None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended: asyncio.Event | None = None
         self._up = threading.Event()
@@ -197,6 +212,7 @@ class Server:
 
     async def _page(self, page: ServerConnection) -> None:
         malformed = 0
+        self._pages[page] = None
         try:
             for text in self._listener.joined(page):
                 await page.send(text)
@@ -215,6 +231,7 @@ class Server:
         except ConnectionClosed:
             pass
         finally:
+            self._pages.pop(page, None)
             self._listener.left(page)
 
     def _request(self, page: ServerConnection, request: Request) -> Response | None:
@@ -226,9 +243,11 @@ class Server:
         if path == STOP:
             return self._stop(page, request)
         if path == "/socket":
-            full = len(page.server.connections) >= MOST_PAGES
-            return _answer(HTTPStatus.SERVICE_UNAVAILABLE, TYPES["html"],
-                           b"too many pages are open") if full else None
+            if len(page.server.connections) < MOST_PAGES:
+                return None
+            opens = "Upgrade" in request.headers and self._is_own_origin(request)
+            return None if opens and self._replace_viewer() else _answer(
+                HTTPStatus.SERVICE_UNAVAILABLE, TYPES["html"], b"too many pages are open")
         if path == PICTURE:
             image = self._listener.picture()
             return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no image yet"
@@ -238,12 +257,29 @@ class Server:
             return _answer(HTTPStatus.NOT_FOUND, TYPES["html"], b"there is no such page")
         return _answer(HTTPStatus.OK, kind, body)
 
+    def _is_own_origin(self, request: Request) -> bool:
+        """Whether a request comes from our own page or from a program."""
+        origin = request.headers.get("Origin")
+        return origin is None or origin in self._access.origins()
+
+    def _replace_viewer(self) -> bool:
+        """Close the page that has watched longest; whether a place is free then."""
+        now = time.monotonic()
+        viewer = next((page for page in self._pages if not self._listener.is_driver(page)), None)
+        if viewer is None or now - self._replaced_at < MIN_REPLACE_PERIOD_S:
+            return False
+        self._replaced_at = now
+        del self._pages[viewer]
+        closing = asyncio.get_running_loop().create_task(
+            viewer.close(REPLACED, "a newer page took this place"))
+        self._closing.add(closing)
+        closing.add_done_callback(self._closing.discard)
+        return True
+
     def _stop(self, page: ServerConnection, request: Request) -> Response:
         """STOP by a request of its own."""
-        origin = request.headers.get("Origin")
         post = getattr(request, "method", "GET") == "POST"  # known from websockets 17 on
-        own = origin is None or origin in self._access.origins()
-        if not (STOP_HEADER in request.headers or post) or not own:
+        if not (STOP_HEADER in request.headers or post) or not self._is_own_origin(request):
             return _answer(HTTPStatus.FORBIDDEN, TYPES["html"],
                            f"STOP is a request with the header {STOP_HEADER}".encode())
         try:

@@ -4,6 +4,7 @@
   const $ = (id) => document.getElementById(id);
   const token = decodeURIComponent(location.hash.slice(1));
   const SEND_EVERY = 33, SILENT = 1500;  // ms
+  const REPLACED = 4001;  // code of a socket that is closed for a newer page, see server.py
   let socket = null, fields = [], mine = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
 
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
@@ -105,7 +106,11 @@
     socket = new WebSocket(`ws://${location.host}/socket`);
     socket.onopen = () => { badge("connected"); };
     socket.onmessage = (event) => { const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
-    socket.onclose = () => { wheel(false); heard = null; lost(); setTimeout(open, 1000); };
+    socket.onclose = (event) => {
+      wheel(false); heard = null;
+      if (event.code === REPLACED) { badge("full"); say("a newer page took the place of this one: reload it to watch again; its STOP works"); return; }
+      lost(); setTimeout(open, 1000);
+    };
   }
 
   const heardLately = () => socket && socket.readyState === 1 && performance.now() - heardAt < SILENT;

@@ -41,7 +41,7 @@
   function open() {
     socket = new WebSocket(`ws://${location.host}/socket`);
     socket.onmessage = (event) => { heardAt = performance.now(); const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
-    socket.onclose = () => { badge("this page has lost its program", "gone"); lost(); setTimeout(open, 1000); };
+    socket.onclose = (event) => { if (event.code === 4001) { badge("a newer page took this place: reload; STOP ALL works", "full"); return; } badge("this page has lost its program", "gone"); lost(); setTimeout(open, 1000); };
   }
   function lost() {
     fetch("/socket", { cache: "no-store" }).then((answer) => badge(answer.status === 503
