@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+from io import StringIO
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+from rich.console import Console
 
+from dart_hal.car import Car
 from dart_hal.cli.output import print_json
+from dart_hal.cli.top import picture
 from dart_hal.report.page import plain
 
 NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf"),
@@ -47,3 +53,14 @@ def test_what_is_a_number_stays_one(capsys):
              "a": np.arange(3), "p": Path("runs") / "a", 7: -0.5}
     assert printed(value, capsys) == {"i": 3, "f": 0.1, "b": True, "n": None, "big": 1e300,
                                       "a": [0, 1, 2], "p": "runs/a", "7": -0.5}
+
+
+def test_a_name_in_a_table_is_no_markup():
+    """Names come from files of recordings, which anyone may have made."""
+    with Car.open("sim://?nano=mock&seed=1") as car:
+        state = next(car.states())
+        car.files = dataclasses.replace(car.files, config=msgspec.structs.replace(
+            car.files.config, name="[/] [bold red]x"))
+        console = Console(width=120, record=True, file=StringIO())
+        console.print(picture(car, state))
+    assert "[/] [bold red]x" in console.export_text()

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from dart_hal.calibration.asking import Ask, Progress
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
@@ -269,7 +270,7 @@ def _agreed(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
 
 def show(found: Measured) -> None:
     """Each quantity with its standard error and 90 % interval, how well they agree, the notes."""
-    table = Table(title=f"{found.verb} of {found.car}")
+    table = Table(title=Text(f"{found.verb} of {found.car}"))
     table.add_column("quantity", no_wrap=True)
     for column in ("value", "one sigma", "90 % interval"):
         table.add_column(column, justify="right")

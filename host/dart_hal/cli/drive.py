@@ -85,7 +85,7 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
         print_json(result)
     else:
         results.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s"
-                      + (f", recorded in {record}" if record else ""))
+                      + (f", recorded in {record}" if record else ""), markup=False)
 
 
 def load(path: Path) -> Control:

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from dart_hal.cli.output import console, output, results
 from dart_hal.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
@@ -80,9 +81,9 @@ def caution(e: Evaluation) -> str:
 
 
 def _table(e: Evaluation) -> Table:
-    table = Table(title=f"{e.vehicle.name} ({e.vehicle.kind}) | constant velocity (CTRV): "
-                        "RMSE, below it the median", box=box.SIMPLE_HEAD, pad_edge=False,
-                  padding=(0, 0, 0, 1))
+    table = Table(title=Text(f"{e.vehicle.name} ({e.vehicle.kind}) | constant velocity "
+                             "(CTRV): RMSE, below it the median"),
+                  box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("recording (1 s)", no_wrap=True)
     table.add_column("n", justify="right", no_wrap=True)
     for head, unit in zip(HEADS, UNITS, strict=True):
@@ -102,7 +103,7 @@ def _rows(table: Table, e: Evaluation, label: tuple[str, str], horizon: float,
     where = e.model.slices[file] if file else slice(0, e.prepared.windows)
     for i, kind in enumerate(("rmse", "median")):
         ours, held = (getattr(score, kind)(horizon, file) for score in (e.model, e.ctrv))
-        table.add_row(label[i], "" if i else str(where.stop - where.start),
+        table.add_row(Text(label[i]), "" if i else str(where.stop - where.start),
                       *[_cell(ours[c], held[c], c) for c in CHANNELS], style="dim" if i else None)
 
 

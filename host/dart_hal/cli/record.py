@@ -50,4 +50,4 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
         print_json(result)
     else:
         results.print(f"{summary.frames} frames, {summary.lost} lost, in {out} "
-                      f"(dart-hal replay {out})")
+                      f"(dart-hal replay {out})", markup=False)

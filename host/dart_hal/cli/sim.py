@@ -154,7 +154,7 @@ def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
             console.print(f"the car answers on {device}; from another terminal:\n"
                           f"  export DART_HAL_URL='{address}' DART_HAL_CAR={name}\n"
                           "  dart-hal top\nCtrl-C ends it",
-                          soft_wrap=True)
+                          soft_wrap=True, markup=False)
             while port.alive and not done.wait(LOOK_EVERY):
                 pass
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.table import Table
+from rich.text import Text
 
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.cli.output import console, results
@@ -38,7 +39,7 @@ def _table(result: SteeringResult) -> Table:
     rows = rows_shown(len(result.command))
     some = "" if len(rows) == len(result.command) else (
         f", {len(rows)} of {len(result.command)} points (--json has all)")
-    table = Table(title=f"steering map of {result.car}{some}")
+    table = Table(title=Text(f"steering map of {result.car}{some}"))
     for column in ("command", "pulse", "angle", "one sigma"):
         table.add_column(column, justify="right")
     for i in rows:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from dart_hal.car import Car
 from dart_hal.cli.options import Number, car_options, json_option, poses_option
@@ -45,7 +46,7 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
 def picture(car: Car, state: State) -> Table:
     """One picture of the car."""
     health, timing, pose = state.health, car.timing, state.pose
-    table = Table(title=f"{car.files.config.name} on {car.url}", show_header=False, box=None)
+    table = Table(title=Text(f"{car.files.config.name} on {car.url}"), show_header=False, box=None)
     yaw_rate = "no IMU" if state.yaw_rate is None else f"{state.yaw_rate:+7.3f} rad/s"
     rows = {
         "time": f"{state.t:9.2f} s  +- {health.t_std * 1e3:.2f} ms",
@@ -62,7 +63,7 @@ def picture(car: Car, state: State) -> Table:
     if state.external is not None:
         rows["seen at"] = seen(state.external)
     for name, value in rows.items():
-        table.add_row(name, value)
+        table.add_row(name, Text(value))
     return table
 
 
