@@ -98,6 +98,7 @@ step_car
 step_settings
 step_command
 step_rules
+step_sleep
 step_service
 finish
 [ "$stops" -eq 0 ]

@@ -8,6 +8,8 @@ unit=$root/etc/systemd/system/dart-hal.service
 profile=$root/etc/profile.d/dart-hal.sh
 modules=$root/etc/modules-load.d/dart-hal.conf
 command_link=$root/usr/local/bin/dart-hal
+units=$root/etc/systemd/system
+sleep_targets="sleep.target suspend.target hibernate.target hybrid-sleep.target"
 
 installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
 
@@ -101,6 +103,35 @@ reload_rules() {
     as_root udevadm settle --timeout=10
 }
 
+step_sleep() { # a suspended computer stops no car; these links are what systemctl mask makes
+    say "no suspend: a car would drive on while its computer sleeps"
+    for target in $sleep_targets; do
+        link=$units/$target
+        [ "$(readlink "$link" || true)" != /dev/null ] || continue
+        if [ -e "$link" ]; then
+            note "sudo rm $link, then this script again: it lets the computer sleep"
+            continue
+        fi
+        mark sleep
+        [ "$dry" = yes ] || printf '%s\n' "$target" >>"$state/masked"
+        as_root mkdir -p "$units"
+        as_root ln -s /dev/null "$link"
+    done
+    marked sleep || return 0
+    reload_units
+    unmark sleep
+}
+
+let_it_sleep() { # only what step_sleep has masked
+    [ -r "$state/masked" ] || return 0
+    for target in $sleep_targets; do
+        if grep -qx "$target" "$state/masked" && [ -L "$units/$target" ]; then
+            as_root rm -f "$units/$target"
+        fi
+    done
+    reload_units
+}
+
 step_service() {
     say "the service dart-hal, which stops a car that nobody drives any more"
     filled=$(sed -e "s|@USER@|$user|g" -e "s|@DATA@|$data|g" -e "s|@CHECKOUT@|$checkout|g" \
@@ -133,6 +164,7 @@ remove_all() {
         as_root rm -f "$unit"
         reload_units
     fi
+    let_it_sleep
     if [ -e "$rules" ]; then
         as_root rm -f "$rules"
         reload_rules

@@ -69,6 +69,19 @@ def test_end_of_file_trips_at_once_and_ends_after_a_second_of_good_writes() -> N
     assert watch.done
 
 
+def test_a_suspend_trips_although_beats_come_again() -> None:
+    watch = Watch()
+    watch.woke()
+    assert not watch.due(5.0), "nobody drives yet"
+    watch.heard(b"b", 5.0)
+    watch.heard(b"b", 8.0)                                    # the first beat after it
+    assert not watch.due(8.0)
+    watch.woke()
+    assert watch.due(8.0)
+    watch.heard(b"a", 8.1)
+    assert not watch.due(8.1)
+
+
 def test_a_bus_that_never_comes_back_is_given_up_in_the_end() -> None:
     watch = Watch()
     watch.heard(b"", 1.0)

@@ -28,7 +28,7 @@ def parameters(fast: bool):
 QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*",
          "18-mock-dead, throttle*", "29-mock-wild speeds",
          "51-mock*", "52-mock*", "53-mock*", "54-mock*", "55-mock-27 MHz",
-         "56-mock-after close()", "58-mock*")
+         "56-mock-after close()", "58-mock*", "59-mock*")
 """One each of line, board, bus, cut-off, power and human input; the others are for
 ``make test-more``."""
 

@@ -8,8 +8,9 @@ descriptor of the bus, and a pipe from the driver:
     guard -> driver   r ready   b beat         t tripped    x bus error
 
 End of file, another parent than before (a child of the driver may keep the pipe
-open), or 100 ms without a beat: the throttle channel gets neutral, 50 times a
-second, until the driver has seen the trip or, when it is gone, for a second.
+open), 100 ms without a beat, or a suspend of the computer: the throttle channel
+gets neutral, 50 times a second, until the driver has seen the trip or, when it is
+gone, for a second.
 After 0.2 s of neutral all channels are switched off instead: nobody sees whether
 the neutral drives the car. A throttle channel that is off already stays off.
 With the driver gone it stands back while somebody else owns the chip. Until then
@@ -22,7 +23,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
@@ -33,6 +33,7 @@ from dart_hal.actuation.servokit import MODE1, SLEEP
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.locks import holder
+from dart_hal.process.suspend import SuspendDetector, elapsed
 from dart_hal.process.waiting import wait_readable
 
 SILENCE = 0.100
@@ -76,6 +77,10 @@ class Watch:
             self.tripped, self._beat = False, now
             self.found_off, self.written = False, 0
 
+    def woke(self) -> None:
+        """The computer was suspended: whatever the driver asked for is old."""
+        self.tripped = self.tripped or self._beat < math.inf
+
     def due(self, now: float) -> bool:
         """Whether neutral must be written now; a bus that never comes back is given up."""
         self.tripped = self.tripped or now - self._beat > SILENCE
@@ -95,11 +100,13 @@ class Watch:
 
 
 def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, status: int,
-          clock: Callable[[], float] = time.monotonic,
-          taken: Callable[[], bool] = lambda: False) -> None:
+          clock: Callable[[], float] = elapsed,
+          taken: Callable[[], bool] = lambda: False,
+          slept: Callable[[], bool] = lambda: False) -> None:
     """Guard until the driver closes or is gone; file descriptors ``beats``, ``status``.
 
-    ``taken``: whether another than this guard's driver owns the chip by now.
+    ``taken``: whether another than this guard's driver owns the chip by now; ``slept``: whether
+    the computer was suspended since the last call.
     """
     neutral = bytes([0x06 + 4 * channel, 0, 0, counts & 0xFF, counts >> 8])
     driver = os.getppid()
@@ -112,6 +119,8 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
             state.heard(os.read(beats, 4096), now)
         elif os.getppid() != driver and not state.gone:
             state.heard(b"", now)
+        if slept():
+            state.woke()
         if state.due(now):
             if not told or (now - written >= REPEAT and not (state.gone and taken())):
                 if not told:
@@ -182,7 +191,8 @@ def main(arguments: list[str]) -> int:
         return 1
     _live_longer()
     path = lock_path(spec, address)
-    watch(bus, address, channel, counts, beats=0, status=1, taken=lambda: _taken(path, driver))
+    watch(bus, address, channel, counts, beats=0, status=1,
+          taken=lambda: _taken(path, driver), slept=SuspendDetector().slept)
     return 0
 
 

@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from typing import IO
 
@@ -14,6 +13,7 @@ from dart_hal.actuation.arming import GUARD_ALIVE
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
 from dart_hal.process.forks import private
+from dart_hal.process.suspend import elapsed
 from dart_hal.process.waiting import wait_readable
 
 START_TIME = 10.0
@@ -33,7 +33,7 @@ class Guard:
     """
 
     def __init__(self, bus: str, opener: Callable[[str], Bus], *, address: int, channel: int,
-                 neutral_counts: int, clock: Callable[[], float] = time.monotonic) -> None:
+                 neutral_counts: int, clock: Callable[[], float] = elapsed) -> None:
         command = [sys.executable, "-m", "dart_hal.actuation.guard",
                    f"{opener.__module__}:{opener.__qualname__}", bus, str(address),
                    str(channel), str(neutral_counts)]

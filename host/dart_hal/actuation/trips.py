@@ -20,6 +20,9 @@ TRIPS: dict[str, tuple[str, str]] = {
     "GUARD_TRIPPED": ("the guard process had written neutral: this program stood still",
                       "close other programs; do not stop the process while it drives"),
     "GUARD_SILENT": ("the guard process does not answer", "close other programs; open it again"),
+    "SUSPENDED": ("the computer was suspended while the car was armed",
+                  "let it never sleep: host/setup/setup.sh masks sleep; or sudo systemctl mask "
+                  "sleep.target suspend.target hibernate.target hybrid-sleep.target"),
     "CUT_OFF": ("the hardware cut-off does not pass the pulses on",
                 "check the Nano and its wiring; dart-hal doctor"),
     "MOVES_AT_NEUTRAL": ("the wheels turned faster while the throttle was neutral; servo and ESC "

@@ -10,6 +10,7 @@ from dart_hal.bridges import told
 from dart_hal.bridges.commands import Commands
 from dart_hal.bridges.messages import Message
 from dart_hal.car import Car
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import State
 
 SOURCE = "ros"
@@ -42,7 +43,7 @@ class Bridge:
     """Car ``number`` on a middleware. clock [s]: by which messages age; say: one sentence."""
 
     def __init__(self, car: Car, number: int, middleware: Middleware, say: Callable[[str], None],
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = elapsed) -> None:
         self.commands = Commands()
         self._car, self._middleware, self._say, self._clock = car, middleware, say, clock
         self._told = told.Told(number, car.files.config.geometry.l_r, car.simulated)

@@ -6,13 +6,13 @@ The car never waits for it: ``poll`` takes what is there. A camera that is gone 
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from contextlib import suppress
 from typing import Any
 
 from dart_hal.camera.device import Device, opencv
 from dart_hal.errors import DartHalError, NoImage
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import Image
 
 PATIENCE = 1.0
@@ -38,7 +38,7 @@ class CvCamera:
             self._capture.release()
             raise device.busy()
         self._waiting: deque[tuple[float, float, bytes]] = deque(maxlen=KEPT)
-        self._came = time.monotonic()
+        self._came = elapsed()
         self._gone = ""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
@@ -47,7 +47,7 @@ class CvCamera:
     @property
     def trouble(self) -> DartHalError | None:
         """The device is gone, or it hangs."""
-        silent = time.monotonic() - self._came
+        silent = elapsed() - self._came
         if self._gone:
             return NoImage(f"{self.name}: the camera is gone", found=self._gone,
                            likely="cable pulled out, or another program took it",
@@ -57,7 +57,7 @@ class CvCamera:
 
     def poll(self, now: float) -> list[Image]:
         """As ``ImageSource``; the times are those of the reading thread."""
-        images, here = [], time.monotonic()
+        images, here = [], elapsed()
         while self._waiting:
             taken, came, jpeg = self._waiting.popleft()
             images.append(Image(now - (here - came), now - (here - taken), jpeg))
@@ -91,13 +91,13 @@ class CvCamera:
         """One image into ``_waiting``. The stamp is that of the read's end: exposure and transfer
         lie before it."""
         ok, picture = self._capture.read()
-        taken = time.monotonic()
+        taken = elapsed()
         if not ok:
             return False
         ok, jpeg = self._cv2.imencode(".jpg", picture, [self._cv2.IMWRITE_JPEG_QUALITY,
                                                         self._device.quality])
         if ok:
-            self._came = time.monotonic()
+            self._came = elapsed()
             self._waiting.append((taken, self._came, jpeg.tobytes()))
         return bool(ok)
 
@@ -110,4 +110,4 @@ class CvCamera:
         with suppress(DartHalError):
             self._capture = self._device.capture()
             self._gone = ""
-            self._came = time.monotonic()
+            self._came = elapsed()

@@ -32,11 +32,12 @@ from dart_hal.car.transmit import Transmitter
 from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, BusError, NotArmed
 from dart_hal.links.base import Backend
+from dart_hal.process.suspend import SuspendDetector
 from dart_hal.types import Applied, Limit, State
 
 REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
-              "GUARD_TRIPPED": "GUARD_SILENT"}
+              "GUARD_TRIPPED": "GUARD_SILENT", "SUSPENDED": "LINK_NOT_GOOD_500MS"}
 """A trip during ARMING, as the reason why it did not arm."""
 LIVE_MODES = (ArmState.ARMING, ArmState.ARMED, ArmState.RAW)
 """Where a run-stop ends something."""
@@ -57,6 +58,8 @@ class Driver:
                                  demand=lambda: self.supervisor.output)
         self.observer = Observer(files, backend, receiver, self.actuator)
         self._neutral_watch = NeutralWatch()
+        self.suspend = None if backend.virtual else SuspendDetector()
+        """In virtual time the world waits for its program, and nothing is missed."""
         self._guard: GuardPost | None = None
         self._test: CutoffTest | None = None
         self._passed = False
@@ -177,6 +180,8 @@ class Driver:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
             causes.append("CUT_OFF")
+        if self.suspend is not None and self.suspend.slept():
+            causes.append("SUSPENDED")
         if self.holders:
             causes.append("RUN_STOP")
         return causes

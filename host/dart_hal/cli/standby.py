@@ -16,6 +16,7 @@ from dart_hal.cli.stop import reach, real
 from dart_hal.errors import BusError
 from dart_hal.links.holder import holder, port_of
 from dart_hal.links.notify import notify
+from dart_hal.process.suspend import elapsed
 
 
 @click.command("standby")
@@ -36,8 +37,8 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
     stop_on_signals()
     post = Post(throttle)
     notify("READY=1")
-    end = time.monotonic() + (duration or inf)
-    while (now := time.monotonic()) < end:
+    end = elapsed() + (duration or inf)
+    while (now := elapsed()) < end:
         port = port_of(address)
         post.step(holder(port) if port else None, now)
         notify("WATCHDOG=1")

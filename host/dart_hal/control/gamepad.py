@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import os
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_UNCHANGED_S, InputAge
 from dart_hal.errors import PortMissing
+from dart_hal.process.suspend import elapsed
 
 EVENT = struct.Struct("<IhBB")
 BUTTON, AXIS, INIT = 0x01, 0x02, 0x80
@@ -64,7 +64,7 @@ class Gamepad:
     """
 
     def __init__(self, path: str = "/dev/input/js0", layout: Layout | None = None,
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = elapsed) -> None:
         self._layout = layout or Layout()
         self._clock = clock
         self._axes: dict[int, float] = {}

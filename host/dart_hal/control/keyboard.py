@@ -14,12 +14,12 @@ from __future__ import annotations
 import os
 import sys
 import termios
-import time
 import tty
 from collections.abc import Callable
 
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_REPORT_AGE_S, InputAge
 from dart_hal.errors import PortMissing, UsageError
+from dart_hal.process.suspend import elapsed
 from dart_hal.process.waiting import wait_readable
 
 KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
@@ -78,7 +78,7 @@ def _gone(found: str) -> PortMissing:
 class Keyboard(Terminal):
     """Steers and drives by arrow keys or WASD; clock [s]: by which keys age. Raises UsageError."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = elapsed) -> None:
         super().__init__()
         self.begin(clock)
 

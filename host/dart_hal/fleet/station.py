@@ -21,6 +21,7 @@ from dart_hal.fleet.peers import LOST_AFTER, OtherHealth, OtherPose, Peers
 from dart_hal.fleet.sender import Session
 from dart_hal.fleet.stopping import AT_LEAST, REPEAT, StopCall
 from dart_hal.fleet.transports import Transport, open_transport
+from dart_hal.process.suspend import elapsed
 
 BEAT_EVERY = 0.05
 """s between two BEATs."""
@@ -51,7 +52,7 @@ class Station:
     """
 
     def __init__(self, room: str | Transport, name: str = "",
-                 now: Callable[[], float] = time.monotonic,
+                 now: Callable[[], float] = elapsed,
                  pause: Callable[[float], object] = time.sleep,
                  room_key: RoomKey | str | Path | None = None) -> None:
         key = find_key(room_key)

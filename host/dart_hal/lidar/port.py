@@ -7,7 +7,6 @@ while nothing comes; an X4 Pro streams by itself and does not mind.
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from contextlib import suppress
 
@@ -16,6 +15,7 @@ from dart_hal.lidar.packets import START, STOP
 from dart_hal.lidar.scan import Stream
 from dart_hal.links.serial_port import SerialLink, candidates
 from dart_hal.ports import Chunk
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import Scan
 
 READ = 0.05
@@ -42,7 +42,7 @@ class SerialLidar:
         self._lost: DartHalError | None = None
         self._chunks: deque[Chunk] = deque(maxlen=KEPT)
         self._came = 0
-        self._good = self._polled = self._asked = time.monotonic()
+        self._good = self._polled = self._asked = elapsed()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._read, name="lidar", daemon=True)
         self._send(START)
@@ -67,7 +67,7 @@ class SerialLidar:
     def poll(self, now: float) -> list[Scan]:
         """As ``ScanSource``; the times of arrival are those of the reading thread."""
         scans: list[Scan] = []
-        self._polled = received = time.monotonic()
+        self._polled = received = elapsed()
         while self._chunks:
             chunk = self._chunks.popleft()
             before = self.stream.decoder.packets
@@ -100,7 +100,7 @@ class SerialLidar:
                 continue
             if chunk is not None:
                 self._chunks.append(chunk)
-            elif time.monotonic() - self._asked > AGAIN:
+            elif elapsed() - self._asked > AGAIN:
                 self._send(START)
 
     def _lose(self, link: SerialLink, why: LinkLost) -> None:
@@ -115,12 +115,12 @@ class SerialLidar:
         for device in self._present():
             with suppress(DartHalError):
                 self._link = SerialLink(device, self.baud, dtr=True)
-                self._lost, self._good = None, time.monotonic()
+                self._lost, self._good = None, elapsed()
                 self._send(START)
                 return
 
     def _send(self, command: bytes) -> None:
-        self._asked = time.monotonic()
+        self._asked = elapsed()
         if self._link is not None:
             with suppress(LinkLost):
                 self._link.write(command)

@@ -31,6 +31,7 @@ from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus
 from dart_hal.ports import Chunk, Link
 from dart_hal.process.forks import private
+from dart_hal.process.suspend import elapsed
 from dart_hal.process.waiting import wait_readable, wait_writable
 
 RATES = (500_000, 115_200)
@@ -45,10 +46,10 @@ or -1 after close(); the termios functions have an error of their own."""
 
 
 class RealClock:
-    """The host's monotonic clock."""
+    """Time since the host's start; it goes on while the host is suspended."""
 
     def now(self) -> float:
-        return time.monotonic()
+        return elapsed()
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds)
@@ -112,15 +113,15 @@ class SerialLink(Link):
             raise LinkLost(f"{self.device} vanished", found=str(error)) from error
         if not data:
             raise LinkLost(f"{self.device} vanished", found="end of file")
-        return Chunk(data, time.monotonic())
+        return Chunk(data, elapsed())
 
     def write(self, data: bytes) -> None:
         # Not Serial.write: it waits by select, which refuses descriptors from 1024 on.
-        end = time.monotonic() + WRITE_PATIENCE
+        end = elapsed() + WRITE_PATIENCE
         rest = memoryview(data)
         try:
             while rest:
-                if not wait_writable(self._descriptor(), end - time.monotonic()):
+                if not wait_writable(self._descriptor(), end - elapsed()):
                     self.dropped += 1
                     return
                 with contextlib.suppress(BlockingIOError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import struct
-import time
 from collections.abc import Callable
 
 from dart_hal.errors import DartHalError, PortMissing
@@ -12,6 +11,7 @@ from dart_hal.poses import natnet
 from dart_hal.poses.reading import Convention
 from dart_hal.poses.rigid import reading
 from dart_hal.poses.udp import Port
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import ExternalPose
 
 COMMANDS = 1510
@@ -32,7 +32,7 @@ class NatNetSource:
     on_board = False
 
     def __init__(self, host: str, port: int, convention: Convention, name: str,
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = elapsed) -> None:
         self.name = name
         self.refused = self.missed = self.untracked = 0
         self.others: set[str] = set()

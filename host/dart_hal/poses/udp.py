@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 from dart_hal.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.poses.reading import Convention, Reading
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import ExternalPose
 
 Parse = Callable[[bytes], list[Reading]]
@@ -103,7 +104,7 @@ class SharedPort:
 
     def take(self) -> None:
         """Hand what has come to every reader."""
-        received = time.monotonic()
+        received = elapsed()
         for data, age, address in self.port.receive():
             for reader in self._readers:
                 reader.waiting.append((data, received - age, address))
@@ -136,7 +137,7 @@ class SharedReader:
     def receive(self) -> list[tuple[bytes, float, Any]]:
         """As ``Port.receive``."""
         self._shared.take()
-        now, waiting = time.monotonic(), self.waiting
+        now, waiting = elapsed(), self.waiting
         came = [waiting.popleft() for _ in range(min(len(waiting), AT_ONCE))]
         return [(data, max(now - received, 0.0), address) for data, received, address in came]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import errno
 import socket
-import time
 from collections.abc import Callable
 
 from dart_hal.poses import vrpn
 from dart_hal.poses.natnet_source import address
 from dart_hal.poses.reading import Convention
 from dart_hal.poses.rigid import reading
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import ExternalPose
 
 PORT = 3883
@@ -29,7 +29,7 @@ class VrpnSource:
     on_board = False
 
     def __init__(self, host: str, port: int, sensor: int, convention: Convention, name: str,
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = elapsed) -> None:
         self.name = name
         self.refused = self.connections = 0
         self.others: set[str] = set()

@@ -24,6 +24,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from dart_hal.errors import FileTrouble, RecordingError, UsageError
+from dart_hal.process.suspend import elapsed_ns
 from dart_hal.recording.mcap_records import JSON, ZERO, McapFile
 from dart_hal.recording.pieces import PieceWriter
 from dart_hal.recording.schemas import definition
@@ -97,7 +98,7 @@ class RunFile:
         The first car decides: the calendar is asked once, and a file that begins with virtual
         time has none. Later cars stay beside the first, should the calendar be set meanwhile.
         """
-        boot = None if now is None else time.monotonic_ns() - nanoseconds(now)
+        boot = None if now is None else elapsed_ns() - nanoseconds(now)
         if self._zero is None:
             self._zero = 0 if now is None else time.time_ns() - nanoseconds(now)
         if boot is None:

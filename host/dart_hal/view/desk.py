@@ -20,6 +20,7 @@ import msgspec
 from dart_hal.car import Car
 from dart_hal.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.fleet.peers import OtherPose
+from dart_hal.process.suspend import elapsed
 from dart_hal.types import Scan, State
 from dart_hal.view import messages as m
 from dart_hal.view.access import Access
@@ -54,7 +55,7 @@ class Desk:
     def __init__(self, car: Car, access: Access, *, drives: bool = False,
                  lines: Lines = None, others: Others | None = None, waive: Sequence[str] = (),
                  max_throttle: float = 0.35, folder: Path = Path("runs"),
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = elapsed) -> None:
         self.car, self.drives, self.operator = car, drives, Operator(access)
         self._others, self._lines = others, lines
         self._waive, self._max_throttle = tuple(waive), max_throttle

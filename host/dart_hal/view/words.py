@@ -35,6 +35,7 @@ TRIP_WORDS: dict[str, Words] = {
     "GUARD_TRIPPED": ("The program that serves this page stood still, and its guard stopped the "
                       "car.", f"Close other programs on the car's computer. {ARM}"),
     "GUARD_SILENT": ("The guard process does not answer.", REOPEN),
+    "SUSPENDED": ("The car's computer was asleep.", f"Let it never sleep. {ARM}"),
     "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
                 f"Check the Nano and its wires. {DOCTOR}"),
     "MOVES_AT_NEUTRAL": ("The wheels sped up at neutral, so motor and steering get no pulse.",

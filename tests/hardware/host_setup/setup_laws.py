@@ -44,6 +44,15 @@ def nothing_half(box: Box, whole: dict[str, str]) -> None:
         assert (link / "bin" / "dart-hal").exists()
 
 
+def sleep_is_masked(box: Box) -> None:
+    """A car drives on while its computer is suspended."""
+    assert box.run().returncode == 0
+    for target in ("sleep", "suspend", "hibernate", "hybrid-sleep"):
+        link = box.root / "etc" / "systemd" / "system" / f"{target}.target"
+        assert link.is_symlink(), target
+        assert str(link.readlink()) == "/dev/null"
+
+
 def remove_undoes(box: Box) -> None:
     before = {k: v for k, v in box.tree().items() if not k.startswith("state/")}
     assert box.run("--car", "mine").returncode == 0

@@ -17,6 +17,7 @@ from setup_laws import (
     plan_is_what_happens,
     remove_undoes,
     second_run_does_nothing,
+    sleep_is_masked,
 )
 
 
@@ -30,6 +31,26 @@ def test_a_second_run_does_nothing(box: Box) -> None:
 
 def test_remove_undoes_it(box: Box) -> None:
     remove_undoes(box)
+
+
+def test_the_computer_never_sleeps(box: Box) -> None:
+    sleep_is_masked(box)
+
+
+def test_control_a_script_without_the_step_lets_it_sleep(box: Box) -> None:
+    box.change("setup.sh", "step_sleep\n", "")
+    with pytest.raises(AssertionError, match="sleep"):
+        sleep_is_masked(box)
+
+
+def test_sleep_that_was_masked_before_stays_masked(box: Box) -> None:
+    link = box.root / "etc" / "systemd" / "system" / "sleep.target"
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to("/dev/null")
+    assert box.run().returncode == 0
+    assert box.run("--remove").returncode == 0
+    assert link.is_symlink()
+    assert not (link.parent / "suspend.target").is_symlink()
 
 
 def test_remove_on_a_fresh_computer_says_that_there_is_nothing(box: Box) -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import ipaddress
 import socket
 import threading
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from dart_hal.errors import UsageError
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
 from dart_hal.poses.udp import Port, SharedPort
+from dart_hal.process.suspend import elapsed
 
 EXPECTED = "udp://239.255.42.99:7447, or udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447"
 GUESTS = 64
@@ -86,7 +86,7 @@ class UdpTransport:
 
     def stamp(self, now: float) -> float:
         """The computer's clock that nobody sets."""
-        return time.monotonic()
+        return elapsed()
 
     def send(self, data: bytes, now: float) -> None:
         self.trouble = ""
@@ -96,7 +96,7 @@ class UdpTransport:
             except OSError as why:  # no network yet, a full queue: the next one comes in 50 ms
                 self.trouble = f"{address[0]}:{address[1]}: {why}"
         if self._guests:
-            old = time.monotonic() - STAYS
+            old = elapsed() - STAYS
             self._guests = {a: t for a, t in self._guests.items() if t > old}
 
     def poll(self, now: float) -> Sequence[Datagram]:
@@ -105,7 +105,7 @@ class UdpTransport:
     def answer(self, source: Any) -> None:
         if not self._group and source not in self._to and (
                 source in self._guests or len(self._guests) < GUESTS):
-            self._guests[source] = time.monotonic()
+            self._guests[source] = elapsed()
 
     def close(self) -> None:
         with _doors:

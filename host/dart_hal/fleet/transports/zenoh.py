@@ -7,7 +7,6 @@ them zenoh scouts its network for peers. Frames go to the key dart-hal/fleet/ROO
 from __future__ import annotations
 
 import json
-import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from dart_hal.errors import UsageError
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
 from dart_hal.process.extras import install_command
+from dart_hal.process.suspend import elapsed
 
 KEPT = 4096
 """Frames that wait: 10 s of 20 cars."""
@@ -56,11 +56,11 @@ class ZenohTransport:
         self._publisher = session.declare_publisher(key)
 
     def _take(self, sample: Any) -> None:
-        self._came.append((sample.payload.to_bytes(), time.monotonic()))
+        self._came.append((sample.payload.to_bytes(), elapsed()))
 
     def stamp(self, now: float) -> float:
         """The computer's clock that nobody sets."""
-        return time.monotonic()
+        return elapsed()
 
     def send(self, data: bytes, now: float) -> None:
         try:
@@ -70,7 +70,7 @@ class ZenohTransport:
             self.trouble = str(why)
 
     def poll(self, now: float) -> Sequence[Datagram]:
-        out, line = [], time.monotonic()
+        out, line = [], elapsed()
         while self._came:
             data, t = self._came.popleft()
             out.append(Datagram(data, max(line - t, 0.0)))
