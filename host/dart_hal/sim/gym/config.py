@@ -37,8 +37,8 @@ FIXED = ("body.wheelbase", "body.l_f", "body.l_r", "body.front_share", "delay.st
 class GymConfig:
     """One environment.
 
-    ``track``: a closed ``control.paths.Path`` or a name of
-    ``control.tracks.TRACKS``; ``period`` [s] of one environment step; ``episode``
+    ``track``: a closed ``control.paths.Path``, a name of
+    ``control.tracks.TRACKS`` or the path of a file; ``period`` [s] of one environment step; ``episode``
     [s] until truncation; ``speed`` [m/s]: the reference on a path, the largest one
     of the speed task; ``half_width`` [m] of the track; ``randomise``: half widths
     by name, see ``SPREAD``; empty = the nominal car at every reset. On a path:
