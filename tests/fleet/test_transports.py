@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 import time
 from importlib.util import find_spec
 
+import msgspec
 import pytest
 from rooms import pose_frame
 
 from dart_hal.car import Car, join
 from dart_hal.errors import NotArmed, PortBusy, UsageError
+from dart_hal.fleet import messages as m
+from dart_hal.fleet.key import RoomKey
+from dart_hal.fleet.outbox import Outbox
 from dart_hal.fleet.peers import Peers
 from dart_hal.fleet.transports import open_transport, transports
 
@@ -52,9 +57,14 @@ def test_a_url_that_means_nothing_is_refused(text):
         open_transport(text)
 
 
-def exchange(a, b):
-    """One frame each way, until they came."""
-    ends = (a, Peers("a", 1)), (b, Peers("b", 2))
+KEYS = pytest.mark.parametrize("key", [None, RoomKey(b"key of the laboratory")],
+                               ids=["no key", "key"])
+
+
+def exchange(a, b, key=None):
+    """Frames each way, until they came; with a key also until each has proved that it lives."""
+    ends = (a, Peers("a", 1, key)), (b, Peers("b", 2, key))
+    outboxes = [Outbox(peers, line) for line, peers in ends]
     (_, hears_b), (_, hears_a) = ends
     count = 0
 
@@ -63,20 +73,26 @@ def exchange(a, b):
         count += 1
         now = time.monotonic()
         for (line, peers), name in zip(ends, "ab", strict=True):
-            line.send(pose_frame(count, name=name, boot=peers.boot, sent=line.stamp(now)), now)
+            if key is None:
+                line.send(pose_frame(count, name=name, boot=peers.boot, sent=line.stamp(now)), now)
             peers.take(line, now)
+        if key is not None:
+            for outbox in outboxes:
+                outbox.send(m.HEALTH, ("ARMED", 0, "", ""), now)
+                outbox.send_heard(now)
         return "b" in hears_b.senders and "a" in hears_a.senders
 
     return until(both)
 
 
-def test_udp_to_a_list_of_addresses_and_to_who_asks():
+@KEYS
+def test_udp_to_a_list_of_addresses_and_to_who_asks(key):
     """The second is not on the first's list: it is answered because it is heard."""
     p, q = free_port(), free_port()
     a = open_transport(f"udp://127.0.0.1:{p}?to=127.0.0.1:9")
     b = open_transport(f"udp://127.0.0.1:{q}?to=127.0.0.1:{p}")
     try:
-        assert exchange(a, b)
+        assert exchange(a, b, key)
         a.answer(("127.0.0.1", q))
         assert a._guests.keys() == {("127.0.0.1", q)}
     finally:
@@ -84,14 +100,15 @@ def test_udp_to_a_list_of_addresses_and_to_who_asks():
         b.close()
 
 
-def test_udp_multicast_on_one_computer():
+@KEYS
+def test_udp_multicast_on_one_computer(key):
     url = f"udp://239.255.42.99:{free_port()}?via=127.0.0.1"
     try:
         a, b = open_transport(url), open_transport(url)
     except UsageError as why:
         pytest.skip(f"no multicast on this computer: {why.found}")
     try:
-        assert exchange(a, b)
+        assert exchange(a, b, key)
     finally:
         a.close()
         b.close()
@@ -155,14 +172,15 @@ def test_a_state_that_comes_after_leaving_reads_nothing():
 
 @pytest.mark.realtime
 @needs_zenoh
-def test_zenoh_between_two_sessions():
+@KEYS
+def test_zenoh_between_two_sessions(key):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     a = open_transport(f"zenoh://test?listen=tcp/127.0.0.1:{port}")
     b = open_transport(f"zenoh://test?connect=tcp/127.0.0.1:{port}")
     try:
-        assert exchange(a, b)
+        assert exchange(a, b, key)
     finally:
         a.close()
         b.close()
@@ -200,3 +218,12 @@ def test_cars_of_one_process_share_a_socket_and_each_hears_everything():
     late = open_transport(url)
     assert late._port is not ends[0]._port, "the last one closed it"
     late.close()
+
+
+@pytest.mark.parametrize("name", ["", "x" * 33, "\u00fc" * 17, "a\nb"])
+def test_a_name_that_no_message_can_carry_enters_no_room(name):
+    with Car.open("sim://?nano=mock&seed=1") as car:
+        config = msgspec.structs.replace(car.files.config, name=name)
+        car.files = dataclasses.replace(car.files, config=config)
+        with pytest.raises(UsageError, match="member of a room"):
+            join(car, "local://names")

@@ -8,8 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from dart_hal.fleet import messages as beats
+from dart_hal.fleet.codec import encode
+from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import StopRule
+from dart_hal.fleet.transports import open_transport
 from dart_hal.view import messages as m
 from dart_hal.view.fleet_desk import FleetDesk, FleetPage
 from dart_hal.view.operator import Refused
@@ -112,3 +116,21 @@ def test_it_is_served():
         with join(page) as socket:
             assert until(socket, "rooms")["rooms"] == ["local://page3"]
             assert until(socket, "cars")["cars"] == []
+
+
+@pytest.mark.parametrize("key", [None, RoomKey(b"key of the laboratory")], ids=["no key", "key"])
+def test_the_page_is_told_which_rooms_have_no_key(key):
+    with Station("local://page4", room_key=key) as station:
+        (rooms,) = map(json.loads, FleetDesk([station]).joined("page"))
+    assert rooms["open"] == ([] if key else ["local://page4"])
+
+
+def test_the_page_names_members_that_it_ignores():
+    with Station("local://page5", "base", now=lambda: 1.0) as station:
+        key = RoomKey(b"key of the laboratory")
+        line = open_transport("local://page5")
+        line.send(encode(beats.BEAT, 9, 1, 1.0, ("red",), key), 1.0)
+        said = [message["text"] for message in map(json.loads, FleetDesk([station]).batch())
+                if message["type"] == "said"]
+        line.close()
+    assert any("red is ignored" in text and "key" in text for text in said)

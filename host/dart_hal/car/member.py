@@ -22,7 +22,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Counters, encode
 from dart_hal.fleet.discovery import Announcement
 from dart_hal.fleet.key import RoomKey, find_key
-from dart_hal.fleet.messages import NOTE
+from dart_hal.fleet.messages import NOTE, TEXT
 from dart_hal.fleet.outbox import Outbox
 from dart_hal.fleet.peers import Coordination, OtherPose, Peers, values_of_pose
 from dart_hal.fleet.sender import Session
@@ -49,6 +49,10 @@ def join(car: Car, room: str | Transport, *, name: str | None = None,
     Raises UsageError and what opening the transport raises.
     """
     name = name or car.files.config.name
+    if len(name.encode("utf-8")) > TEXT or not name.isprintable() or not name:
+        raise UsageError(f"no member of a room can be called {name[:80]!r}", found=repr(name[:80]),
+                         expected=f"1 to {TEXT} bytes of printable text",
+                         remedy='join(car, room, name="red")')
     key = find_key(room_key)
     transport = open_transport(room) if isinstance(room, str) else room
     try:

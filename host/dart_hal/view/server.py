@@ -197,7 +197,7 @@ class Server:
     def _send(self, sockets: Socket) -> None:
         try:
             batch = list(self._listener.batch())
-        except Exception as why:  # noqa: BLE001 - what cannot be told must not end the page
+        except BaseException as why:  # noqa: BLE001 - what cannot be told must not end the page
             if repr(why) != self._trouble:  # each once: this is called 30 times a second
                 self._trouble = repr(why)
                 log.error("the live page could not be told: %r", why)
