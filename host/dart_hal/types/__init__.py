@@ -131,7 +131,6 @@ POSE_STD, POSE_YAW_STD = 0.001, 0.002
 
 
 MAX_COORDINATE = 1e5  # m; no room is larger, and its squares do not overflow
-MAX_TURNS = 1e5  # of a body whose yaw is not wrapped
 MAX_STAMP = 2.0**31
 """s; builtin_interfaces/Time ends there, and Unix time in ms is beyond it."""
 
@@ -158,8 +157,7 @@ class ExternalPose:
     z up; cov (3, 3) of them; frame: name of the room's frame. The stamp is kept in
     whole ns and the yaw, wrapped to +-pi, in whole nrad: as much as a recording
     keeps, so that a replay sees the very same numbers. Raises ValueError for
-    what is no finite number, for places beyond ``MAX_COORDINATE``, and for stamps that are no
-    seconds.
+    what is no finite number or beyond ``MAX_COORDINATE``, and for stamps that are no seconds.
     """
 
     stamp: float
@@ -174,7 +172,7 @@ class ExternalPose:
         numbers = (self.stamp, self.arrival, self.x, self.y, self.yaw)
         if not all(map(isfinite, numbers)) or not np.isfinite(self.cov).all():
             raise ValueError("a pose that is not finite")
-        if max(abs(self.x), abs(self.y)) > MAX_COORDINATE or abs(self.yaw) > MAX_TURNS * tau:
+        if max(abs(self.x), abs(self.y), abs(self.yaw)) > MAX_COORDINATE:
             raise ValueError(f"a pose at {self.x:g}, {self.y:g} m, {self.yaw:g} rad")
         if not 0.0 <= self.stamp < MAX_STAMP or self.arrival < 0.0:
             raise ValueError(f"a stamp of {self.stamp:g}, which are no seconds")
