@@ -17,6 +17,7 @@ from dart_hal.experiment.handover import mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.identify.measured import named_model
 from dart_hal.identify.outcome import jointly
+from dart_hal.identify.runs import read_any
 from dart_hal.identify.write import SECTIONS
 from dart_hal.links.base import Url, open_backend
 from dart_hal.sim.truth import reveal_url
@@ -56,7 +57,8 @@ def joint_errors(seed: int, folder: Path) -> Errors:
     """(error, standard error) of every parameter of the joint fit of a seed's car."""
     runs = drive(seed, folder)
     base, _ = named_model("measured", runs)
-    found, _ = jointly(runs, SECTIONS, base, "")
+    recordings, skipped = read_any(runs)
+    found, _ = jointly(recordings, skipped, SECTIONS, base, "")
     true = true_parameters(seed, files_span(runs[0]))
     rows: Errors = {}
     for section, fit in found.fits.items():

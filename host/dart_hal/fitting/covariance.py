@@ -55,6 +55,19 @@ def block_covariance(s: Solution, block: IntArray, prior: float | FloatArray = 0
     return covariance if np.any(prior) else _infinite_where_undetermined(covariance, s)
 
 
+def held_covariance(s: Solution, columns: FloatArray, prior: float = 0.0) -> FloatArray:
+    """Covariance (k, k) by quantities that a fit holds at measured values.
+
+    An error of one standard error of a held quantity changes the residuals by a column (n, h), and
+    so the parameters by -H^-1 J' W column: these add up, as the errors are independent. prior: as
+    ``block_covariance``.
+    """
+    weighted = s.jacobian * s.weight[:, None]
+    hessian = weighted.T @ s.jacobian + prior * np.eye(s.jacobian.shape[1])
+    shift = scaled_inverse(hessian) @ (weighted.T @ columns)
+    return np.asarray(shift @ shift.T)
+
+
 def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
     """Covariance (k, k) by the sandwich with residuals corrected for the pull of their block.
 

@@ -25,6 +25,9 @@ from dart_hal.vehicle.sets import PAPER
 Progress = Callable[[float, str], None]
 Skipped = Sequence[tuple[str, str]]
 """(file, reason) of files that could not be read."""
+BODY_STD = {"mass": 0.02, "yaw_inertia": 0.1}
+"""Relative standard error of a mass that nobody has weighed with the recordings, as experiments
+have it, and of an inertia: m/12 (length^2 + width^2) of a car is good to a tenth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,8 @@ class Identification:
     derived: what the data identify
     where single parameters are not identifiable; source: for the file's provenance;
     joint: covariance across sub-models, where they were fitted together;
-    mass [kg]: as weighed with the recordings, None = the base's was taken.
+    mass [kg]: as weighed with the recordings, None = the base's was taken; nuisance: what a joint
+    fit moved within the errors with which it was known, by full name.
     frames: marker frame by file, of the recordings with motion capture.
     """
 
@@ -48,6 +52,7 @@ class Identification:
     mass: Estimate | None = None
     frames: Mapping[str, Reference] = field(default_factory=dict)
     compared: str = PAPER.name
+    nuisance: Mapping[str, Estimate] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
@@ -55,11 +60,18 @@ class Identification:
         return any(fit.sound for fit in self.fits.values())
 
     def over(self, base: ModelFile) -> ModelFile:
-        """The base that the fits belong to: with the mass that they hang on."""
-        if self.mass is None:
-            return base
-        mass = Quantity(self.mass.value, self.mass.std)
-        return msgspec.structs.replace(base, body={**base.body, "mass": mass})
+        """The base that the fits belong to: with the mass, inertia and effects they hang on."""
+        found = {name: Quantity(e.value, e.std) for name, e in self.nuisance.items()}
+        if self.mass is not None:
+            found["body.mass"] = Quantity(self.mass.value, self.mass.std)
+
+        def changed(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
+            return {**table, **{name.partition(".")[2]: q for name, q in found.items()
+                                if name.startswith(f"{section}.")}}
+
+        effects = tuple(msgspec.structs.replace(e, parameters=changed(e.name, e.parameters))
+                        for e in base.effects)
+        return msgspec.structs.replace(base, body=changed("body", base.body), effects=effects)
 
     def to_json(self) -> dict[str, Any]:
         """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
@@ -101,6 +113,9 @@ def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
     """
     from dart_hal.identify.shooting import fit_from_recordings
 
+    mass = weighed(recordings)
+    if mass is not None:
+        base = _with_body(base, {"mass": mass})
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
                                               progress, _known(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}
@@ -120,17 +135,32 @@ def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
     joint = Covariance(made.names, rounded(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(made.fits, files, published, source, joint=joint, frames=frames,
-                           compared=base.name),
-            recordings)
+                           compared=base.name, nuisance=made.nuisance), recordings)
 
 
 def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Standard errors of the base by name; none that these recordings have made."""
+    """Standard errors of the base by name; of its identified sections none that these recordings
+    have made. A mass or an inertia without a stated error is as vague as ``BODY_STD``."""
     seen = set(base.provenance.get("files", {}).values())
-    if seen & {r.sha256 for r in recordings}:
-        return {}
-    return {f"{section}.{key}": entry.std for section in SECTIONS
-            for key, entry in getattr(base, section).items() if isinstance(entry, Quantity)}
+    again = bool(seen & {r.sha256 for r in recordings})
+    tables: dict[str, Mapping[str, Any]] = {effect.name: effect.parameters
+                                            for effect in base.effects}
+    if not again:
+        tables |= {section: getattr(base, section) for section in SECTIONS}
+    known = {f"{section}.{key}": entry.std for section, table in tables.items()
+             for key, entry in table.items() if isinstance(entry, Quantity)}
+    vehicle = vehicle_of(base)
+    for key, share in BODY_STD.items():
+        entry = base.body.get(key)
+        known[f"body.{key}"] = (entry.std if isinstance(entry, Quantity)
+                                else share * float(flat_value(vehicle, f"body.{key}")))
+    return known
+
+
+def _with_body(base: ModelFile, values: Mapping[str, Estimate]) -> ModelFile:
+    """The base with values of its body, each with its standard error."""
+    changed = {key: Quantity(e.value, e.std) for key, e in values.items()}
+    return msgspec.structs.replace(base, body={**base.body, **changed})
 
 
 def per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence[str],

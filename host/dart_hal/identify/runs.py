@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +26,7 @@ from dart_hal.estimation.odometry import GYRO_FILTER
 from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock
 from dart_hal.recording.dart import (
     RUN,
+    AppliedCommands,
     Messages,
     Note,
     Recording,
@@ -91,7 +92,8 @@ def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True,
         marker, late = run.marker or (None, 0.0)
         return note_false_lock(Recording(
             path, RUN, on_clock(run.moments, start - late), mocap, "ok", None, digest,
-            tuple(notes), mass=_weighed(path), marker=marker, car=run.car))
+            tuple(notes), mass=_weighed(path), marker=marker, car=run.car,
+            commands=_on_clock(run.commands, start - late)))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
                                                        else "all used")), *said, *lost]
     messages = run.messages[every] if every in run.messages else _messages(
@@ -104,7 +106,8 @@ def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True,
 class _Run:
     """What is kept of a run: messages by the frames that each is made of, and of the moment;
     marker: where it sat on the car, and latency [s] of its poses, where that was calibrated;
-    car: its car file; notices: about the files that were used."""
+    car: its car file; notices: about the files that were used; commands: at the car's times of
+    their writes, None where a run has none."""
 
     frames: int
     lost: int
@@ -114,6 +117,7 @@ class _Run:
     marker: tuple[Reference, float] | None
     car: CarConfig
     notices: tuple[str, ...]
+    commands: AppliedCommands | None
 
 
 @lru_cache(maxsize=KEPT)
@@ -123,7 +127,28 @@ def _replayed(path: Path, digest: str, car: NamedCar) -> _Run:
     return _Run(len(states), states[-1].health.lost,
                 {every: _messages(states, files, every) for every in (EVERY, FINE)},
                 _moments(states, files), tuple(RunReader(path).poses()),
-                calibrated(files.calibration), files.config, notices)
+                calibrated(files.calibration), files.config, notices, _written(path, files))
+
+
+def _written(path: Path, files: CarFiles) -> AppliedCommands | None:
+    """Commands at the times of their writes, without the dithering of the steering.
+
+    The ESC follows the dithering of its pulses, so that of the throttle stays.
+    """
+    applied = list(RunReader(path).applied())
+    if not applied:
+        return None
+    count, _ = _counts(files)
+    steering = _command(np.array([a.applied.steering_us for a in applied]), files)
+    return AppliedCommands(
+        freeze(np.array([a.t for a in applied])),
+        freeze(np.array([a.applied.throttle for a in applied])),
+        freeze(np.round(undithered(steering, count), 6)))
+
+
+def _on_clock(commands: AppliedCommands | None, start: float) -> AppliedCommands | None:
+    """Commands on the clock of a mocap that starts at ``start`` [s]."""
+    return None if commands is None else replace(commands, t=freeze(commands.t - start))
 
 
 def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[str, ...]]:

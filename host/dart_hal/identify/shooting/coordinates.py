@@ -50,6 +50,7 @@ class Coordinates:
         self._whole = np.where(self._log, self._start, 1.0)
         usual = [FACTOR if a is None else a for a in amount]
         scale = np.where(self._log, np.abs(self._start), 1.0)
+        self._usual = np.array(usual)
         self._width = np.array([min(w, known[n] / s) if known.get(n, 0.0) > 0.0 and s else w
                                 for n, w, s in zip(names, usual, scale.tolist(), strict=True)])
         self._limits = np.reshape([bounds(base, name) for name in names], (-1, 2)).T
@@ -81,6 +82,10 @@ class Coordinates:
     def slope(self, x: FloatArray) -> FloatArray:
         """Size of d number / d x, (k,)."""
         return np.where(self._log, self._width * np.abs(self.numbers(x)), self._width)
+
+    def usual(self, x: FloatArray) -> FloatArray:
+        """Prior standard deviations (k,) in SI units that nothing measured would have, at x."""
+        return np.where(self._log, self._usual * np.abs(self.numbers(x)), self._usual)
 
     def width(self, i: int) -> float:
         """The prior standard deviation of parameter i in its own units, at the base."""

@@ -11,7 +11,7 @@ from dart_hal.errors import RecordingError
 from dart_hal.predict.rollout import Parts, measured, predict
 from dart_hal.predict.windows import MIN_SPEED, find_windows
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 CHANNELS = ("v_x", "v_y", "omega")
@@ -38,7 +38,8 @@ class Problem:
     def of(cls, grids: Sequence[Grid], every: float = EVERY) -> Problem:
         """All good windows, ``every`` [s] one. Raises RecordingError when there is none."""
         clean = AT[-1] + AFTER
-        parts = [(g, find_windows(g, round(every / SAMPLE), clean, clean).start) for g in grids]
+        starts = [find_windows(g, round(every / SAMPLE), clean, clean).start for g in grids]
+        parts = [(g, first[_fast(g, first)]) for g, first in zip(grids, starts, strict=True)]
         if not any(len(first) for _, first in parts):
             raise RecordingError(
                 "no stretch of these recordings can be predicted",
@@ -51,9 +52,25 @@ class Problem:
     def __len__(self) -> int:
         return int(self.measured.shape[-1])
 
+    def frame_errors(self, which: int) -> FloatArray:
+        """Standard error (n,) of L_x [m] (0), theta [rad] (1), L_y [m] (2) of each window's
+        marker frame; 0 where it is not known."""
+        errors = [0.0 if g.reference.std is None or not np.isfinite(g.reference.std[which])
+                  else g.reference.std[which] for g, _ in self.parts]
+        return np.repeat(errors, [len(first) for _, first in self.parts])
+
     def predict(self, p: Vehicle) -> FloatArray:
         """CHANNELS at READ by the model, (len(READ), 3, n).
 
         Samples hold the mean of what a lag has reached: continuous down to no lag at all.
         """
         return np.asarray(predict(p, self.parts, AT, smooth=True, sampled="mean")[:, 3:])
+
+
+def _fast(g: Grid, first: IntArray) -> BoolArray:
+    """Whether a window (n,) stays above MIN_SPEED until its last read-out.
+
+    Where a car comes to rest its measured velocity is smoothed over the stop, which friction at
+    rest would have to explain.
+    """
+    return np.asarray(np.all([g.v_x[first + at] > MIN_SPEED for at in AT], axis=0))

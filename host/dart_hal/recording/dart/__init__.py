@@ -5,11 +5,11 @@ from __future__ import annotations
 from .frames import with_marker_frames
 from .grid import Grid, grid
 from .marker import savgol_derivative
-from .model import RUN, Messages, Mocap, Note, Recording, Reference
+from .model import RUN, AppliedCommands, Messages, Mocap, Note, Recording, Reference
 from .quantum import encoder_quantum
 from .reader import read, read_all
 from .reference import fit_reference, reference_for, rolling_reference
 
-__all__ = ["RUN", "Grid", "Messages", "Mocap", "Note", "Recording", "Reference", "encoder_quantum",
-           "fit_reference", "grid", "read", "read_all", "reference_for", "rolling_reference",
-           "savgol_derivative", "with_marker_frames"]
+__all__ = ["RUN", "AppliedCommands", "Grid", "Messages", "Mocap", "Note", "Recording", "Reference",
+           "encoder_quantum", "fit_reference", "grid", "read", "read_all", "reference_for",
+           "rolling_reference", "savgol_derivative", "with_marker_frames"]

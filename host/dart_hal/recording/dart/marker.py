@@ -14,7 +14,7 @@ from dart_hal.errors import RecordingError
 from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 from .mocap import POSITION_STEP, YAW_STEP, longest_step, position_jumps
-from .model import Recording
+from .model import RUN, Recording
 from .sensors import GAP
 
 ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
@@ -59,6 +59,22 @@ def savgol_derivative(values: FloatArray, points: int, step: float = SAMPLE) -> 
     return out
 
 
+def turning_share(omega: FloatArray, points: int, step: float = SAMPLE) -> FloatArray:
+    """Compute the share (n,) of a velocity that ``savgol_derivative`` keeps as its vector turns.
+
+    In a circle the coordinates are sines of omega t, whose derivative over 2 h + 1 samples is
+
+        sum k sin(omega k dt) / (omega dt sum k^2) = 1 - (omega dt)^2 sum k^4 / (6 sum k^2) + ..
+
+    of the true one: 0.995 at 3 rad/s and 15 points. What is then taken off for the lever arm of the
+    marker is not smaller, which showed as 1 % of the slip of the rear tyres.
+    """
+    k = np.arange(1, points // 2 + 1, dtype=np.float64)
+    # sinc(0) = 1: numpy's sinc has a factor pi
+    turned = np.sinc(np.multiply.outer(np.asarray(omega) * step, k) / np.pi)
+    return np.asarray(turned @ k**2 / np.sum(k**2))
+
+
 def marker_grid(recording: Recording) -> MarkerGrid:
     """The marker frame as measured, before any mounting correction.
 
@@ -80,6 +96,9 @@ def marker_grid(recording: Recording) -> MarkerGrid:
                              expected="at least 0.25 s", remedy="leave this file out")
     x, y, yaw = (_onto(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
     dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
+    if recording.schema == RUN:  # the published evaluation of the other schemas does without
+        kept = turning_share(omega, points)
+        dx, dy = dx / kept, dy / kept
     arrived = np.searchsorted(messages.arrival, t + ARRIVED, side="right") - 1
     last = np.maximum(arrived, 0)
     encoder = messages.speed[last]
@@ -94,8 +113,10 @@ def marker_grid(recording: Recording) -> MarkerGrid:
         steps = _jumps(x, y, yaw, POSITION_STEP)
         jumps = np.append(steps, False) | np.append(False, steps)
     bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps)
-    return MarkerGrid(t, x, y, yaw, dx, dy, omega, messages.throttle[last],
-                      messages.steering[last], encoder, last, bad, lock)
+    throttle, steering = messages.throttle[last], messages.steering[last]
+    if recording.commands is not None:
+        throttle, steering = recording.commands.sample_means(len(t))
+    return MarkerGrid(t, x, y, yaw, dx, dy, omega, throttle, steering, encoder, last, bad, lock)
 
 
 def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.config.car import CarConfig
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 RUN = "run"  # schema of a run of our own, read as a recording
 
@@ -125,6 +125,33 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
+class AppliedCommands:
+    """Throttle and steering (m,) that were written at t (m,) s, each held until the next.
+
+    t is on the clock of the motion capture. A message only has the command of its moment, which
+    was written up to two frames before.
+    """
+
+    t: FloatArray
+    throttle: FloatArray
+    steering: FloatArray
+
+    def sample_means(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Compute the means of (throttle, steering) over n samples of the grid, (n,) each."""
+        edges = np.arange(n + 1) * SAMPLE
+        since = np.maximum(edges - self.t[-1], 0.0)
+
+        def means(values: FloatArray) -> FloatArray:
+            total = np.concatenate([[0.0], np.cumsum(np.diff(self.t) * values[:-1])])
+            before = np.minimum(edges - self.t[0], 0.0) * values[0]
+            integral = np.interp(edges, self.t, total) + since * values[-1] + before
+            # differences of sums of a constant are constant but for rounding
+            return np.asarray(np.round(np.diff(integral) / SAMPLE, 9))
+
+        return means(self.throttle), means(self.steering)
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One file. ``schema`` "A", "B", "C" or RUN; ``mocap`` None for A, and
     for a RUN without poses from outside.
@@ -138,7 +165,8 @@ class Recording:
     span [s]: messages are means of so much before their stamp; 0: of the moment.
     car: the car file that a run holds or that was named for it; None for other recordings.
     published: its content is that of a published file of DART. framed: ``marker`` and the notes
-    about it are those of ``with_marker_frames``.
+    about it are those of ``with_marker_frames``. commands: when they were written, where that
+    was recorded; None: the messages tell them.
     """
 
     path: Path
@@ -156,6 +184,7 @@ class Recording:
     car: CarConfig | None = None
     published: bool = False
     framed: bool = False
+    commands: AppliedCommands | None = None
 
     @property
     def name(self) -> str:
