@@ -56,7 +56,9 @@ def test_every_parameter_lies_within_its_interval(joint):
     assert max(abs(s) for s in scores.values()) < 4.0, scores
     told = [name for fit in joint.fits.values() for name, e in fit.parameters.items()
             if e.identifiable]
-    assert {"d", "a_left_rad", "s0", "steering_s", "front_D",
+    # the motor's d is not among them: with throttles of 0.2 to 0.32 alone its loss at two standard
+    # errors is no parabola, as onset and friction take its place
+    assert {"a_left_rad", "s0", "steering_s", "front_D",
             "rear_cornering_stiffness"} <= set(told)
 
 
