@@ -405,3 +405,19 @@ def test_a_recorded_car_that_cannot_be_is_refused_by_its_recording():
 
     with pytest.raises(DartHalError, match=r"run\.mcap"):
         parse_run_car("a = " + "[" * 5000, "car.toml in run.mcap", {})
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/full"])
+def test_a_device_is_no_path_and_no_map(device):
+    with pytest.raises(OSError, match="device"):
+        read_path(Path(device))
+    with pytest.raises(UsageError):
+        read_grid(Path(device))
+
+
+def test_a_text_without_an_end_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("dart_hal.text_file.MAX_TEXT_BYTES", 1000)
+    file = tmp_path / "path.csv"
+    file.write_text("x,y\n" + "0,0\n" * 500)
+    with pytest.raises(OSError, match="longer"):
+        read_path(file)

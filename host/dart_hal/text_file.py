@@ -7,6 +7,7 @@ Editors and spreadsheets mark the encoding of a file by its first bytes. All tex
 from __future__ import annotations
 
 import codecs
+import errno
 import io
 from pathlib import Path
 
@@ -14,6 +15,8 @@ BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-3
                     (codecs.BOM_UTF32_BE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"),
                     (codecs.BOM_UTF16_BE, "utf-16"))
 """First bytes and the codec that removes them. UTF-32 precedes UTF-16: its mark is longer."""
+MAX_TEXT_BYTES = 1 << 28
+"""Bytes of a text file: a million rows of poses have half of them."""
 MIN_ASCII_PAIRS = 0.9
 """Share of character pairs with one zero byte: text in UTF-16, in which ASCII prevails."""
 
@@ -49,5 +52,12 @@ def detect_encoding(raw: bytes) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file. Raises OSError and UnicodeDecodeError."""
-    return decode_text(path.read_bytes())
+    """Read a text file. Raises OSError, also for a device or a longer file, and
+    UnicodeDecodeError."""
+    if path.is_char_device() or path.is_block_device():
+        raise OSError(errno.EINVAL, "a device, not a file", str(path))
+    with path.open("rb") as file:
+        raw = file.read(MAX_TEXT_BYTES + 1)
+    if len(raw) > MAX_TEXT_BYTES:
+        raise OSError(errno.EFBIG, f"longer than {MAX_TEXT_BYTES >> 20} MB", str(path))
+    return decode_text(raw)

@@ -102,6 +102,10 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(130)
     except OSError as error:
         _fail(_file_trouble(error), as_json)
+    except MemoryError:
+        _fail(UsageError("the memory of this computer does not hold this input",
+                         found="no memory left", expected="a file or a range that fits",
+                         remedy="give it less at a time"), as_json)
     except ModuleNotFoundError as error:
         _fail(_missing_package(error), as_json)
     except Exception as error:  # noqa: BLE001 - the user gets a sentence, not our stack
