@@ -159,3 +159,13 @@ def test_frame_of_the_zheng_car_agrees_with_an_independent_fit(other_cars):
     assert made.marker.lx == pytest.approx(0.21, abs=ALLOWED * made.marker.std[0])
     assert made.marker.theta == pytest.approx(-0.0117, abs=ALLOWED * made.marker.std[1])
     assert made.marker.std[0] < 0.01
+
+
+def test_drive_without_turns_gets_no_frame_where_its_day_has_two(tmp_path):
+    """It may be of either mounting."""
+    first, _ = simulated(6, UPSTREAM_2024)
+    second, _ = simulated(7, UPSTREAM_2024)
+    straight, _ = simulated(4, seconds=20.0, steering=0.0)
+    made = with_marker_frames([first, second, straight])
+    assert made[2].marker is None
+    assert "reference_unknown" in kinds(made[2])

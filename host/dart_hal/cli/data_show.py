@@ -71,7 +71,7 @@ def _block(c: Check) -> None:
 def _reference(c: Check) -> str:
     known, fitted = c.motion.reference, c.motion.fitted
     text = f"{known} ({known.source})" if known else "not known, and not identified by this driving"
-    if fitted and fitted != known:
+    if fitted and str(fitted) != str(known):
         text += f"; fitted to this recording alone: {fitted}"
     return text
 

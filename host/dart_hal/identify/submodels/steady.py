@@ -51,8 +51,10 @@ def turn_of(recording: Recording, reference: Reference | None) -> Turn | None:
         g = None
     if g is not None:
         pick = slice(0, None, EVERY)
-        segment = np.zeros(len(g.t[pick]), dtype=np.int64)
-        return Turn(g.t[pick], g.v_x[pick], g.omega[pick], g.steering[pick], segment, ~g.bad[pick])
+        bad = g.bad[pick]
+        # each end of a bad stretch begins a segment: no difference reaches across a gap
+        segment = np.concatenate([[0], np.cumsum(bad[1:] != bad[:-1])]).astype(np.int64)
+        return Turn(g.t[pick], g.v_x[pick], g.omega[pick], g.steering[pick], segment, ~bad)
     if recording.encoder != "ok":
         return None
     m = recording.messages

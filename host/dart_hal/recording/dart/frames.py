@@ -17,9 +17,10 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
                        ) -> list[Recording]:
     """The recordings with the frame of their markers, as far as it is known or can be fitted.
 
-    1. Recordings of one day and folder tree share one mounting: their frame is fitted together.
+    1. Recordings of one day, or without a date of one folder, share one mounting: their frame is
+       fitted together.
     2. A recording whose own fit differs from that by more than 3 standard errors was mounted
-       otherwise, and keeps its own.
+       otherwise, and keeps its own. The others of that day then keep their own fits, too.
     3. What was given, calibrated or published is used as it is; where the fit contradicts it, a
        note says so.
 
@@ -38,21 +39,28 @@ def _fitted(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None
         mountings.setdefault(mounting(r), []).append(r)
     found: dict[int, tuple[Reference | None, str]] = {}
     for name, members in mountings.items():
+        if len(members) == 1:
+            found[id(members[0])] = fit_reference(members), "this recording"
+            continue
         pooled = fit_reference(members)
-        together = (f"{len(members)} recordings of {name}" if len(members) > 1
-                    else "this recording")
-        for r in members:
-            alone = fit_reference([r]) if len(members) > 1 else None
-            apart = alone is not None and (pooled is None or difference(alone, pooled) != "")
-            found[id(r)] = (alone, f"this recording, not like the others of {name}") if apart else (
-                pooled, together)
+        alone = [fit_reference([r]) for r in members]
+        apart = [own is not None and (pooled is None or difference(own, pooled) != "")
+                 for own in alone]
+        for r, own, differs in zip(members, alone, apart, strict=True):
+            if differs:
+                found[id(r)] = own, f"this recording, not like the others of {name}"
+            else:  # where mountings differ, a recording without a fit may be of either
+                found[id(r)] = (own if any(apart) else pooled,
+                                f"{len(members)} recordings of {name}")
     return found
 
 
 def mounting(recording: Recording) -> str:
-    """What the recordings of one mounting of the markers share: the day, else the folder."""
+    """What the recordings of one mounting of the markers share: day, else folder, and car."""
     when = recording.when
-    return f"{when:%Y-%m-%d}" if when else str(recording.path.parent)
+    day = f"{when:%Y-%m-%d}" if when else str(recording.path.parent)
+    owner = "DART" if recording.published else recording.car.name if recording.car else ""
+    return f"{day} ({owner})" if owner else day
 
 
 def _framed(recording: Recording, given: Reference | None, fitted: Reference | None, fitted_to: str
@@ -67,15 +75,10 @@ def _framed(recording: Recording, given: Reference | None, fitted: Reference | N
                 "is right",
                 kind="marker_differs"))
     elif fitted is not None:
-        notes.append(Note(f"marker frame fitted to {fitted_to}: {fitted}" + unmeasured(fitted)
-                          + " (--reference gives another)", kind="marker"))
+        notes.append(Note(f"marker frame fitted to {fitted_to}: {fitted}; --reference gives "
+                          "another", kind="marker"))
     else:
         notes.append(Note(f"marker frame not identified: it needs {NEEDED}; {OPTION}",
                           kind="reference_unknown"))
     marker = known or fitted
     return replace(recording, marker=marker, notes=tuple(notes), framed=True)
-
-
-def unmeasured(frame: Reference) -> str:
-    """Says that L_y was not measured, where it was not."""
-    return "" if frame.std is None or frame.std[2] == frame.std[2] else " (L_y not measured)"

@@ -95,10 +95,11 @@ class Reference:
 
     def __str__(self) -> str:
         values = (("L_x", self.lx, "m"), ("theta", self.theta, "rad"), ("L_y", self.ly, "m"))
-        errors = self.std or (float("nan"),) * 3
-        return ", ".join(f"{name} {value:+.4f} {unit}" if not np.isfinite(error)
-                         else f"{name} {value:+.4f} +- {error:.4f} {unit}"
-                         for (name, value, unit), error in zip(values, errors, strict=True))
+        if self.std is None:
+            return ", ".join(f"{name} {value:+.4f} {unit}" for name, value, unit in values)
+        return ", ".join(f"{name} {value:+.4f} +- {error:.4f} {unit}" if np.isfinite(error)
+                         else f"{name} {value:+.4f} {unit} (not measured)"
+                         for (name, value, unit), error in zip(values, self.std, strict=True))
 
     def to_json(self) -> dict[str, Any]:
         """Entries of one frame as the verbs print them with ``--json``."""
