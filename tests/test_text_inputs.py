@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dart_hal.cli.drive import load
 from dart_hal.config.folders import load_car, save_calibration
 from dart_hal.control.path_file import read_path
 from dart_hal.errors import ConfigError, RecordingError
@@ -90,3 +92,9 @@ def test_marked_text_is_decoded(text, encoding):
 def test_binary_is_not_taken_for_utf_16():
     with pytest.raises(UnicodeDecodeError):
         decode_text(bytes(range(256)))
+
+
+def test_script_with_a_mark_is_driven(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_bytes(codecs.BOM_UTF8 + b"def control(state):\n    return 0.1, 0.0\n")
+    assert load(script)(None) == (0.1, 0.0)
