@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -74,3 +75,11 @@ def test_view_of_a_recording_without_websockets_names_the_command(monkeypatch, c
     assert ended.value.code == 2
     assert "D-BUG" not in told
     assert "websockets>=15" in told.replace("\n", " ")
+
+
+def test_no_message_names_a_package_that_is_on_no_index():
+    """`pip install 'dart-hal[view]'` fetched nothing, or another Python's package."""
+    host = Path(__file__).resolve().parents[1] / "host" / "dart_hal"
+    wrong = [path.name for path in host.rglob("*.py")
+             if "pip install 'dart-hal" in path.read_text(encoding="utf-8")]
+    assert wrong == []
