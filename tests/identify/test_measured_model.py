@@ -18,7 +18,7 @@ from dart_hal.config.calibration import (
     ThrottleCalibration,
 )
 from dart_hal.errors import UsageError
-from dart_hal.identify.measured import measured_model, named_model
+from dart_hal.identify.measured import default_model, measured_model, named_model
 from dart_hal.vehicle import PAPER, make_steering
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Steering
@@ -144,3 +144,12 @@ def test_any_other_name_is_that_of_a_model():
     assert named_model("paper", [])[1] == PAPER
     with pytest.raises(UsageError, match="no model"):
         named_model("measurd", [])
+
+
+def test_the_model_of_a_calibrated_car_is_the_default(recorded, tmp_path):
+    (csv := tmp_path / "a.csv").write_text("t\n")
+    (broken := tmp_path / "b.mcap").write_bytes(b"no run")
+    run = recorded(7, calibration("sim-7"))
+    assert default_model([run, csv, broken, tmp_path / "missing.mcap"]) == "measured"
+    assert default_model([recorded(7), csv]) == "paper"
+    assert default_model([run, recorded(8, calibration("sim-8"))]) == "paper"

@@ -28,7 +28,7 @@ from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.errors import UsageError
-from dart_hal.identify.measured import named_model
+from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.runs import NamedCar, read_all_unframed
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
@@ -43,9 +43,10 @@ Skipped = list[tuple[str, str]]
 
 
 @click.command("diagnose")
-@click.option("--model", default="paper", show_default=True, metavar="M",
+@click.option("--model", default=None, metavar="M",
               help="a model.toml, or paper, paper-printed, upstream-2024; measured: the paper's "
-                   "with what calibration says of the car of the runs")
+                   "with what calibration says of the car of the runs (default: measured where "
+                   "the runs have a calibration, else paper)")
 @click.option("--train", cls=PathsOption, metavar="FILES..",
               help="recordings to find causes in (files or folders, up to the next option)")
 @click.option("--test", cls=PathsOption, metavar="FILES..",
@@ -76,7 +77,7 @@ Skipped = list[tuple[str, str]]
 @click.argument("loose", nargs=-1, metavar="")
 @recorded_car_options
 @json_option
-def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
+def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
             false_alarm: float, max_causes: int, jobs: int | None, reference: Reference | None,
             seed: int, suggest: bool, loose: tuple[str, ...], car_name: str | None,
@@ -90,6 +91,7 @@ def command(model: str, train: tuple[Path, ...], test: tuple[Path, ...], refit: 
     """
     _check(loose, train, test)
     names = effects_named(only, exclude)
+    model = model or default_model((*train, *test))
     typed = _typed(locals())
     car = named_car(car_name, cars)
     file, _ = named_model(model, (*train, *test))

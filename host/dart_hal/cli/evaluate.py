@@ -14,6 +14,7 @@ from dart_hal.cli.sizes import named_car, recorded_car_options, sized
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
+from dart_hal.identify.measured import MEASURED, default_model, named_model
 from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
@@ -25,8 +26,10 @@ from dart_hal.vehicle.parameters import Vehicle
 
 @click.command("evaluate")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", default="paper", show_default=True, metavar="M",
-              help="a model.toml, or paper, paper-printed, upstream-2024")
+@click.option("--model", default=None, metavar="M",
+              help="a model.toml, or paper, paper-printed, upstream-2024; measured: the paper's "
+                   "with what calibration says of the car of the runs (default: measured where "
+                   "the runs have a calibration, else paper)")
 @click.option("--kinematic", "as_kinematic", is_flag=True,
               help="the kinematic model with the same parameters: no tyre slip")
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
@@ -37,7 +40,8 @@ from dart_hal.vehicle.parameters import Vehicle
 @html_option
 @recorded_car_options
 @json_option
-def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: Reference | None,
+def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
+            reference: Reference | None,
             plot: Path | None, html: Path | None, car_name: str | None, cars: Path | None,
             as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
@@ -51,15 +55,18 @@ def command(files: tuple[Path, ...], model: str, as_kinematic: bool, reference: 
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal evaluate --model paper FOLDER")
     _refuse_models(files)
-    file, vehicle = find_model(model)
-    assumed = left_out(file, vehicle)
-    if assumed:
-        notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
     if html is not None:
         new_figure()  # refuses where there is no matplotlib
     if plot is not None:
         _drawing().check_target(plot)
+    if model is not None and model != MEASURED:
+        find_model(model)  # a wrong name is refused before any file is searched for
     found = tuple(find(files))
+    model = model or default_model(found)
+    file, vehicle = named_model(model, found)
+    assumed = left_out(file, vehicle)
+    if assumed:
+        notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
     car = named_car(car_name, cars)
     recordings, skipped = _read(found, reference, car_name, cars)
     sizes = sized(model, file, car, recordings, fitting=False)

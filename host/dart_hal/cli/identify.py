@@ -16,7 +16,7 @@ from dart_hal.cli.outputs import OutputFile, PlotFolder
 from dart_hal.cli.sizes import Sizes, named_car, recorded_car_options, sized
 from dart_hal.config import ModelFile
 from dart_hal.errors import UsageError
-from dart_hal.identify.measured import named_model
+from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
 from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
@@ -50,7 +50,8 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
 @click.option("--base", default=None, metavar="MODEL",
               help="source of all that is not identified: a model.toml or paper, paper-printed, "
                    "upstream-2024; measured: the paper's with what calibration says of the "
-                   "car of the runs (default: the file of --out if it exists, then paper)")
+                   "car of the runs (default: the file of --out if it exists, then measured where "
+                   "the runs have a calibration, then paper)")
 @click.option("--out", type=OutputFile(".toml", replaces=False), default=None,
               help="file to write the model to (default: model.toml; an older one goes to "
                    "history/)")
@@ -188,7 +189,8 @@ def _base(base: str | None, target: Path | None, files: Sequence[Path]
         return named_model(base, files)[0], base
     if target is not None and target.exists():
         return find_model(target)[0], str(target)
-    return find_model("paper")[0], "paper"
+    name = default_model(files)
+    return named_model(name, files)[0], name
 
 
 def _drawn(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle

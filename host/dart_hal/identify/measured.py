@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 
 import msgspec
@@ -23,7 +25,7 @@ from dart_hal.config.calibration import LatencyCalibration, SteeringCalibration,
 from dart_hal.config.car import Geometry
 from dart_hal.config.model import Parameters
 from dart_hal.control.measured import vehicle_for
-from dart_hal.errors import UsageError
+from dart_hal.errors import DartHalError, UsageError
 from dart_hal.identify import curves
 from dart_hal.identify.submodels.samples import Samples
 from dart_hal.identify.submodels.steering_map import NOISE, fit_map
@@ -50,9 +52,7 @@ def named_model(name: str | Path, paths: Sequence[str | Path]) -> tuple[ModelFil
     """
     if str(name) != MEASURED:
         return find_model(name)
-    runs = [run for path in map(Path, paths)
-            for run in (sorted(path.rglob("*.mcap")) if path.is_dir() else [path])
-            if run.suffix == ".mcap"]
+    runs = _runs_in(paths)
     known = [files for files in map(_files_of, runs) if files.calibration is not None]
     if not known:
         raise UsageError("nothing that was measured of this car is known",
@@ -67,6 +67,28 @@ def named_model(name: str | Path, paths: Sequence[str | Path]) -> tuple[ModelFil
                          remedy=f"leave out all but those of {cars[0]}")
     model = measured_model(max(known, key=_when))
     return model, vehicle_of(model)
+
+
+def default_model(paths: Sequence[str | Path]) -> str:
+    """Choose the model of verbs that name none: "measured" where a run has a calibration.
+
+    "paper" for other recordings, and for runs of several cars. A file that is no run is refused,
+    or skipped, where it is read.
+    """
+    cars = set()
+    for run in _runs_in(paths):
+        with suppress(DartHalError, OSError):
+            files = _files_of(run)
+            if files.calibration is not None:
+                cars.add(files.config.name)
+    return MEASURED if len(cars) == 1 else PAPER.name
+
+
+def _runs_in(paths: Sequence[str | Path]) -> list[Path]:
+    """Runs (*.mcap) among files and folders that exist."""
+    return [run for path in map(Path, paths)
+            for run in (sorted(path.rglob("*.mcap")) if path.is_dir() else [path])
+            if run.suffix == ".mcap" and run.is_file()]
 
 
 def measured_model(files: CarFiles) -> ModelFile:
@@ -85,6 +107,13 @@ def measured_model(files: CarFiles) -> ModelFile:
 
 
 def _files_of(run: Path) -> CarFiles:
+    stat = run.stat()
+    return _files_in(run, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=64)
+def _files_in(run: Path, mtime: int, size: int) -> CarFiles:
+    """Files of the car in a run, read once; mtime, size: of the run's file."""
     with Car.open(f"replay://{run}") as car:
         return car.files
 
