@@ -1,6 +1,6 @@
 """``make faults``: every row of the fault table, measured, with its negative control.
 
-    make faults                                 all rows but the soak
+    make faults                                 all rows
     make faults ARGS="--rows 8,21 --world mock" some of them
     make faults ARGS="--without guard"          without one safety layer: it goes red
     make faults ARGS="--layers"                 the layers and what removes them
@@ -26,8 +26,7 @@ def chosen(options: argparse.Namespace) -> list[tuple[Row, Case]]:
     """Cases that were asked for."""
     rows = [row for row in ROWS if row.number in options.rows or not options.rows]
     return [(row, case) for row in rows for case in row.cases
-            if (options.soak or not row.soak)
-            and (not options.world or case.world == options.world)
+            if (not options.world or case.world == options.world)
             and (not options.fast or case.fast)
             and (not options.hil or case.hil)]
 
@@ -49,7 +48,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--without", default="", metavar="LAYER", help="remove safety layers")
     parser.add_argument("--layers", action="store_true", help="list them")
     parser.add_argument("--hil", metavar="URL", help="a real car with lifted wheels")
-    parser.add_argument("--soak", action="store_true", help="row 32 too: hours")
     parser.add_argument("--fast", action="store_true", help="what the default tests run")
     parser.add_argument("--no-controls", action="store_true")
     parser.add_argument("--write", action="store_true", help="keep the figures for the page")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fnmatch import fnmatchcase
 
 import pytest
 from fault_table.broken import FIRMWARE
@@ -18,28 +19,36 @@ from dart_hal.links import bridge
 def parameters(fast: bool):
     for row in ROWS:
         for case in row.cases:
-            if case.fast is fast and not row.soak:
+            if case.fast is fast:
                 marks = [pytest.mark.emulator] if case.world == "elf" else []
                 marks += [] if fast else [pytest.mark.slow]
                 yield pytest.param(case, marks=marks,
                                    id=f"{row.number}-{case.world}-{case.what}")
 
 
-QUICK = ("1-wire-* lost", "4-mock*", "12-elf*", "25-mock-oe", "26-mock*", "45-mock*",
-         "18-mock-dead, throttle*", "29-mock-wild speeds",
-         "51-mock*", "52-mock*", "53-mock*", "54-mock*", "55-mock-27 MHz",
-         "56-mock-after close()", "58-mock*", "59-mock*")
-"""One each of line, board, bus, cut-off, power and human input; the others are for
-``make test-more``."""
+QUICK = ("1-wire-* lost", "2-wire-not counted", "4-mock*", "7-wire*", "10-wire*", "12-elf-freed",
+         "18-mock-dead, throttle*", "19-wire*", "22-mock*", "24-mock*", "25-mock-oe", "26-mock*",
+         "36-mock*", "40-mock*", "41-mock*", "45-mock-mux*", "51-mock*", "52-mock*", "53-mock*",
+         "54-mock*", "55-mock-27 MHz", "56-mock-after close()", "58-mock*", "59-mock*")
+"""With their controls: one each of line, board, bus, guard, owner, cut-off, power and human
+input. The controls of the others are for ``make test-more``."""
+ALONE = (
+    "3-mock-distance", "8-mock-none, mux", "11-elf*", "13-elf-SCL*", "14-elf-standing",
+    "15-elf-stuck", "16-elf*", "17-mock-10 k*", "20-elf*", "27-mock-prescale",
+    "29-mock-wild speeds", "31-elf*", "33-elf-mux", "43-elf-mux*", "46-mock*")
+"""Without their controls, where not the first fast case of a row stands for it."""
+REALTIME = ("6-pty*",)
+"""Cases with real processes, without their controls."""
+BY_NAME = {f"{row.number}-{case.world}-{case.what}": case for row in ROWS for case in row.cases}
 
 
-def check(case: Case, full: bool) -> None:
+def check(case: Case, full: bool, controls: bool = True) -> None:
     if case.world == "elf":
         try:
             bridge.load()
         except EmulatorMissing as error:
             pytest.skip(f"emulator: {error.what}")
-    verdict = judge(case, How(full=full))
+    verdict = judge(case, How(full=full, controls=controls))
     assert verdict.holds, verdict.measured
     assert verdict.proves, verdict.control
 
@@ -49,6 +58,51 @@ def check(case: Case, full: bool) -> None:
 @pytest.mark.cpu(6)  # the first one builds a firmware without its layer
 def test_a_case_holds_and_its_control_does_not(case):
     check(case, full=False)
+
+
+def named(*patterns):
+    """Names of cases that fit one of the patterns."""
+    return [name for name in BY_NAME if any(fnmatchcase(name, p) for p in patterns)]
+
+
+def one_of_every_row():
+    """Names of one case of each row that QUICK and REALTIME leave out."""
+    chosen = {number_of(name): name for name in named(*ALONE)}
+    for name in BY_NAME:
+        if BY_NAME[name].fast:
+            chosen.setdefault(number_of(name), name)
+    have = {number_of(name) for name in named(*QUICK, *REALTIME)}
+    return [name for number, name in sorted(chosen.items()) if number not in have]
+
+
+def number_of(name):
+    return int(name.partition("-")[0])
+
+
+def alone(names):
+    for name in names:
+        marks = [pytest.mark.emulator] if BY_NAME[name].world == "elf" else []
+        yield pytest.param(BY_NAME[name], marks=marks, id=name)
+
+
+@pytest.mark.parametrize("case", list(alone(one_of_every_row())))
+def test_one_case_of_every_other_row_holds(case):
+    check(case, full=False, controls=False)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("case", list(alone(named(*REALTIME))))
+@pytest.mark.cpu(4)
+def test_one_case_of_every_other_row_holds_in_real_time(case):
+    check(case, full=False, controls=False)
+
+
+def test_every_row_has_a_case_in_the_quick_run():
+    """A row without a fast case has to name one in ALONE or REALTIME."""
+    quick = {number_of(name) for name in (*named(*QUICK, *REALTIME), *one_of_every_row())}
+    assert {row.number for row in ROWS} - quick == set()
+    assert [p for p in (*QUICK, *ALONE, *REALTIME) if not named(p)] == []
+    assert [name for name in named(*QUICK) if not BY_NAME[name].fast] == []
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=False)))

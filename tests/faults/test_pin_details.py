@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import threading
-from contextlib import suppress
 from unittest.mock import patch
 
 import pytest
@@ -13,7 +10,6 @@ from fault_table.drive import PERIOD, WAIVE, Drive, forward
 
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
-from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.facts import Observer
 from dart_hal.car.guarding import GuardPost
 
@@ -123,30 +119,6 @@ def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
         assert drive.last_off(start) <= 520.0
         assert (drive.car.mode != "ARMED") == notes
         assert drive.car.causes == (("COMMAND_EXPIRED",) if notes else ())
-
-
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
-@pytest.mark.parametrize("caught", [True, False])
-@pytest.mark.few("True-*", "False-1")
-def test_closed_terminal_and_end_of_session_leave_through_neutral(tmp_path, number, caught):
-    """Control: a signal that is not turned into an exit does not end the drive."""
-    before = {n: signal.getsignal(n) for n in (signal.SIGHUP, signal.SIGTERM)}
-    try:
-        signal.signal(number, signal.SIG_DFL)
-        stop_on_signals()
-        assert signal.getsignal(number) is not signal.SIG_DFL, "it would end this process"
-        if not caught:
-            signal.signal(number, lambda n, frame: None)
-        with suppress(SystemExit), Drive(tmp_path) as drive:
-            drive.driving()
-            os.kill(os.getpid(), number)
-            drive.run(0.1, forward(0.4))
-            assert not caught, "the signal did not end the program"
-        let_time_pass(drive, 0.1)
-        assert not drive.off(drive.pulses[-1])
-    finally:
-        for n, handler in before.items():
-            signal.signal(n, handler)
 
 
 def test_no_pulse_leaves_the_range_of_an_esc(tmp_path):

@@ -184,3 +184,24 @@ def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
         joined += longer_or_joined(board, armed)
     assert cuts
     assert bool(joined) is joins
+
+
+@pytest.mark.parametrize(("clock_error", "neutral"), [(0.0, True), (0.005, True), (-0.005, True),
+                                                     (0.01, False)])
+@pytest.mark.few("0.0-*", "0.005-*")
+def test_own_pulse_is_neutral_within_the_tolerance_of_the_resonator(nano: Make, clock_error: float,
+                                                                    neutral: bool) -> None:
+    """Its resonator is good to 0.5 %, and so is the pulse, to a tick of 0.5 us.
+
+    Control: one that is off by 1 %."""
+    rig = nano(eeprom=eeprom_image(safety_out=MUX))
+    rig.nano.set_clock_error(clock_error)
+    rig.run(0.1)
+    rig.nano.pin_log()
+    rig.run(0.4)
+    edges = [(e.t, e.level) for e in rig.nano.pin_log() if e.pin == "D9"]
+    widths = [fall - rise for (rise, high), (fall, low) in itertools.pairwise(edges)
+              if high and not low]
+    assert len(widths) >= 18
+    worst = max(abs(width / 1500e-6 - 1.0) for width in widths)
+    assert (worst <= 0.0054) == neutral, worst

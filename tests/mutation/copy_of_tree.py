@@ -26,6 +26,8 @@ ENDLESS = 8.0
 """A room that takes this many times as long as without a mutant hangs: other work of the
 machine slows it by two or three."""
 MARK = "DART_HAL_MUTANT"
+QUICK, ALL = "not (slow or more or realtime)", "not slow"
+"""Marks of the tests that are tried first, and of those that a survivor of them meets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,42 +49,43 @@ class Copy:
     """``home``: where it lies; removed by ``close``."""
 
     def __init__(self, home: Path) -> None:
-        self.home, self._usual = home, dict[tuple[str, ...], float]()
+        self.home, self._usual = home, dict[tuple[tuple[str, ...], str], float]()
         shutil.copytree(ROOT, home, ignore=NOT_COPIED, symlinks=True)
         self._built, self._left_out = True, list[str]()
         self._build("emulator")
 
-    def usual(self, tests: tuple[str, ...]) -> float:
+    def usual(self, tests: tuple[str, ...], marks: str) -> float:
         """s that these tests take unchanged; those that fail even so are told and left out."""
-        if tests not in self._usual:
+        if (tests, marks) not in self._usual:
             if not self._built:
                 self._build()
             begin = time.monotonic()
-            while (by := self._tests(tests, None)) and "::" in by:
+            while (by := self._tests(tests, None, marks)) and "::" in by:
                 print(f"left out, fails without any mutant: {by}", flush=True)
                 self._left_out.append(by)
                 begin = time.monotonic()
             if by:
                 raise RuntimeError(f"without any mutant: {by}")
-            self._usual[tests] = time.monotonic() - begin
-        return self._usual[tests]
+            self._usual[tests, marks] = time.monotonic() - begin
+        return self._usual[tests, marks]
 
     def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> Verdict:
         """Apply, test in the room, if wished widely what survives there, take back."""
         room = self._there(subject.room)
-        limit = ENDLESS * self.usual(room) + 20.0
+        limits = {marks: ENDLESS * self.usual(room, marks) + 20.0 for marks in (QUICK, ALL)}
         begin = time.monotonic()
         path = self.home / mutant.file
         original = path.read_bytes()
         path.write_text(mutant.text, encoding="utf-8")
         try:
             by = self._build() if subject.firmware or not self._built else ""
-            by = by or self._tests(room, limit)
-            if widely and not by and (by := self._tests(self._there(WIDE), None)):
+            for marks, limit in limits.items():     # most die in the quick ones
+                by = by or self._tests(room, limit, marks)
+            if widely and not by and (by := self._tests(self._there(WIDE), None, ALL)):
                 path.write_bytes(original)
                 self._built = self._built and not subject.firmware
                 known = len(self._left_out)
-                self.usual((by,))
+                self.usual((by,), ALL)
                 if len(self._left_out) > known:     # it fails anyway: that was no kill
                     return self.judge(subject, mutant)
         finally:
@@ -104,11 +107,11 @@ class Copy:
         self._built = True
         return "compiler" if done.returncode else ""
 
-    def _tests(self, tests: tuple[str, ...], limit: float | None) -> str:
+    def _tests(self, tests: tuple[str, ...], limit: float | None, marks: str) -> str:
         """The first test that fails, "time limit", or "" when all pass."""
         without = [*(f"--ignore={t}" for t in NOT_ITS_TASK),
                    *(f"--deselect={t}" for t in self._left_out)]
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "--tb=no",
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", marks, "--tb=no",
                    "-o", f"faulthandler_timeout={HUNG}", "-o", "faulthandler_exit_on_timeout=true",
                    "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=0", *without,
                    *tests]

@@ -11,6 +11,8 @@ from python_mutants import python_mutants
 
 HOST, SRC = "host/dart_hal/", "firmware/src/"
 
+PINS, FAULTS = "tests/faults/test_pin_details.py", "tests/faults/test_fault_table.py"
+
 WIDE = ("tests/wire", "tests/actuation", "tests/car", "tests/firmware", "tests/emulator",
         "tests/links", "tests/sim", "tests/faults", "tests/soak", "tests/estimation",
         "tests/contract", "tests/calibration", "tests/cli")
@@ -64,4 +66,36 @@ SUBJECTS = (
                             SRC + "core/bno055_samples.cpp"),
             ("tests/firmware/test_core_imu.py", "tests/firmware/test_nano_imu.py",
              "tests/firmware"), 12),
+    Subject("chain", (HOST + "actuation/chain.py",),
+            ("tests/actuation/test_actuator.py", PINS, "tests/actuation/test_open_close.py",
+             "tests/car/test_disarmed_pin.py", FAULTS), 7),
+    Subject("plan", (HOST + "actuation/plan.py",),
+            ("tests/actuation/test_actuator.py", "tests/actuation/test_play.py", PINS, FAULTS), 7),
+    Subject("limits", (HOST + "actuation/limits.py",),
+            ("tests/actuation/test_actuator.py", "tests/car/test_misuse.py", PINS,
+             "tests/car/test_raw.py", FAULTS), 6),
+    Subject("pca9685", (HOST + "actuation/pca9685.py",),
+            ("tests/actuation/test_open_close.py", "tests/actuation/test_who_answers.py",
+             "tests/actuation/test_pwm_frequency.py", "tests/actuation/test_actuator.py",
+             FAULTS), 7),
+    Subject("facts", (HOST + "car/facts.py",),
+            (PINS, "tests/contract/test_contract_arming.py", "tests/car/test_disarmed.py",
+             "tests/car/test_doubted_speed.py", FAULTS), 6),
+    Subject("engine", (HOST + "car/engine.py",),
+            ("tests/car/test_closing.py", PINS, "tests/car/test_nothing_waits.py",
+             "tests/car/test_misuse.py", "tests/car/test_reset_and_odometry.py", FAULTS), 6),
+    Subject("pump", (HOST + "car/pump.py",),
+            ("tests/car/test_nothing_waits.py", "tests/car/test_misuse.py",
+             "tests/car/test_reconnect.py", FAULTS, "tests/contract/test_contract_realtime.py",
+             "tests/contract/test_contract_replug.py"), 5),
+    Subject("view", (HOST + "view/desk.py", HOST + "view/access.py"),
+            ("tests/view/test_access_and_messages.py", "tests/view/test_desk_pins.py",
+             "tests/view/test_desk_records.py", "tests/view/test_sockets.py"), 6),
+    Subject("fleet", (HOST + "fleet/peers.py", HOST + "fleet/stopping.py"),
+            ("tests/fleet/test_peers.py", "tests/fleet/test_stop_pin.py",
+             "tests/fleet/test_attacks.py", "tests/fleet/test_codec.py",
+             "tests/fleet/test_lockstep.py"), 6),
+    Subject("outputs of the Nano", (SRC + "board/outputs.cpp",),
+            ("tests/firmware/test_nano_multiplexer.py", "tests/firmware/test_nano_safety.py",
+             "tests/firmware", FAULTS), 6),
 )

@@ -64,8 +64,11 @@ class Drive:
 
     def __init__(self, folder: Path, options: str = "", *, nano: str = "mock",
                  edit: Edit | None = None, edits: Sequence[Edit] = (),
-                 prepare: Callable[[World], None] | None = None) -> None:
+                 prepare: Callable[[World], None] | None = None,
+                 opened: float = 0.0) -> None:
         backend = open_backend(f"sim://?nano={nano}{options}")
+        while world_of(backend).t < opened:     # sets where the PWM frame lies to the Nano's slot
+            world_of(backend).advance(opened)
         for pattern, text in (*edits, *([] if edit is None else [edit])):
             backend.car_toml = re.sub(pattern, text, backend.car_toml)
         if prepare is not None:
@@ -122,9 +125,10 @@ class Drive:
             f"it does not drive: {self.car.mode} {self.car.causes} {self.states[-1].applied}")
         return self
 
-    def fail(self, text: str, seconds: float | None = None) -> float:
-        """Let a failure (``mcu:reset``, ``enc:wrong=0.5``) begin now; returns the time."""
-        at = self.now + 0.002
+    def fail(self, text: str, seconds: float | None = None, delay: float = 0.0) -> float:
+        """Let a failure (``mcu:reset``, ``enc:wrong=0.5``) begin now, or ``delay`` s later;
+        returns the time."""
+        at = self.now + 0.002 + delay
         lasts = f"+{seconds}" if seconds is not None else ""
         schedule(self.world, [parse(f"{text}@{at:.6f}{lasts}")])
         return at

@@ -52,13 +52,12 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One fault of the table and what must come of it. ``soak``: hours, asked for by name."""
+    """One fault of the table and what must come of it."""
 
     number: int
     fault: str
     reaction: str
     cases: tuple[Case, ...]
-    soak: bool = False
 
 
 def case(world: str, what: str, measure: Callable[[Bench], Measured], limit: float, unit: str,

@@ -108,7 +108,7 @@ def bit_errors(bench: Bench) -> Measured:
         drive = bench.drive().armed()       # a car that loses 3 % of its frames does not arm
         drive.backend.link._up.faults = LineFaults(bit_error=rate)
         loop = [(0.1, 0.6), (-0.1, 1.0)]
-        for k in range(30 if bench.full else 6):
+        for k in range(30 if bench.full else 2):
             steering, speed = loop[k % 2]
             drive.run(2.0, lambda car, state, s=steering, v=speed:  # type: ignore[misc]
                       car.drive_speed(steering=s, speed=v))

@@ -15,6 +15,7 @@ from fault_table import (
     rows_sensors,
     rows_soak,
     rows_suspend,
+    rows_virtual,
     rows_wire,
     switches,
     switches_nano,
@@ -25,7 +26,7 @@ from fault_table.row import Row
 __all__ = ["LAYERS", "ROWS", "switches", "switches_nano"]
 
 ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_processes,
-         rows_soak, rows_fleet, rows_inputs, rows_neutral, rows_suspend)
+         rows_soak, rows_fleet, rows_inputs, rows_neutral, rows_suspend, rows_virtual)
 
 
 def joined() -> tuple[Row, ...]:

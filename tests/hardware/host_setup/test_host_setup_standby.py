@@ -19,10 +19,12 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from dart_hal.actuation.standby import NEUTRAL_WRITES, REPEAT, WRITES, Throttle, Watchman
+from dart_hal.cli import standby
 from dart_hal.cli.main import main
 from dart_hal.config import load_car
 from dart_hal.errors import BusError
@@ -151,6 +153,45 @@ def test_a_bus_without_the_chip_says_so() -> None:
     throttle = Throttle(load_car("dart-01", [CARS]), bus, lambda _: None)
     with pytest.raises(BusError, match="0x40"):
         throttle.rest()
+
+
+def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: float) -> float:
+    """ms from the end of driver and guard to the end of the last driving pulse.
+
+    delay [s]: from a look of the service to that end. The service runs its own loop, in virtual
+    time.
+    """
+    bench = Bench()
+    died = 0.35 + delay
+    pulses: list[tuple[float, float]] = []
+
+    def sleep(seconds: float) -> None:
+        bench.sleep(seconds)
+        bench.chip.output.advance(bench.t)
+        pulses.extend(bench.chip.output.take(1))
+
+    monkeypatch.setattr(standby, "LOOK_EVERY", look_every)
+    monkeypatch.setattr(standby, "reach", lambda *_: (bench.throttle, None))
+    monkeypatch.setattr(standby, "stop_on_signals", lambda: None)
+    monkeypatch.setattr(standby, "port_of", lambda _: "port")
+    monkeypatch.setattr(standby, "holder", lambda _: 4711 if bench.t < died else None)
+    monkeypatch.setattr(standby, "notify", lambda _: None)
+    monkeypatch.setattr(standby, "time", SimpleNamespace(monotonic=lambda: bench.t, sleep=sleep))
+    with pytest.raises(SystemExit) as ended:
+        main(["standby", "--url", "serial:///dev/none?i2c=unix:/none", "--duration", "1.5"])
+    assert not ended.value.code
+    driving = [fall for rise, fall in pulses if fall - rise > 1.51e-3]
+    assert driving[-1] > died - 0.02, "it drives until then"
+    return 1e3 * (driving[-1] - died)
+
+
+@pytest.mark.parametrize(("look_every", "holds"), [(standby.LOOK_EVERY, True), (0.3, False)])
+def test_the_car_is_at_neutral_within_200_ms_of_the_end_of_driver_and_guard(
+        monkeypatch: pytest.MonkeyPatch, look_every: float, holds: bool) -> None:
+    """At ten moments between two looks. Control: a service that looks each 0.3 s."""
+    worst = max(ms_until_neutral(monkeypatch, 0.01 * k * look_every / 0.1, look_every)
+                for k in range(10))
+    assert (worst <= 200.0) == holds, worst
 
 
 # -- who drives --------------------------------------------------------------

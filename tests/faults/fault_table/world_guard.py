@@ -1,0 +1,107 @@
+"""The guard in virtual time: its decisions and its messages, without a process of its own."""
+
+from __future__ import annotations
+
+import math
+import os
+from contextlib import suppress
+
+from dart_hal.actuation.guard import REPEAT, Watch
+from dart_hal.actuation.guarded import Guard
+from dart_hal.car.guarding import GuardPost
+from dart_hal.sim.world import World
+from fault_table.drive import ESC, Drive
+from fault_table.layers import removed
+
+STEP = REPEAT / 4
+"""s between two looks of the guard, as in ``dart_hal.actuation.guard.watch``."""
+
+
+class GuardProcess:
+    """Stands for the process object; ``code``: its exit status, None = it runs."""
+
+    code: int | None = None
+
+    def poll(self) -> int | None:
+        return self.code
+
+    def communicate(self, timeout: float) -> None:
+        """It ends by itself."""
+
+
+class WorldGuard:
+    """A guard that the world runs: real `Watch` and `Guard` at the two ends of real pipes.
+
+    ``stopped``: it is killed, or its process is stopped.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self._drive = drive
+        self._watch = Watch()
+        self._written = -math.inf
+        self.stopped = False
+        self._read, self._beats = os.pipe()
+        self._status, self._write = os.pipe()
+        for end in (self._read, self._beats, self._status, self._write):
+            os.set_blocking(end, False)
+        self.guard = guard = object.__new__(Guard)
+        guard._clock = lambda: drive.world.t
+        guard._heard = drive.world.t
+        guard._process = self.process = GuardProcess()  # type: ignore[assignment]
+        guard.tripped = guard._watched = False
+        guard._beats = self._beats
+        guard._status = self._status
+        actuator = drive.car._engine.driver.actuator
+        self._neutral = int(actuator.neutral_us / actuator.pca.count_us)
+        post = object.__new__(GuardPost)
+        post.error = None
+        post.ready = lambda: None  # type: ignore[method-assign]
+        post._guard = guard
+        post._actuator = actuator
+        if "guard" not in removed():
+            actuator.gate = post.gate
+            drive.car._engine.driver._guard = post
+            drive.world.at(drive.world.t, self._look)
+
+    def kill_driver(self) -> None:
+        """The driver is gone: its end of the pipe closes, and it writes nothing any more."""
+        os.close(self._beats)
+        self._beats = -1
+        self._forget()
+
+    def close(self) -> None:
+        """Close the pipes, before the car: it has no guard any more."""
+        self.stopped = True
+        self._forget()
+        for end in (self._read, self._beats, self._status, self._write):
+            if end >= 0:
+                os.close(end)
+
+    def _forget(self) -> None:
+        driver = self._drive.car._engine.driver
+        driver._guard = None
+        driver.actuator.gate = None
+
+    def kill(self) -> None:
+        """The guard is gone."""
+        self.stopped = True
+        self.process.code = -9
+
+    def _look(self, world: World) -> None:
+        """One round of ``watch``: read, decide, write neutral or say that it lives."""
+        world.at(world.t + STEP, self._look)
+        if self.stopped or self._watch.done:
+            return
+        with suppress(BlockingIOError):
+            self._watch.heard(os.read(self._read, 4096), world.t)
+        if world.t - self._written < REPEAT:
+            return
+        self._written = world.t
+        if self._watch.due(world.t):
+            counts = self._neutral
+            self._drive.backend.bus.writeto(  # type: ignore[union-attr]
+                0x40, bytes([0x06 + 4 * ESC, 0, 0, counts & 0xFF, counts >> 8]))
+            self._watch.wrote(True)
+            os.write(self._write, b"t")
+        else:
+            os.write(self._write, b"b")
