@@ -6,7 +6,7 @@ import time
 
 import pytest
 from at_the_desk import driving
-from browser import DESK, PHONE, Browser
+from browser import DESK, PHONE, Browser, selenium
 from browser_drive import drives_off
 from sockets import live_page
 
@@ -106,3 +106,9 @@ def test_a_recording_has_a_time_bar(browsers, tmp_path):
         length = run["rows"][-1][0] - run["rows"][0][0]
         one.until(f"{length:.1f} s of {length:.1f} s", "at")
         assert not one["stop"].is_displayed()
+        one.run("document.getElementById('play').focus()")
+        was = one.text("play")
+        selenium.ActionChains(one.driver).send_keys(" ").perform()
+        time.sleep(0.2)
+        assert one.text("play") != was, "the space bar presses what has the focus"
+        assert "STOP" not in one.text("said")
