@@ -39,8 +39,8 @@ class GymConfig:
 
     ``track``: a closed ``control.paths.Path``, a name of
     ``control.tracks.TRACKS`` or the path of a file; ``period`` [s] of one environment
-    step; ``episode`` [s] until truncation; ``speed`` [m/s]: the reference on a path, the largest one
-    of the speed task; ``half_width`` [m] of the track; ``randomise``: half widths
+    step; ``episode`` [s] until truncation; ``speed`` [m/s]: the reference on a path, the
+    largest one of the speed task; ``half_width`` [m] of the track; ``randomise``: half widths
     by name, see ``SPREAD``; empty = the nominal car at every reset. On a path:
     ``beams`` of a lidar that are observed, ``range_noise`` [m] of each, and
     ``opponents``, other cars on the track.
