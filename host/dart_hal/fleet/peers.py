@@ -247,7 +247,7 @@ class Peers:
             self.on_stopped(heard.values[1], sender.session)
         elif heard.kind is m.HEALTH:
             self.on_health(sender.session, heard.values[1])
-        elif heard.kind is m.BEAT and order is Order.NEWEST and sender.proof > -inf:
+        elif heard.kind is m.BEAT and order is Order.NEWEST:
             self.on_beat(heard.name, sender.proof)
 
     # -- what is known -------------------------------------------------------------
