@@ -7,6 +7,7 @@ import pytest
 
 from .coverage import EACH, POOLED, rows_of
 from .hidden_errors import errors, worst
+from .joint_errors import calibrated, joint_errors, true_parameters
 
 CARS = 400
 
@@ -39,3 +40,21 @@ def test_every_number_of_one_hidden_car_is_near_the_truth():
     z = worst(errors("all", 12))
     assert len(z) >= 25
     assert {name: round(x, 1) for name, x in z.items() if x > 4.0} == {}
+
+
+def test_true_parameters_are_in_units_of_the_recorded_throttle():
+    """Of an ESC that ends at 440 us the force per recorded throttle of 450 us is larger."""
+    own, wide = true_parameters(7, 450.0), true_parameters(7, 900.0)
+    assert wide["motor.d"] == pytest.approx(2.0 * own["motor.d"])
+    assert wide["motor.g"] == pytest.approx(0.5 * own["motor.g"])
+    assert own["delay.steering_s"] > 0.012  # the wait for a PWM frame and the pulse
+
+
+@pytest.mark.more
+@pytest.mark.cpu(240)
+def test_the_joint_fit_of_a_calibrated_hidden_car_is_near_the_truth(tmp_path):
+    """Before commands counted from their writes 9 of 18 were beyond 3.8 standard errors."""
+    calibrated(9001, tmp_path)
+    z = worst(joint_errors(9001, tmp_path))
+    assert len(z) == 18
+    assert {name: round(x, 1) for name, x in z.items() if x > 3.3} == {}
