@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from dart_hal.recording.dart import read
+from dart_hal.recording.dart import Reference, read, with_marker_frames
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.step import make_car_step
 
@@ -21,6 +21,7 @@ COUNT = 0.00412708  # m
 LATE = 0.05  # s, mean lateness of a command in the log
 EPOCH = 1.7067e9  # February 2024: marker frame at (0.09, 0) m, -0.0164 rad
 LX, THETA = 0.09, -0.0164
+FRAME = Reference(LX, THETA, 0.0, "of the simulation")
 HEAD_A = ("elapsed time sensors,current,voltage,acc x (IMU),acc y (IMU),W (IMU),vel encoder,"
           "safety_value,throttle,steering")
 HEAD_B = HEAD_A + ",vicon time,vicon x,vicon y,vicon yaw"
@@ -114,7 +115,7 @@ class Workshop:
         for lane in range(d.lanes) if lanes is None else lanes:
             path = self.folder / f"{name}_{schema}_{seed}_{lane}.csv"
             (write_a if schema == "A" else write_b)(path, d, lane, rng)
-            out.append(read(path))
+            out.extend(with_marker_frames([read(path)], FRAME))
         return out
 
     drive = staticmethod(drive)
