@@ -19,7 +19,7 @@ from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.grade import names
 from dart_hal.diagnose.grade.bag import Problem, probability, sizes
 from dart_hal.diagnose.grade.constancy import constancy
-from dart_hal.diagnose.grade.names import Judged, _least, shown
+from dart_hal.diagnose.grade.names import Judged, impossible_size, shown, sure_ratio
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.fit import refit
@@ -143,54 +143,58 @@ def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(
         return Judged((low + 0.01, low, low + 0.02), None)
 
     with_ = names.Grading(search, None, USUAL, 0, lambda kept, points: [
-        cost(n, kept) for n in kept], True)
+        cost(n, kept) for n in kept], lambda fit, name: "")
     found = shown(with_, ("", *"abc"), "", None, "abc")
     assert "".join(found.names) == found_then
-    assert {n: one.why for n, one in found.left_out.items()} == dict.fromkeys(
-        set("abc") - set(found_then), names.NO_GAIN)
+    assert set(found.left_out) == set("abc") - set(found_then)
+    assert all(one.why.startswith(names.NO_GAIN) for one in found.left_out.values())
 
 
-@pytest.mark.parametrize(("low", "left"), [(1.0, set()), (0.999, {"a"})])
-def test_a_cost_of_nothing_at_all_is_no_reason_against_a_name(low, left, monkeypatch):
-    """Predictions that are the same do not judge."""
+@pytest.mark.parametrize(("low", "left"), [(1.001, set()), (1.0, {"a"}), (0.999, {"a"})])
+def test_interval_of_the_test_ratio_that_includes_1_makes_a_name_possible(low, left, monkeypatch):
+    """Also one of [1.00, 1.00]: predictions that are the same are no evidence."""
     monkeypatch.setattr(names, "secants", lambda *given: None)
     monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(kept, 1.0))
     monkeypatch.setattr(names, "sizes", lambda *given: ())
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "")
     for points in (("", "a"), ("", "a", "a, fitted again")):
-        assert set(shown(grading(search, (1.0, low, 1.0)), points, "", None, "a").left_out) == left
+        assert set(shown(grading(search, (low, low, 1.01)), points, "", None, "a").left_out) == left
 
 
-@pytest.mark.parametrize(("p", "low", "left"), [
-    ((1.0, 0.9), 0.9999, {"b"}), ((1.0, 0.9), 1.0001, set()), ((1.0, 0.98), 0.9999, set()),
-    ((0.9,), 0.9999, set()), ((0.9, 0.9), 0.9999, set())])
-def test_a_name_beside_a_surer_one_must_surely_lower_errors(p, low, left, monkeypatch):
-    """Unless it is sure itself, or alone: what it explains may be of the first's kind."""
+def grading(search, cost, impossible=lambda fit, name: ""):
+    return names.Grading(search, None, USUAL, 0,
+                         lambda kept, points: [Judged(cost, None) for _ in kept], impossible)
+
+
+@pytest.mark.parametrize("why", ["", "k = 1.5 is on the end of the interval"])
+def test_impossible_size_makes_a_name_possible_however_sure_it_is(why, monkeypatch):
     monkeypatch.setattr(names, "secants", lambda *given: None)
-    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: {
-        name: p["ab".index(name)] for name in kept})
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(kept, 1.0))
     monkeypatch.setattr(names, "sizes", lambda *given: ())
     monkeypatch.setattr(names, "constancy", lambda *given: None)
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
-    every = "ab"[:len(p)]
-    found = shown(grading(search, (1.01, low, 1.02), several=False), ("", *every), "", None, every)
-    assert set(found.left_out) == left
+    with_ = grading(search, (1.2, 1.1, 1.3), lambda fit, name: why if name == "b" else "")
+    found = shown(with_, ("", *"ab"), "", None, "ab")
+    assert found.names == (("a",) if why else ("a", "b"))
+    assert {n: one.why for n, one in found.left_out.items()} == ({"b": why} if why else {})
 
 
-def grading(search, cost, several=True):
-    return names.Grading(search, None, USUAL, 0,
-                         lambda kept, points: [Judged(cost, None) for _ in kept], several)
+def test_size_of_a_fit_is_judged_by_the_catalogue():
+    fit = SimpleNamespace(vehicle=apply(apply(PAPER, "encoder_axle", k=1.2), "gyro_scale", k=0.02))
+    assert "outside its physical range 0 to 1 share" in impossible_size(fit, "encoder_axle")
+    assert impossible_size(fit, "gyro_scale") == ""
 
 
 def test_a_name_that_lowers_no_error_elsewhere_is_left_out():
-    """By its interval where there are recordings enough for one; else by what it costs."""
+    """By its interval where there are stretches enough for one; else by what it costs."""
     harms, unsure, helps = (0.98, 0.97, 0.99), (1.02, 0.99, 1.05), (1.2, 1.1, 1.3)
-    assert _least(harms, False) < 1.0
-    assert _least(unsure, False) > 1.0 > _least(unsure, True)
-    assert _least(helps, True) > 1.0
-    assert _least((1.2, np.nan, np.nan), True) > 1.0  # too few stretches for an interval
+    assert sure_ratio(harms) < 1.0
+    assert sure_ratio(unsure) < 1.0
+    assert sure_ratio(helps) > 1.0
+    assert sure_ratio((1.2, np.nan, np.nan)) > 1.0  # too few stretches for an interval
+    assert "1.020 [0.990, 1.050] times as large" in names.no_gain(unsure)
 
 
 @pytest.mark.more

@@ -50,8 +50,8 @@ Skipped = list[tuple[str, str]]
 @click.option("--train", cls=PathsOption, metavar="FILES..",
               help="recordings to find causes in (files or folders, up to the next option)")
 @click.option("--test", cls=PathsOption, metavar="FILES..",
-              help="recordings to measure the gain on (default: the last 40 % of each training "
-                   "recording)")
+              help="recordings to measure the gain on (default: stretches of each training "
+                   "recording, about 40 % of it)")
 @click.option("--refit/--no-refit", default=True, show_default=True,
               help="estimate the model's own parameters again before a cause is searched")
 @click.option("--out", type=OutputFile(".toml", replaces=False), default=None, metavar="MODEL.TOML",

@@ -22,7 +22,9 @@ parameters = { k = { value = 0.1, std = 0.02 } }
 
 In a URL or an option: `quadratic_drag:0.1`, several with commas; where an effect has several
 parameters, `encoder_ring:missing=0.05:phase=0.2`. *Sizes* are a small, a medium and a large
-departure from null, of either sign where the interval allows it: what the tests hide. This page is
+departure from null, of either sign where the interval allows it: what the tests hide. A fit may
+move a parameter *from* .. *to*. A size on an end of that interval, or outside its *physical* range,
+is never accepted as a cause. This page is
 generated from `dart_hal/vehicle/effects/` (`dart-hal wire --write`).
 """
 
@@ -62,8 +64,8 @@ def section(of: Effect) -> str:
 {equation(of)}
 ```
 
-| parameter | unit | null | from | to | sizes |
-|---|---|---|---|---|---|
+| parameter | unit | null | from | to | physical | sizes |
+|---|---|---|---|---|---|---|
 {rows}
 
 Looks like {alike}.
@@ -74,7 +76,7 @@ Looks like {alike}.
 def _row(q: Parameter) -> str:
     unit = q.unit + (", per recording" if q.per_recording else "")
     cells = (f"`{q.name}`", unit, *map(_number, (q.null, q.low, q.high)),
-             " ".join(map(_number, q.sizes)))
+             " to ".join(map(_number, q.physical_range)), " ".join(map(_number, q.sizes)))
     return "| " + " | ".join(cells) + " |"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,7 +20,7 @@ from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .gains import Fitted, Side, overall
-from .grade.names import Grading, Shown, shown
+from .grade.names import Grading, Shown, impossible_size, shown
 from .grade.secants import secants
 from .judge import judge
 from .mounted import Mounted, mounted, of_the_imu
@@ -78,23 +78,26 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
+    predicting = partial(as_predicted, q, unseen.timing(found.point).command_age)
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(judge, q.train, q.test, q.settings, unseen),
-                      len({d.recording.sha256 for d in q.test.evidence.drives})
-                      >= q.settings.policy.blocks.units)
+                      partial(judge, q.train, q.test, q.settings, unseen, predicting),
+                      impossible_size)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
-    stages = _stages(q, found.given, points, named)
+    stages = _stages(q, found.given, points, named, predicting, unseen)
     last = points[-1]
     stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
     causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in _told_apart(q, found, named))
     moved = _moved(q, points[-1])
     claimed = _claims(q, last, unseen) if q.refit else ()
-    given, fitted = (Fitted(point.vehicle, (p, p), (point.timing, point.timing))
-                     for point, p in ((found.given, q.base), (last, as_logged(q, last))))
+    given, fitted = (
+        Fitted(vehicle, predicted, (point.timing, unseen.timing(point)))
+        for point, vehicle, predicted in (
+            (found.given, found.given.vehicle, given_as_predicted(q, found.given, predicting)),
+            (last, last.vehicle, predicting(last))))
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
@@ -118,6 +121,25 @@ def as_logged(q: Question, point: Point) -> Vehicle:
     p, age = point.vehicle, point.timing.command_age
     return p if not q.refit else with_values(p, {
         name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
+
+
+def as_predicted(q: Question, age: float, point: Point) -> Vehicle:
+    """The vehicle of a point as all its errors are stated: what it predicts from a log.
+
+    age [s]: of the commands of the test recordings in their log. A refit counts delays from the
+    log. Without one the delays are those of the car, and the log has its commands so much later.
+    """
+    if q.refit:
+        return as_logged(q, point)
+    p = point.vehicle
+    return with_values(p, {name: max(0.0, value(p, name) - age)
+                           for name in ("delay.steering_s", "delay.throttle_s")})
+
+
+def given_as_predicted(q: Question, given: Point, predicting: Callable[[Point], Vehicle]
+                       ) -> Vehicle:
+    """The model as it was given, in the same way; with a refit just as its file has it."""
+    return q.base if q.refit else predicting(given)
 
 
 def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:
@@ -181,19 +203,21 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
     return out
 
 
-def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named]
-            ) -> tuple[Stage, ...]:
+def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named],
+            predicting: Callable[[Point], Vehicle], unseen: Unseen) -> tuple[Stage, ...]:
+    """Errors of the given model, the refitted one, and with one name more each."""
     labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
-    stages = [_stage(q, label, as_logged(q, p), p)
+    stages = [_stage(q, label, p, (as_logged(q, p), predicting(p)), unseen)
               for label, p in zip(labels[:len(points)], points, strict=True)]
-    base = [_stage(q, q.model, q.base, given)] if q.refit else []
+    base = [_stage(q, q.model, given, (q.base, q.base), unseen)] if q.refit else []
     return tuple(base + stages)
 
 
-def _stage(q: Question, label: str, vehicle: Vehicle, point: Point) -> Stage:
-    timing, fitted = point.timing, vehicle if vehicle is q.base else point.vehicle
-    r = q.test.evidence.residuals(fitted, timing)
-    return Stage(label, vehicle, q.test.horizons(vehicle, r), r)
+def _stage(q: Question, label: str, point: Point, vehicles: tuple[Vehicle, Vehicle],
+           unseen: Unseen) -> Stage:
+    """vehicles: as it is written, and as it predicts from the log of the test recordings."""
+    r = q.test.evidence.residuals(point.vehicle, unseen.timing(point))
+    return Stage(label, vehicles[0], q.test.horizons(vehicles[1], r), r)
 
 
 def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> list[Named]:

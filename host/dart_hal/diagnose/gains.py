@@ -8,8 +8,9 @@ time (or whole recordings), in which both models keep the same windows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -23,10 +24,11 @@ from dart_hal.evaluate.scores import score
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.types import FloatArray, IntArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 
+from .evidence.drive import freed_of_mocap
 from .evidence.residuals import SENSED, Evidence, Residuals
 from .evidence.space import Timing
 from .result import Gained
@@ -34,7 +36,7 @@ from .result import Gained
 AT = HORIZONS.index(1.0)
 QUIET = ", one of a standing car counted by how much less it shakes"
 ROLLOUT = "open-loop prediction over 1 s from the measured state, "
-LOGGED, AGED = "logged commands alone", "logged commands at the age that suits the log"
+LOGGED = "logged commands alone"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,7 @@ class Side:
 
     def errors(self, p: Vehicle) -> FloatArray | None:
         """As ``evaluate.errors``; None without motion capture."""
-        return None if self.prepared is None else _predicted(self, settled(p))
+        return None if self.prepared is None else _predicted(self, p)
 
     def horizons(self, p: Vehicle | None, residuals: Residuals | None = None) -> dict[str, Any]:
         """Errors as ``evaluate`` gives them, of a model or (None) of constant velocity.
@@ -65,8 +67,8 @@ class Side:
         """
         if self.prepared is not None:
             cases = self.prepared.cases
-            states = hold(cases) if p is None else predict(settled(p), cases)
-            return score(errors(states, measured(cases)), cases).to_json()
+            found = errors(hold(cases), measured(cases)) if p is None else _predicted(self, p)
+            return score(found, cases).to_json()
         return {f"{h:.1f}": {"pooled": self._by_sensors(h, residuals)} for h in HORIZONS}
 
     def _by_sensors(self, horizon: float, residuals: Residuals | None) -> dict[str, Any]:
@@ -85,7 +87,10 @@ class Side:
 def _predicted(side: Side, p: Vehicle) -> FloatArray:
     """Kept for a while: what is before one cause is after the one that gains more."""
     cases = side.prepared.cases if side.prepared else ()
-    return errors(predict(p, cases), measured(cases))
+    if signals(p, "pose"):  # a turned marker is no side slip
+        cases = tuple(replace(case, grid=freed_of_mocap(case.grid, p, side.evidence.l_r))
+                      for case in cases)
+    return errors(predict(settled(p), cases), measured(cases))
 
 
 def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
@@ -99,11 +104,11 @@ def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A fit as it predicts. logged: its vehicle with delays counted from the logs of train and
-    test; timings: of their windows and messages."""
+    """A fit as it predicts. logged: its vehicle with delays counted from the log; timings: of the
+    windows and messages of train and test."""
 
     vehicle: Vehicle
-    logged: tuple[Vehicle, Vehicle]
+    logged: Vehicle
     timings: tuple[Timing, Timing]
 
 
@@ -113,36 +118,29 @@ def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Sid
 
     block_s: of the bootstrap over residuals.
     """
-    if effect.stage != "measurement" and train.prepared and test.prepared:
-        channels = rollout_gains(before.logged[0], after.logged[0], train, train, seed)
-        best = max(channels, key=lambda c: channels[c].test)
-        return _rollout_gains(before.logged, after.logged, train, test, seed, AGED)[best]
+    of_motion = effect.stage != "measurement" or "pose" in effect.signals
+    if of_motion and train.prepared and test.prepared:
+        channels = rollout_gains(before.logged, after.logged, train, test, seed)
+        return max(channels.values(), key=lambda g: g.train)
     found = {}
     for name, column in _columns(effect, train.evidence).items():
         found[name] = _residual_gain(name, column, before, after, train, test, seed, block_s)
-    return max(found.values(), key=lambda g: g.train)
+    return max(found.values(), key=lambda g: g.train if math.isfinite(g.train) else -math.inf)
 
 
 def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
                   seed: int) -> dict[str, Gained]:
     """By channel at 1 s; empty without motion capture."""
-    return _rollout_gains((before, before), (after, after), train, test, seed)
-
-
-def _rollout_gains(before: tuple[Vehicle, Vehicle], after: tuple[Vehicle, Vehicle], train: Side,
-                   test: Side, seed: int, commands: str = LOGGED) -> dict[str, Gained]:
-    """The same with vehicles of their own on each side."""
     if train.prepared is None or test.prepared is None:
         return {}
-    sides = [(side.errors(p), side.errors(q))
-             for side, p, q in zip((train, test), before, after, strict=True)]
+    sides = [(side.errors(before), side.errors(after)) for side in (train, test)]
     block = _blocks(test.prepared.cases)
     out = {}
     for i, name in enumerate(CHANNELS):
         (a, b), (c, d) = ((x[AT, i], y[AT, i]) for x, y in sides)  # type: ignore[index]
         interval = gain(c, d, block, seed=seed)
         out[name] = Gained(name, _share(a, b), interval.value, interval.low, interval.high,
-                           ROLLOUT + commands)
+                           ROLLOUT + LOGGED)
     return out
 
 
@@ -150,7 +148,7 @@ def overall(before: Fitted, after: Fitted, train: Side, test: Side, seed: int, b
             ) -> dict[str, Gained]:
     """``rollout_gains``, or what sensors tell of it."""
     if train.prepared and test.prepared:
-        return _rollout_gains(before.logged, after.logged, train, test, seed)
+        return rollout_gains(before.logged, after.logged, train, test, seed)
     return {name: _residual_gain(name, column, before, after, train, test, seed, block_s)
             for name, column in test.evidence.columns_at(1.0).items()}
 
@@ -184,6 +182,9 @@ def _pick(r: Residuals, column: int) -> FloatArray:
 
 
 def _share(before: FloatArray, after: FloatArray) -> float:
+    """1 - RMSE after / RMSE before; NaN where nothing was read."""
+    if not len(before):
+        return math.nan
     return 1.0 - float(np.sqrt(np.mean(np.square(after)) / max(np.mean(np.square(before)), 1e-300)))
 
 

@@ -52,7 +52,7 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
             fitted_to: Collection[str] = (), policy: InputPolicy = USUAL.inputs) -> Inputs:
     """Recordings that a diagnosis of the model p may use.
 
-    test empty: the last ``test_share`` of each training recording is held out. fitted_to:
+    test empty: stretches of each training recording are held out, ``test_share`` of it. fitted_to:
     SHA-256 of the files that the model was fitted to. Errors: UsageError for
     recordings on both sides, RecordingError where nothing can be diagnosed,
     OtherCar for a model that steers the other way.
@@ -70,9 +70,9 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
         _long_enough(sides[1], policy.test_s, "test")
     else:
         sides = list(hold_out(sides[0], policy.test_share))
-        notes.append(f"no test recordings: the last {100 * policy.test_share:.0f} % of each "
-                     "training recording is held out and only used to measure the gain; other "
-                     "days would tell more")
+        notes.append(f"no test recordings: about {100 * policy.test_share:.0f} % of each training "
+                     "recording is held out, in stretches between those that train, and only used "
+                     "to measure the gain; other days would tell more")
     notes += about_frames([*sides[0], *sides[1]])
     notes += check_model(sides[0], p, policy)
     seconds = sum(map(driving_seconds, sides[0]))
@@ -112,8 +112,8 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
         f"{len(both)} recording(s) to train on are test recordings as well",
         found=some(both), expected="recordings that the fit has not seen",
         likely="one folder named twice, or a copy of a file under another name",
-        remedy="leave them out on one side, or leave out --test: then the end of each training "
-               "recording is held out")
+        remedy="leave them out on one side, or leave out --test: then stretches of each training "
+               "recording are held out")
 
 
 def _once(side: Sequence[Recording], notes: list[str]) -> list[Recording]:

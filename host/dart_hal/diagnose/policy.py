@@ -156,7 +156,6 @@ class GradePolicy:
     place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it
     tail: float = 0.02  # quantile beyond which such a function is flat
     shown: float = 0.8  # probability; below, a name is possible and not shown
-    sure: float = 0.97  # probability; below, one name beside a surer one must lower errors surely
     possible: float = 0.3  # probability; below, it is not even possible
     waves: int = 3  # half waves along each variable on which a size may depend
     period_s: float = 5.0  # s; the shortest wave along time

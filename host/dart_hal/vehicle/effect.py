@@ -21,6 +21,10 @@ road-wheel angle [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/
 (a_x, a_y) [m/s2] at the IMU; (x, y, yaw) of the mocap marker [m, rad]."""
 
 
+EDGE_SHARE = 1e-3
+"""Of the interval of a parameter; a fit that ends nearer to one of its ends has met that end."""
+
+
 class Forces(NamedTuple):
     """What acts on the car at one instant; a force hook returns it changed.
 
@@ -109,7 +113,8 @@ class Parameter:
     interval allows; ``per_recording``: a property of a drive, not of the car;
     ``alone``: a departure from null is an effect by itself (the phase of one is not);
     ``tops``: what it explains has several tops along it, as where a tyre lets go in one bend
-    more: sizes are tried so closely that none is between two of them.
+    more: sizes are tried so closely that none is between two of them; ``physical``: what a car
+    can have, where that is less than the interval [low, high] in which a fit may move.
     """
 
     name: str
@@ -121,6 +126,32 @@ class Parameter:
     per_recording: bool = False
     alone: bool = True
     tops: bool = False
+    physical: tuple[float, float] | None = None
+
+    @property
+    def physical_range(self) -> tuple[float, float]:
+        """Smallest and largest value that a car can have."""
+        return self.physical or (self.low, self.high)
+
+    def impossible(self, value: float) -> str:
+        """Why no car has this value: it is on an end of the interval of a fit, or no car has it.
+
+        Empty for any value that is possible. The phase of something (not ``alone``) turns around
+        and has no end.
+        """
+        if not self.alone:
+            return ""
+        near = EDGE_SHARE * (self.high - self.low)
+        low, high = self.physical_range
+        unit = "" if self.unit in ("-", "relative") else f" {self.unit}"
+        for end in (self.low, self.high):
+            if abs(value - end) <= near and abs(end - self.null) > near:
+                return (f"{self.name} = {value:.3g}{unit} is on the end of the interval "
+                        f"{self.low:g} to {self.high:g}{unit} in which a fit may move it")
+        if not low <= value <= high:
+            return (f"{self.name} = {value:.3g}{unit} is outside its physical range "
+                    f"{low:g} to {high:g}{unit}")
+        return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

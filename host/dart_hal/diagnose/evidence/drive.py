@@ -35,6 +35,7 @@ from .standing import dithered, shaking, standing
 
 POINTS = 7  # of the derivative; 30 ms to each side
 HALF = POINTS // 2
+SMOOTH = 15  # points of the same in an evaluation
 READ_OUTS = (10, 25, 50, 75, 100)  # samples after the start at which a prediction is compared
 START_SPACING, WINDOW_SPACING = 50, 100  # samples from start to start; without overlap
 CLEAN = READ_OUTS[-1] + 8  # samples from a start on without a bad one
@@ -138,8 +139,24 @@ def _marker(g: Grid, l_r: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     return (*g.reference.marker(l_r, g.x, g.y, g.yaw), g.yaw)
 
 
-def _motion(g: Grid, x: FloatArray, y: FloatArray, yaw: FloatArray, l_r: float) -> Grid:
-    dx, dy, omega = (savgol_derivative(v, POINTS) for v in (x, y, yaw))
+def freed_of_mocap(g: Grid, p: Vehicle, l_r: float) -> Grid:
+    """A grid of any smoothing without what the effects of p do to poses, to first order.
+
+    The change of the motion, smoothed as an evaluation smooths, is added to it.
+    """
+    marker = _marker(g, l_r)
+    shown = posed(p, g.t, states(g), marker)
+    freed = [2.0 * was - is_ for was, is_ in zip(marker, shown, strict=True)]
+    before = _motion(g, *marker, l_r, SMOOTH)
+    after = _motion(g, freed[0], freed[1], freed[2], l_r, SMOOTH)
+    changed = {name: getattr(g, name) + getattr(after, name) - getattr(before, name)
+               for name in ("x", "y", "yaw", "v_x", "v_y", "omega")}
+    return replace(g, **changed)
+
+
+def _motion(g: Grid, x: FloatArray, y: FloatArray, yaw: FloatArray, l_r: float,
+            points: int = POINTS) -> Grid:
+    dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
     x, y, v_x, v_y = g.reference.centre(l_r, (x, y, yaw), (dx, dy, omega))
     return replace(g, x=x, y=y, yaw=yaw, v_x=v_x, v_y=v_y, omega=omega)
 

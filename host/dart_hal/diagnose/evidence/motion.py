@@ -9,6 +9,7 @@ import numpy as np
 from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import Recording, savgol_derivative
 from dart_hal.recording.dart.marker import marker_grid
+from dart_hal.recording.dart.spans import span_index
 from dart_hal.types import SAMPLE, FloatArray
 
 DELAY = 0.05  # s; an encoder's reading is the mean of the last 0.1 s
@@ -51,4 +52,5 @@ def driving_seconds(r: Recording) -> float:
         return float(((np.hypot(g.dx, g.dy) > MIN_SPEED) & ~g.bad).sum() * SAMPLE)
     m = r.messages
     step = np.minimum(np.diff(m.t, prepend=m.t[:1]), 0.3)
-    return float(step[m.speed > MIN_SPEED].sum())
+    judged = span_index(r.spans, m.arrival) >= 0
+    return float(step[judged & (m.speed > MIN_SPEED)].sum())

@@ -18,6 +18,7 @@ from dart_hal.identify.runs import finer, read_run
 from dart_hal.predict.commands import message_time, zero_order_hold
 from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import RUN, Grid, Messages, Recording, Reference
+from dart_hal.recording.dart.spans import span_index
 from dart_hal.types import SAMPLE, FloatArray, IntArray
 
 from ..policy import USUAL, EvidencePolicy
@@ -77,7 +78,7 @@ def sessions(recording: Recording, policy: EvidencePolicy = USUAL.evidence) -> l
 def _of_run(recording: Recording) -> tuple[Recording, Messages]:
     """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
     coarse = (recording if recording.span > 0.8 * ENCODER_SPAN
-              else read_run(recording.path, FRAMES, poses=False))
+              else replace(read_run(recording.path, FRAMES, poses=False), spans=recording.spans))
     fine = finer(coarse).messages
     # a run says what was commanded up to a stamp, and here a command holds from its stamp on
     begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
@@ -93,11 +94,13 @@ def _session(recording: Recording, rows: IntArray, sent: FloatArray,
     commanded, c = commands
     g = replace(g, throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
-    first, reads = _windows(m, rows, at, g, policy.backwards)
+    span = span_index(recording.spans, sent[rows])
+    first, reads = _windows(m, rows, at, g, policy.backwards, span)
     index = rows[reads[:, PAST:]]
     spots = (at[reads] - at[first][:, None]).T
     said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
-    rest = rows[standing(m.speed[rows] == 0.0, m, rows, policy.held)]
+    rest = standing(m.speed[rows] == 0.0, m, rows, policy.held)
+    rest = rows[rest[span[rest] >= 0]]
     heard = index[:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].ravel()
     read = as_read(m)
     quiet = dithered(read, rest)
@@ -132,8 +135,11 @@ def _between(sample: FloatArray, at: FloatArray, value: FloatArray) -> FloatArra
 
 
 def _windows(m: Messages, rows: IntArray, at: FloatArray, g: Grid,
-             backwards: float) -> tuple[IntArray, IntArray]:
-    """Messages (n,) at which windows start, those (n, PAST + MESSAGES_AHEAD) around: rows."""
+             backwards: float, span: IntArray) -> tuple[IntArray, IntArray]:
+    """Messages (n,) at which windows start, those (n, PAST + MESSAGES_AHEAD) around: rows.
+
+    span (messages,): number of the stretch in which each may be judged, -1 outside of all.
+    """
     wanted = at[:, None] + ENCODER_SPAN / SAMPLE * np.arange(1 - PAST, MESSAGES_AHEAD + 1)
     after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
     near = np.where(wanted - at[after - 1] < at[after] - wanted, after - 1, after)
@@ -141,7 +147,8 @@ def _windows(m: Messages, rows: IntArray, at: FloatArray, g: Grid,
     sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
     moving = np.interp(at, np.arange(len(g)), g.v_x) > MIN_SPEED
     forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > backwards
-    good = whole & moving & forward & sensed & sensed[near].all(axis=1)
+    judged = (span[near] == span[:, None]).all(axis=1) & (span >= 0)
+    good = judged & whole & moving & forward & sensed & sensed[near].all(axis=1)
     good[:4] = good[-1:] = False  # the state at the start takes messages to both sides
     chosen: list[int] = []
     for i in np.flatnonzero(good):

@@ -65,7 +65,7 @@ class Grading:
     """What it takes to grade: the search that made the fits, and the training evidence.
 
     judge(names, points): each on recordings that no fit has seen, by the fit before it and that
-    with it; several: there are enough of them for an interval.
+    with it. impossible(fit, name): why no car has the size that a name has there, or "".
     """
 
     search: Search
@@ -73,7 +73,7 @@ class Grading:
     policy: Policy
     seed: int
     judge: Callable[[Sequence[str], Sequence[Point]], Sequence[Judged]]
-    several: bool
+    impossible: Callable[[Point, str], str]
 
 
 def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
@@ -81,9 +81,9 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
     """Leave out the name of the lowest grade until all that are left are sure enough.
 
     Possible ones that went come back, the one that gains most first, where all are sure enough
-    with it: what made them unsure may have gone after them. Then the one that gains least goes,
-    until all lower the errors on recordings that no fit has seen; surely, where recordings are
-    several, and where a name is not sure beside a surer one. What is unsure is then tried again,
+    with it: what made them unsure may have gone after them. Then go, one at a time, those whose
+    size no car has, and the one that gains least, until all surely lower the errors on recordings
+    that no fit has seen (the interval of the ratio is above 1). What is unsure is then tried again,
     unless it pushes out a name that stands.
     points: the base, with one effect more each, and perhaps with all fitted together; at: where the
     search has ended.
@@ -160,11 +160,6 @@ class _Fits:
                 del away[name]
         return those, away
 
-    def second(self, name: str, those: _Graded) -> bool:
-        """Whether a name that is not sure stands beside a surer one: perhaps its companion."""
-        p = those.sure[name]
-        return p < self.with_.policy.grade.sure and any(q > p for q in those.sure.values())
-
     def _are(self, those: _Graded) -> bool:
         return all(p >= self.with_.policy.grade.shown for p in those.sure.values())
 
@@ -181,20 +176,45 @@ class _Stands(NamedTuple):
 
 def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut], points: Sequence[Point]
             ) -> _Stands:
-    """The name that gains least goes, until all lower errors, or surely do."""
+    """Drop one name at a time until all have a possible size and surely lower errors."""
     with_, away = fits.with_, dict(left_out)
     while kept.names:
-        points = _steps(with_, points, fits.at, fits.noise, kept.names, kept.fit)
-        judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-        least = {n: _least(judged[n].cost, with_.several or fits.second(n, kept))
-                 for n in kept.names}
-        worst = min(kept.names, key=lambda n: least[n])
-        if least[worst] >= 1.0:
-            return _Stands(kept, points, judged, away)
-        away[worst] = LeftOut(kept.sure[worst], NO_GAIN)
+        impossible = {n: why for n in kept.names if (why := with_.impossible(kept.fit, n))}
+        if impossible:
+            worst = min(impossible, key=lambda n: kept.sure[n])
+            why = impossible[worst]
+        else:
+            points = _steps(with_, points, fits.at, fits.noise, kept.names, kept.fit)
+            judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
+            worst = min(kept.names, key=lambda n: sure_ratio(judged[n].cost))
+            if sure_ratio(judged[worst].cost) > 1.0:
+                return _Stands(kept, points, judged, away)
+            why = no_gain(judged[worst].cost)
+        away[worst] = LeftOut(kept.sure[worst], why)
         kept, unsure = fits.sure(fits.without(kept, worst))
         away |= unsure
     return _Stands(kept, points, {}, away)
+
+
+def impossible_size(fit: Point, name: str) -> str:
+    """Why no car has the size that an effect has in a fit; empty where one may have it."""
+    active = next(a for a in fit.vehicle.effects if a.name == name)
+    whys = (q.impossible(float(value))
+            for q, value in zip(active.effect.parameters, active.values, strict=True))
+    return "; ".join(why for why in whys if why)
+
+
+def sure_ratio(cost: Cost) -> float:
+    """How many times as large errors surely are without a name; the ratio where no interval is."""
+    ratio, low, _ = cost
+    return low if np.isfinite(low) else ratio
+
+
+def no_gain(cost: Cost) -> str:
+    """Why a name is dropped that does not surely lower errors, with the figures."""
+    ratio, low, high = cost
+    between = f" [{low:.3f}, {high:.3f}]" if np.isfinite(low) else ""
+    return f"{NO_GAIN}: they are {ratio:.3f}{between} times as large without it"
 
 
 def _retried(fits: _Fits, stands: _Stands) -> _Stands:
@@ -218,9 +238,3 @@ def _steps(with_: Grading, points: Sequence[Point], at: Point, noise: Noise, kep
     if points[-1] is last:
         return points
     return (*with_.search.steps(points[0], at, noise, kept[:-1]), last)
-
-
-def _least(cost: Cost, surely: bool) -> float:
-    """How many times as large errors are without it, or surely are."""
-    value, low, _ = cost
-    return low if surely and np.isfinite(low) else value

@@ -33,6 +33,11 @@ CHANNELS = {
 HORIZONS = ("0.5", "1.0", "2.0")
 UNIT_WORDS = {"": "", "-": "", "relative": " (relative)"}
 NO_INTERVAL = "too little data for an interval"
+CANDIDATE = 14.0
+"""Drop of the loss: of 52 effects that do nothing, one gains more in 1 of 100 drives where
+residuals are independent (chi-square of one number at 0.01 / 52). Above it it is a candidate."""
+MOST_DROPPED = 3
+"""Dropped candidates in the verdict; the page lists all."""
 
 
 def channel(name: str) -> str:
@@ -41,28 +46,61 @@ def channel(name: str) -> str:
 
 
 def verdict(d: Diagnosis) -> str:
-    """The whole result in one or two sentences."""
+    """The whole result in one or two sentences, and the candidates that a gate has dropped."""
     n = len(d.causes)
     named = "one cause" if n == 1 else f"{n} causes"
-    return {
-        "nothing_wrong": "Nothing is wrong as far as these recordings can show: no effect of the "
-                         "catalogue, and no other structure, stands out of the noise.",
+    explain = "explains" if n == 1 else "explain"
+    dropped = _dropped(d)
+    nothing_else = "Nothing is named" if dropped else (
+        "No effect of the catalogue explains how. Nothing is named, because the nearest relative "
+        "of an unknown cause is not it")
+    text = {
+        "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
+                         + ("no structure stands out of the noise, and no effect surely does."
+                            if dropped else "no effect of the catalogue, and no other structure, "
+                                            "stands out of the noise."),
         "parameters_only": "Only the parameters were off: with the model's own parameters "
                            "re-estimated, nothing is missing from it.",
-        "explained": f"The model is wrong, and {named} of the catalogue "
-                     f"{'explains' if n == 1 else 'explain'} how.",
-        "partly_explained": f"The model is wrong: {named} of the catalogue "
-                            f"{'explains' if n == 1 else 'explain'} part of it, and something is "
-                            "left that no effect of the catalogue explains.",
-        "unexplained": "The model is wrong, and no effect of the catalogue explains how. Nothing "
-                       "is named, because the nearest relative of an unknown cause is not it.",
+        "explained": f"The model is wrong, and {named} of the catalogue {explain} how.",
+        "partly_explained": f"The model is wrong: {named} of the catalogue {explain} part of it, "
+                            f"and {_remainder(d)}.",
+        "unexplained": f"The model is wrong: {_remainder(d)}. {nothing_else}.",
     }.get(d.verdict, d.verdict)
+    return f"{text} {dropped}" if dropped else text
+
+
+def _remainder(d: Diagnosis) -> str:
+    """What the accepted causes do not explain: the same that the section on it shows."""
+    if d.unexplained:
+        return "something is left without a cause"
+    changing = [*(c.effect for c in d.causes if not c.constancy.constant),
+                *(c.title for c in d.claims if not c.constant)]
+    if changing:
+        return f"the size of {listed(changing, 'and')} is not constant"
+    worse = [c.effect for c in d.causes if c.gain.high < 0.0]
+    return f"with {listed(worse, 'and')} test recordings are predicted worse in one channel"
+
+
+def _dropped(d: Diagnosis) -> str:
+    """Candidates that gain more than chance usually does, each with the gate that dropped it."""
+    gates = {p.effect: p.why for p in d.possible}
+    for c in sorted(d.considered, key=lambda c: -c.loss if math.isfinite(c.loss) else 0.0):
+        if math.isfinite(c.loss) and c.loss > CANDIDATE:
+            gates.setdefault(c.effect, f"{c.why_not} ({p_value(c.p_value)})")
+    accepted = {c.effect for c in d.causes}
+    items = [f"{name} ({why})" for name, why in gates.items() if name not in accepted]
+    if not items:
+        return ""
+    more = len(items) - MOST_DROPPED
+    return (f"{'Candidate' if len(items) == 1 else 'Candidates'} that a test dropped: "
+            + "; ".join(items[:MOST_DROPPED]) + (f"; and {more} more" if more > 0 else "") + ".")
 
 
 def sentence(cause: Cause) -> str:
     """What the car does, how much, what it is worth, and what it cannot be told from."""
     parts = [f"The car {cause.title}: {amount(cause)} (probability {cause.probability:.2f})",
-             removes(cause.gain), f"all errors there are {times(cause.cost)} without it"]
+             removes(cause.gain),
+             f"errors of motion and sensors together are {times(cause.cost)} without it"]
     if not cause.constancy.constant:
         parts.append(f"its size changes with {variable(cause.constancy.along)} "
                      f"({p_value(cause.constancy.p_value)})")

@@ -16,6 +16,7 @@ from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from .mocap import POSITION_STEP, YAW_STEP, longest_step, position_jumps
 from .model import RUN, Recording
 from .sensors import GAP
+from .spans import span_index
 
 ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
 WIDEN = 20  # samples of 10 ms
@@ -112,7 +113,7 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     else:
         steps = _jumps(x, y, yaw, POSITION_STEP)
         jumps = np.append(steps, False) | np.append(False, steps)
-    bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps)
+    bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps) | (span_index(recording.spans, t) < 0)
     throttle, steering = messages.throttle[last], messages.steering[last]
     if recording.commands is not None:
         throttle, steering = recording.commands.sample_means(len(t))

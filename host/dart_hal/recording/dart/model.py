@@ -168,6 +168,7 @@ class Recording:
     published: its content is that of a published file of DART. framed: ``marker`` and the notes
     about it are those of ``with_marker_frames``. commands: when they were written, where that
     was recorded; None: the messages tell them.
+    spans [s]: stretches that may be judged, see ``spans``; empty: all of it.
     """
 
     path: Path
@@ -186,6 +187,7 @@ class Recording:
     published: bool = False
     framed: bool = False
     commands: AppliedCommands | None = None
+    spans: tuple[tuple[float, float], ...] = ()
 
     @property
     def name(self) -> str:

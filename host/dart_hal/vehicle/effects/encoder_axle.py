@@ -36,7 +36,8 @@ EFFECT = Effect(
         "axles. The steered wheels run on a larger circle, so the tighter the turn, the more it "
         "reads."),
     stage="measurement",
-    parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5)),),
+    parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
+                          physical=(0.0, 1.0)),),
     confused_with=("encoder_scale", "encoder_slip"),
     experiment=(
         "Slow circles at full lock to both sides beside a straight of the same speed: a scale "

@@ -1,0 +1,23 @@
+"""Stretches of a recording that may be judged, where others are held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dart_hal.types import FloatArray, IntArray
+
+Spans = Sequence[tuple[float, float]]
+"""(begin, end) [s] on the clock of the messages' arrival, in order of time; empty: all of it."""
+
+
+def span_index(spans: Spans, t: FloatArray) -> IntArray:
+    """Number of the span in which each time (n,) [s] lies; -1 outside of all."""
+    if not spans:
+        return np.zeros(len(t), dtype=np.int64)
+    begins = np.array([begin for begin, _ in spans])
+    ends = np.array([end for _, end in spans])
+    index = np.searchsorted(begins, t, side="right") - 1
+    inside = (index >= 0) & (t <= ends[np.maximum(index, 0)])
+    return np.asarray(np.where(inside, index, -1), dtype=np.int64)

@@ -1,0 +1,125 @@
+"""Sizes of effects hidden in recorded drives, where the rest of the world is real.
+
+A sensor effect changes what was recorded; a command effect changes the commands in the log, so that
+the car did something else with them than the log says. Neither needs a simulator. The model is
+fitted to the same drive without the effect, so what is found is the difference.
+"""
+
+from __future__ import annotations
+
+import gzip
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.recording.dart import Reference, read, with_marker_frames
+from dart_hal.recording.dart.model import freeze
+from dart_hal.vehicle.load import find_model
+
+OTHER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
+ZHENG = Reference(0.21, -0.0117, 0.0, "of that car")
+SIGMA = 2.6
+"""Standard errors within which a size lies with 99 % probability."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded drive with the model that fits it."""
+
+    recording: object
+    model: object
+    vehicle: object
+
+
+def other_laboratory(name):
+    path = OTHER / name
+    if not path.is_file():
+        pytest.skip(f"recordings of other laboratories are absent: no {path}")
+    return path
+
+
+@lru_cache(maxsize=2)
+def zheng():
+    """Two minutes of a car of 3.5 kg, motion capture alone, and its jointly fitted model."""
+    from click.testing import CliRunner
+
+    from dart_hal.cli.identify import command
+
+    packed = other_laboratory("zheng2022/day1.csv.gz")
+    folder = Path(mkdtemp())
+    file = folder / "day1.csv"
+    file.write_bytes(gzip.decompress(packed.read_bytes()))
+    model = folder / "model.toml"
+    done = CliRunner().invoke(command, [
+        "all", "--joint", str(file), "--base", str(packed.with_name("base.toml")),
+        "--reference", "0.21,-0.0117,0", "--out", str(model)])
+    assert done.exit_code == 0, done.output
+    return Drive(with_marker_frames([read(file)], ZHENG)[0], *find_model(model))
+
+
+def with_mocap(r, **changes):
+    return replace(r, mocap=replace(r.mocap, **{k: freeze(v) for k, v in changes.items()}))
+
+
+def with_messages(r, **changes):
+    return replace(r, messages=replace(r.messages, **{k: freeze(v) for k, v in changes.items()}))
+
+
+def turned_marker(r, k):
+    return with_mocap(r, yaw=r.mocap.yaw + k)
+
+
+def shifted_marker(forward, left):
+    def shift(r, k):
+        yaw = r.mocap.yaw
+        return with_mocap(r, x=r.mocap.x + k * (forward * np.cos(yaw) - left * np.sin(yaw)),
+                          y=r.mocap.y + k * (forward * np.sin(yaw) + left * np.cos(yaw)))
+    return shift
+
+
+def earlier(values, t, k):
+    """A command as it would stand in a log of which the car acts k [s] later."""
+    return np.interp(t + k, t, values)
+
+
+def unlagged(values, t, k):
+    """The command whose first-order lag of k [s] is the recorded one."""
+    return values + k * np.gradient(values, t)
+
+
+def steering_earlier(r, k):
+    return with_messages(r, steering=earlier(r.messages.steering, r.messages.t, k))
+
+
+def steering_larger(r, k):
+    return with_messages(r, steering=r.messages.steering / (1.0 + k))
+
+
+def steering_without_lag(r, k):
+    return with_messages(r, steering=unlagged(r.messages.steering, r.messages.t, k))
+
+
+CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_marker),
+         ("mocap_yaw", -0.05, turned_marker), ("mocap_yaw", 0.1, turned_marker),
+         ("mocap_offset_x", -0.04, shifted_marker(1.0, 0.0)),
+         ("steering_delay", 0.08, steering_earlier), ("steering_gain", 0.1, steering_larger),
+         ("steering_lag", 0.1, steering_without_lag)]
+
+
+@pytest.mark.parametrize(("name", "hidden", "hide"), CASES,
+                         ids=[f"{name}-{hidden}" for name, hidden, _ in CASES])
+@pytest.mark.more
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
+    of = zheng()
+    inputs = checked([hide(of.recording, hidden)], [], of.vehicle)
+    found = diagnose(of.model, of.vehicle, inputs.train, inputs.test, refit=False, only=(name,))
+    number = {c.effect: c for c in found.causes}[name].parameters["k"]
+    assert abs(number.value - hidden) < SIGMA * number.std
+    assert number.std < 0.35 * abs(hidden)
