@@ -220,6 +220,7 @@ BAD_FACTS = {
     "PCA_MODE": {"bus_fault": "mode"}, "PCA_PRESCALE": {"bus_fault": "prescale"},
     "PCA_WRITE_FAILED": {"bus_fault": "write"}, "NEUTRAL_TOO_SHORT": {"neutral_for": 1.9},
     "PWM_CLOCK_UNCALIBRATED": {"clock_calibrated": False},
+    "CALIBRATION_OTHER_BOARD": {"other_board": True},
     "MOVES_AT_NEUTRAL": {"moves_at_neutral": True},
     "THROTTLE_NOT_NEUTRAL": {"throttle": 0.1}, "COMMAND_INVALID": {"command_ok": False},
     "RAW_MODE_OPEN": {"raw_open": True},

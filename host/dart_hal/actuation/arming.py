@@ -34,6 +34,8 @@ class Facts:
     "passed", "failed", "unwired" (no pulse came through the capture wire).
     ``car_moves``: the wheels shall be off the ground, and the IMU does not show a car
     that stands. ``beat_limit``: the Nano's heartbeat limit [ms], None = not told yet.
+    ``other_board``: the calibration was measured with another Nano; ``calibration_unbound``: it
+    does not say with which.
     ``guard_age`` None = there is no guard process; a backend in virtual time
     needs none and passes 0. ``loop_late``: p99 of how late pulses are written.
     """
@@ -68,6 +70,8 @@ class Facts:
     latched: bool = False
     calibration_missing: bool = False
     calibration_old: bool = False
+    other_board: bool = False
+    calibration_unbound: bool = False
     cutoff_required: bool = False
     cutoff: str = "none"
     cutoff_test: str = "passed"
@@ -167,6 +171,10 @@ REFUSALS: tuple[Refusal, ...] = (
             'dart-hal calibrate steering, or arm(waive=["CALIBRATION_MISSING"]), in a shell '
             '--waive CALIBRATION_MISSING',
             lambda f: f.calibration_missing, waivable=True),
+    Refusal("CALIBRATION_OTHER_BOARD", "files",
+            "calibration.toml was measured with another Nano than the one that answers",
+            "same car, new Nano: dart-hal calibrate accept-board; else use the files of this car",
+            lambda f: f.other_board),
     Refusal("CUTOFF_REQUIRED", "hardware", "car.toml demands a hardware cut-off, none is fitted",
             "fit it (docs), or cutoff_required = false",
             lambda f: f.cutoff_required and f.cutoff == "none"),
@@ -216,6 +224,8 @@ WARNINGS: tuple[Caution, ...] = (
              lambda f: f.cutoff != "none" and f.cutoff_test == "unwired"),
     Caution("CALIBRATION_OLD", "the car was calibrated more than half a year ago",
              "dart-hal calibrate steering", lambda f: f.calibration_old),
+    Caution("CALIBRATION_UNBOUND", "calibration.toml does not say with which Nano it was measured",
+             "dart-hal calibrate accept-board", lambda f: f.calibration_unbound),
     Caution("IMU_UNCALIBRATED", "the gyro has not calibrated itself",
              "let the car stand still for some seconds", lambda f: not f.imu_calibrated),
     Caution("LOOP_LATE", "pulses are written more than 20 ms late (p99)",

@@ -10,7 +10,14 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.config import CarFiles, DriveTable, Quantity, calibration_in, save_calibration
+from dart_hal.config import (
+    CarFiles,
+    DriveTable,
+    Quantity,
+    bind_board,
+    calibration_in,
+    save_calibration,
+)
 from dart_hal.config.quantity import Quantities
 
 from .result import number
@@ -79,6 +86,7 @@ def write(files: CarFiles, measured: Measured) -> Measured:
                                   "residual": measured.residual,
                                   "duration_s": round(measured.duration, 2)}}
     new = msgspec.structs.replace(new, provenance=provenance)
+    new = bind_board(new, files)
     return replace(measured, written=str(save_calibration(new, files.folder, files.config)))
 
 

@@ -21,6 +21,7 @@ from dart_hal.config import (
     PaperForm,
     Quantity,
     SteeringTable,
+    bind_board,
     calibration_in,
     save_calibration,
 )
@@ -275,4 +276,5 @@ def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
                   "steering": {"when": now, "source": str(result.source), "n": result.n,
                                "duration_s": round(result.duration, 2)}}
     new = msgspec.structs.replace(old, steering=steering, provenance=provenance)
+    new = bind_board(new, files)
     return replace(result, written=str(save_calibration(new, files.folder, files.config)))

@@ -130,7 +130,7 @@ class Car(Arming, Sensed, Shown):
         stop_on_signals()
         try:
             engine.driver.open(engine.now)
-            engine.identify()
+            self.files = replace(self.files, board=engine.identify().board)
             engine.start()
             self._pump = InlinePump(engine) if engine.backend.virtual else ThreadPump(engine)
             engine.driver.ready()

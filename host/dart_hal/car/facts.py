@@ -133,6 +133,7 @@ class Observer:
         moving = mode not in (ArmState.ARMED, ArmState.RAW) and bool(state and state.speed != 0.0)
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
+        board = files.calibration.board if files.calibration else None
         asked, cutoff = self._actuator.asked(now), self.cutoff
         return Facts(
             hello=hello is not None and not receiver.hello_stale,
@@ -157,6 +158,8 @@ class Observer:
             guard_age=self.guard_age(), raw_open=mode is ArmState.RAW,
             latched=mode is ArmState.LOCKED, loop_late=self.loop_late,
             calibration_missing=not mine,
+            other_board=bool(board and hello and board != hello.board),
+            calibration_unbound=files.calibration is not None and board is None,
             calibration_old=files.calibration is not None and "CALIBRATION_OLD"
             in files.calibration.warnings(datetime.now(timezone.utc)),
             cutoff_required=files.config.safety.cutoff_required, cutoff=cutoff,

@@ -40,6 +40,11 @@ class Hello:
             caps=values["caps"], clock_hz=values["clock_hz"])
 
     @property
+    def board(self) -> str:
+        """The Nano's number as the files of a car name it: 8 hex digits."""
+        return f"{self.board_id:08x}"
+
+    @property
     def mock(self) -> bool:
         """True when the frames come from MockNano, not from firmware."""
         return bool(self.build & BUILD_MOCK)
@@ -62,7 +67,7 @@ class Hello:
         return {
             "firmware": ".".join(map(str, self.version)), "git": f"{self.git:08x}",
             "schema": f"{self.schema:08x}", "proto": self.proto, "mock": self.mock,
-            "board_id": f"{self.board_id:08x}", "boot_count": self.boot_count,
+            "board_id": self.board, "boot_count": self.boot_count,
             "reset_cause": self.reset_cause,
             "bootloader": BOOTLOADERS.get(self.bootloader, "unknown"),
             "edges_per_rev": list(self.edges_per_rev), "caps": self.caps,

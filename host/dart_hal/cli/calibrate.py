@@ -24,11 +24,11 @@ from dart_hal.cli.calibrate_measured import (
     throttle,
 )
 from dart_hal.cli.options import Number, PathsOption, car_options, json_option
-from dart_hal.cli.output import print_json, progress_bar
+from dart_hal.cli.output import print_json, progress_bar, results
 from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import opened
 from dart_hal.cli.steering_table import show
-from dart_hal.config import check_writable
+from dart_hal.config import accept_board, check_writable
 from dart_hal.errors import UsageError
 
 LEAST_DIFFERENCE = 0.1
@@ -42,6 +42,30 @@ def command() -> None:
 
 for verb in (everything, clock, esc, throttle, encoder, imu, latency, mocap, lidar):
     command.add_command(verb)
+
+
+@command.command("accept-board")
+@car_options
+@click.option("--yes", is_flag=True, help="do not ask (for scripts)")
+@json_option
+def accept(url: str | None, car_name: str, cars: Path | None, yes: bool, as_json: bool) -> None:
+    """Use the car's calibration with the Nano that answers now, after that was exchanged.
+
+    calibration.toml records with which Nano it was measured, and a car with another one does not
+    arm. Accept it if servo, ESC and their board are still those that were measured.
+    """
+    with opened(url, car_name, cars) as car:
+        files = car.files
+    question = (f"Board {files.board} gets the calibration of {files.config.name}. Servo, ESC and "
+                "PCA9685 must be those that were measured.")
+    if not (car.url.startswith("sim:") or agreed(question, yes, "accept")):
+        raise click.Abort
+    before, written = accept_board(files)
+    if as_json:
+        print_json({"car": files.config.name, "board": files.board, "before": before,
+                    "written": str(written)})
+        return
+    results.print(f"{written}: board {files.board} (was {before or 'not recorded'})", markup=False)
 
 
 @command.command("steering")

@@ -16,6 +16,8 @@ from dart_hal.config.calibration import (
 from dart_hal.config.car import CarConfig, parse_config
 from dart_hal.config.folders import (
     CarFiles,
+    accept_board,
+    bind_board,
     calibration_in,
     car_folders,
     cars_home,
@@ -33,7 +35,8 @@ from dart_hal.config.write import check_writable, dump, save
 
 __all__ = [
     "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "DriveTable", "EffectEntry", "ModelFile",
-    "PaperForm", "Quantities", "Quantity", "SteeringTable", "calibration_in", "car_folders",
+    "PaperForm", "Quantities", "Quantity", "SteeringTable", "accept_board", "bind_board",
+    "calibration_in", "car_folders",
     "cars_home", "check_calibration", "check_writable", "dump", "load_car", "load_model",
     "measured_folder", "named_folders", "parse_calibration", "parse_car", "parse_config",
     "parse_model", "plain", "save", "save_calibration", "save_model",

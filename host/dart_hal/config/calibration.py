@@ -7,6 +7,7 @@ refused. Tables that were not measured yet are left out.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 from typing import Any, Literal
@@ -21,6 +22,7 @@ from dart_hal.errors import ConfigError, NotMonotone, OtherCar
 
 SCHEMA = "dart-hal/calibration/1"
 OLD = timedelta(days=180)
+BOARD = re.compile("[0-9a-f]{8}")
 
 
 class PwmClock(Table, frozen=True, kw_only=True):
@@ -145,10 +147,15 @@ class LidarCalibration(Table, frozen=True, kw_only=True):
 
 
 class Calibration(Table, frozen=True, kw_only=True):
-    """All that was measured on the car ``car``; ``provenance`` is free text and hashes."""
+    """All that was measured on the car ``car``; ``provenance`` is free text and hashes.
+
+    ``board``: number of the Nano with which it was measured, as HELLO tells it, 8 hex digits;
+    None = written before this was recorded.
+    """
 
     schema: str = SCHEMA
     car: str
+    board: str | None = None
     pwm: PwmClock = PwmClock()
     steering: SteeringCalibration = SteeringCalibration()
     throttle: ThrottleCalibration = ThrottleCalibration()
@@ -236,6 +243,9 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None, *,
     if car is not None and cal.car != car:
         raise OtherCar(f"{origin}: key car names another car", found=cal.car, expected=car,
                        read=origin)
+    require(cal.board is None or BOARD.fullmatch(cal.board) is not None, origin, "board",
+            repr(cal.board), "8 hexadecimal digits, as dart-hal find shows them",
+            "dart-hal calibrate accept-board")
     for name, value in cal.quantities().items():
         check_std(value, name, origin, positive=name in _POSITIVE)
     check_ranges(cal, CALIBRATION, origin)

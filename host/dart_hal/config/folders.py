@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from dart_hal.config.calibration import Calibration, check_calibration, parse_calibration
 from dart_hal.config.car import CarConfig, parse_config
 from dart_hal.config.model import ModelFile, check_model, parse_model
@@ -37,6 +39,7 @@ Folders = Sequence[str | os.PathLike[str]]
 class CarFiles:
     """The files of one car. ``folder``: where they are, or would be written.
 
+    ``board``: number of the Nano that answers, 8 hex digits; None = the car is not open.
     The properties say which value counts: the calibration's, else car.toml's.
     """
 
@@ -45,6 +48,7 @@ class CarFiles:
     model: ModelFile | None
     folder: Path
     origin: str
+    board: str | None = None
 
     @property
     def oscillator_hz(self) -> Quantity | None:
@@ -187,6 +191,40 @@ def save_calibration(calibration: Calibration, folder: Path,
     path = folder / "calibration.toml"
     return save(check_calibration(calibration, str(path), folder.name,
                                   deliberate_us=_deliberate_neutral(folder, config)), path)
+
+
+def bind_board(calibration: Calibration, files: CarFiles) -> Calibration:
+    """Record with which Nano ``calibration`` is measured, where one answers.
+
+    Raises ConfigError for values of another Nano: with one new value among them they would all
+    count as measured with this one.
+    """
+    if files.board is None:
+        return calibration
+    if calibration.board not in (None, files.board):
+        path = files.folder / "calibration.toml"
+        raise ConfigError(f"{path} was measured with another Nano", read=str(path),
+                          found=f"board {calibration.board}",
+                          expected=f"board {files.board}, which answers now",
+                          likely="the Nano was exchanged, or the files are those of another car",
+                          remedy="same car, new Nano: dart-hal calibrate accept-board; else move "
+                                 "the file away and measure again")
+    return msgspec.structs.replace(calibration, board=files.board)
+
+
+def accept_board(files: CarFiles) -> tuple[str | None, Path]:
+    """Bind the car's calibration.toml to the Nano that answers; (board before, file written).
+
+    Raises ConfigError where there is no calibration, or it is no good.
+    """
+    path = files.folder / "calibration.toml"
+    if not path.is_file() or files.board is None:
+        raise ConfigError(f"{files.config.name} has no calibration to accept", read=str(path),
+                          found="no calibration.toml" if files.board else "no Nano",
+                          expected=str(path), remedy="dart-hal calibrate all")
+    known = calibration_in(files.folder, files.config.name, files.config)
+    bound = msgspec.structs.replace(known, board=files.board)
+    return known.board, save_calibration(bound, files.folder, files.config)
 
 
 def _deliberate_neutral(folder: Path, config: CarConfig | None) -> float | None:

@@ -65,6 +65,9 @@ REFUSAL_WORDS: dict[str, Words] = {
     "CALIBRATION_MISSING": ("This car has no calibration.",
                             "At its computer: dart-hal calibrate steering. Or start the page with "
                             "--waive CALIBRATION_MISSING."),
+    "CALIBRATION_OTHER_BOARD": (
+        "The calibration was measured with another Nano.",
+        "Same car, new Nano: at its computer dart-hal calibrate accept-board."),
     "CUTOFF_REQUIRED": ("The files of the car demand a hardware cut-off, and none is fitted.",
                         "Fit it, or change the files of the car."),
     "CUTOFF_UNTESTED": ("The test of the hardware cut-off is not over.", "Wait."),

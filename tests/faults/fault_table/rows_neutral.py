@@ -7,12 +7,14 @@ from contextlib import suppress
 
 from dart_hal.actuation.quantiser import prescale_for
 from dart_hal.actuation.standby import Throttle, stop
+from dart_hal.config import Calibration, Quantity, save_calibration
+from dart_hal.errors import NotArmed
 from dart_hal.sim.esc import Esc, Mode
 from dart_hal.sim.pca9685 import MODE1, PRE_SCALE
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.world import World
 from fault_table.bench import Bench
-from fault_table.drive import Drive, Edit
+from fault_table.drive import WAIVE, Drive, Edit
 from fault_table.row import NEVER, Measured, Row, case
 
 MS = "ms"
@@ -144,6 +146,21 @@ def answering_while_driven(bench: Bench) -> Measured:
     return Measured(1e3 * (drive.now - at) if ends else NEVER, ", ".join(drive.car.causes))
 
 
+def other_board(bench: Bench) -> Measured:
+    """Cars that arm with a calibration of another Nano: its neutral and its steering map."""
+    folder = bench.folder / "sim-0"
+    folder.mkdir()
+    save_calibration(Calibration(car="sim-0", board="da27ffff").with_quantities(
+        {"throttle.neutral_us": Quantity(1590.0, 1.0)}), folder)
+    drive = bench.drive()
+    drive.run(2.2)
+    try:
+        drive.car.arm(waive=WAIVE)
+    except NotArmed as error:
+        return Measured("CALIBRATION_OTHER_BOARD" not in error.reasons, ", ".join(error.reasons))
+    return Measured(1, drive.car.mode)
+
+
 ROWS = (
     Row(55, "neutral is none: a wrong number, channels or leads swapped",
         "all pulses end by the wheel speed alone", (
@@ -164,5 +181,8 @@ ROWS = (
         *(case("mock", f"MODE1 {mode1:#04x}", left_answering(mode1), 0, "pulses", "own_address",
                fast=mode1 == 0xA1) for mode1 in (0xA1, 0x28, 0x24, 0x22)),
         case("mock", "changed while armed", answering_while_driven, 1100.0, MS, "own_address"),
+    )),
+    Row(60, "the calibration is that of another Nano", "refused, named", (
+        case("mock", "armed", other_board, 0, "cars", "refusals", fast=True),
     )),
 )
