@@ -85,13 +85,11 @@ class SetClock:
         self.wall -= 3600 * 10**9
         return self.wall + 3600 * 10**9
 
-    def monotonic_ns(self):
-        return 200 * 10**9
-
 
 def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path, monkeypatch):
     """Exactly: a replay sees the car's own stamps again."""
     monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
+    monkeypatch.setattr("dart_hal.recording.run_file.elapsed_ns", lambda: 200 * 10**9)
     from dart_hal.recording.run import RunWriter
 
     shared, t = RunFile(tmp_path / "run.mcap"), 1.0 / 3.0
@@ -118,6 +116,7 @@ def test_the_first_car_decides_whether_a_file_has_a_calendar(tmp_path, monkeypat
                                                              zeros):
     """Else a virtual car beside a real one would be 50 years away."""
     monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
+    monkeypatch.setattr("dart_hal.recording.run_file.elapsed_ns", lambda: 200 * 10**9)
     shared = RunFile(tmp_path / "run.mcap")
     assert [shared.zero_of(now) for now in (first, second)] == zeros
     shared.close()

@@ -33,7 +33,7 @@ from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, BusError, NotArmed
 from dart_hal.links.base import Backend
 from dart_hal.process.suspend import SuspendDetector
-from dart_hal.types import Applied, Limit, State
+from dart_hal.types import Applied, Doubt, Limit, State
 
 REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
@@ -158,8 +158,8 @@ class Driver:
         """A car that speeds up under neutral gets no pulse any more."""
         if self.actuator.moving:
             self._neutral_watch.note_driven(now)
-        # While armed, a doubted speed caps the throttle already; noise must not disarm as well.
-        doubted = self.mode is ArmState.ARMED and state.health.speed_doubted
+        # While armed, noise of the encoder caps the throttle already and need not disarm as well.
+        doubted = self.mode is ArmState.ARMED and Doubt.ENCODER_HIGH in state.health.doubts
         if self._neutral_watch.update(now, state.speed, self.actuator.at_neutral, doubted):
             self.supervisor.silence(now, "MOVES_AT_NEUTRAL")
             self._neutral_watch.restart()
