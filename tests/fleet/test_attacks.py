@@ -12,7 +12,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import LATEST, Peers
 from dart_hal.fleet.sender import REPLAY_WINDOW, Order, Sender, Session
-from dart_hal.fleet.stopping import StopCall
+from dart_hal.fleet.stopping import StopCall, StopRule
 
 STOPS_WITHIN = WITHIN + 2 * STEP
 """s: the limit of the rule and two looks. The last beat that counts is older, not younger."""
@@ -454,3 +454,36 @@ def test_a_stop_takes_answers_with_its_number_alone():
     assert call.over(0.3)
     call.health(car, "ARMED", 0.3)
     assert call.silent == set(), "it may arm again when the stop is over"
+
+
+def test_a_car_that_is_displaced_during_the_stop_has_to_answer():
+    """One forged frame of another session at each step, from the moment of the stop on."""
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.car.hears = False
+        numbers = iter(range(1, 1000))
+        frame = lambda: encode(m.BEAT, 99, next(numbers), scene.now, ("red",))  # noqa: E731
+        scene.attacker.send(frame(), scene.now)
+        scene.run_for(0.02)
+        scene.station.look()
+        assert scene.station.peers.senders["red"].boot == 99
+        call = stop_deaf_car(scene, lambda: scene.attacker.send(frame(), scene.now))
+        assert call.silent == {"red"}
+
+
+def test_a_car_whose_frames_were_made_old_is_still_known():
+    with Scene() as scene:
+        scene.watcher()
+        scene.watch(0.5)
+        scene.attacker.send(encode(m.BEAT, 7, 2**32 - 1, scene.now, ("red",)), scene.now)
+        scene.run_for(6.0, scene.station.watch)
+        assert scene.station.peers.cars(scene.now) == {Session("red", 7)}
+
+
+def test_an_older_beat_takes_nothing_from_a_newer_one():
+    rule = StopRule(WITHIN)
+    rule.beat(5.0)
+    rule.beat(3.0)
+    assert rule.held(5.0 + WITHIN) == ""
+    assert rule.held(5.01 + WITHIN) != ""
