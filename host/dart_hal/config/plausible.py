@@ -74,7 +74,7 @@ CALIBRATION: Mapping[str, Range] = {
     "lidar.mount_y": (-10.0, 10.0, "m"),
     "lidar.mount_yaw": (-tau, tau, "rad; are these degrees?"),
 }
-NOT_IN_NAMES = "<>[]{}\\\"'`$|;&*?"
+NOT_IN_NAMES = "<>[]{}\\\"`$|;"
 """Characters that terminals, browsers or shells would take for something else."""
 
 
