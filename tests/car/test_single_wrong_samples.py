@@ -91,17 +91,17 @@ def test_one_wrong_bit_in_a_hundred_samples_leaves_the_yaw_alone(drives, monkeyp
 
 def sizes(names):
     """(manoeuvre, bit, one in, in a row) of every test of the covariance."""
-    return list(product(names, range(16), (5, 20, 100, 1000), (1, 2)))
+    return list(product(names, range(16), (5, 100, 1000), (1, 2)))
 
 
 QUICK = [("slalom", 9, 5, 1), ("straight", 4, 5, 1), ("straight", 9, 100, 2)]
 
 
 def check_covered(drive, bit, every, run):
-    for phase in (3, 40):
-        states = drive.estimate(flip(GYRO_Z, bit, every, run, phase))
-        error, sigma = abs(drive.yaw_error(states)), yaw_sigma(states)
-        assert error < 3 * sigma, (error / DEGREE, sigma / DEGREE)
+    states = drive.estimate(flip(GYRO_Z, bit, every, run, phase=3))
+    error = abs(drive.yaw_error(states))
+    sigma = yaw_sigma(states)
+    assert error < 3 * sigma, (bit, every, run, error / DEGREE, sigma / DEGREE)
 
 
 @pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK)
