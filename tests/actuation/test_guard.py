@@ -69,6 +69,19 @@ def test_end_of_file_trips_at_once_and_ends_after_a_second_of_good_writes() -> N
     assert watch.done
 
 
+def test_pulses_that_the_driver_has_ended_stay_off() -> None:
+    """Its neutral drove the car; the guard's would do so again."""
+    watch = Watch()
+    watch.heard(b"bbo", 5.0)
+    watch.heard(b"", 5.01)
+    assert watch.due(5.01)
+    assert watch.switches_off
+    watch = Watch()
+    watch.heard(b"ob", 5.0)
+    watch.heard(b"", 5.01)
+    assert not watch.switches_off, "neutral first: the pulses had come back"
+
+
 def test_a_suspend_trips_although_beats_come_again() -> None:
     watch = Watch()
     watch.woke()

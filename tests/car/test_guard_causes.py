@@ -15,7 +15,7 @@ class Guard:
     def __init__(self, tripped: bool) -> None:
         self.tripped = tripped
 
-    def beat(self, *, at_neutral: bool) -> None:
+    def beat(self, *, at_neutral: bool, off: bool = False) -> None:
         """Nothing is acknowledged here."""
 
     def close(self, *, at_neutral: bool) -> None:

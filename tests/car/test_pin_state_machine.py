@@ -53,7 +53,7 @@ class Guarded:
 
     def ready(self) -> None: ...
 
-    def beat(self, *, at_neutral: bool) -> None:
+    def beat(self, *, at_neutral: bool, off: bool = False) -> None:
         self.tripped = self.tripped and not at_neutral
 
     def close(self, *, at_neutral: bool) -> None: ...

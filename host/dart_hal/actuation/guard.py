@@ -4,7 +4,7 @@ The PCA9685 repeats its last pulse for ever, and no handler runs after kill -9.
 This process has its own session (a closed terminal does not reach it), its own
 descriptor of the bus, and a pipe from the driver:
 
-    driver -> guard   b beat    a trip seen    q the driver closes, at neutral
+    driver -> guard   b beat    o beat, pulses off    a trip seen    q the driver closes, at neutral
     guard -> driver   r ready   b beat         t tripped    x bus error
 
 End of file, another parent than before (a child of the driver may keep the pipe
@@ -71,8 +71,10 @@ class Watch:
             self._gone_at = now
             return
         self.done = self.done or b"q" in data
-        if b"b" in data:
+        newest = max(data.rfind(b"b"), data.rfind(b"o"))
+        if newest >= 0:
             self._beat = now
+            self.found_off = data[newest:newest + 1] == b"o"
         if b"a" in data:
             self.tripped, self._beat = False, now
             self.found_off, self.written = False, 0
@@ -123,8 +125,6 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
             state.woke()
         if state.due(now):
             if not told or (now - written >= REPEAT and not (state.gone and taken())):
-                if not told:
-                    state.found_off = _is_off(bus, address, channel)
                 told, written = True, now
                 data = ALL_OFF if state.switches_off else neutral
                 state.wrote(_write(bus, address, data, status))
@@ -147,16 +147,6 @@ def _answer_one_address(bus: Bus, address: int) -> None:
             bus.writeto(address, bytes([MODE1, mode1[0] & SLEEP | AUTO_INCREMENT]))
     except OSError:                          # as good as the bus allows; the pulses come first
         return
-
-
-def _is_off(bus: Bus, address: int, channel: int) -> bool:
-    """Whether the channel carries no pulse; False where the chip does not answer."""
-    high = bytearray(1)
-    try:
-        bus.writeto_then_readfrom(address, bytes([0x09 + 4 * channel]), high)
-    except OSError:
-        return False
-    return bool(high[0] & 0x10)
 
 
 def _write(bus: Bus, address: int, data: bytes, status: int) -> bool:

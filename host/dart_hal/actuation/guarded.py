@@ -59,10 +59,10 @@ class Guard:
         self._listen()
         return None if self._process.poll() is not None else self._clock() - self._heard
 
-    def beat(self) -> None:
-        """The driver lives; at 50 Hz or more, from the frame step."""
+    def beat(self, *, off: bool = False) -> None:
+        """The driver lives; at 50 Hz or more, from the frame step. ``off``: without pulses."""
         self._watched = True
-        self._tell(b"b")
+        self._tell(b"o" if off else b"b")
 
     def gate(self) -> str | None:
         """Why no throttle may be written now: GUARD_TRIPPED, GUARD_SILENT, None = go on.

@@ -212,8 +212,9 @@ class Driver:
         if late := self.actuator.trips():
             self._step(now, list(late), ())
         if self._guard is not None:
-            self._guard.beat(at_neutral=self.supervisor.output.throttle in ("neutral", "off")
-                             and self.actuator.fault is None)
+            demanded = self.supervisor.output.throttle
+            self._guard.beat(at_neutral=demanded in ("neutral", "off")
+                             and self.actuator.fault is None, off=demanded == "off")
         return self.applied
 
     def _step(self, now: float, causes: list[str], refused: tuple[str, ...]) -> None:

@@ -75,13 +75,16 @@ class GuardPost:
         """Why no throttle may be written now; None = go on."""
         return self._guard.gate() if self._guard is not None else "GUARD_SILENT"
 
-    def beat(self, *, at_neutral: bool) -> None:
-        """This program lives; at neutral, a trip of the guard is acknowledged."""
+    def beat(self, *, at_neutral: bool, off: bool = False) -> None:
+        """This program lives; at neutral, a trip of the guard is acknowledged.
+
+        off: the pulses are off, and the guard must leave them off.
+        """
         if self._guard is None:
             return
         if at_neutral and self._guard.tripped:
             self._guard.acknowledge()
-        self._guard.beat()
+        self._guard.beat(off=off)
 
     def close(self, *, at_neutral: bool) -> None:
         """Let the guard end; without neutral on the pins it tries for another while."""
