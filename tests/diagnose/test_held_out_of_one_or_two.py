@@ -1,0 +1,38 @@
+"""What is hidden is found with held-out stretches of one recording or two, with a refit or not."""
+
+from __future__ import annotations
+
+import pytest
+from known_frame import read as framed
+from searched import drive
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.inputs import checked
+from dart_hal.diagnose.report.words import verdict
+from dart_hal.vehicle.load import find_model
+
+PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
+OTHERS = ("yaw_inertia", "clock_offset")
+PARAMETERS = {"motor_gain": {"motor", "drive force"},
+              "steering_lag": {"steering timing", "command timing"}}
+"""Groups of parameters of the model that a refit moves in the place of an effect."""
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+@pytest.mark.parametrize("refit", [False, True])
+@pytest.mark.parametrize("recordings", [1, 2])
+@pytest.mark.parametrize(("hidden", "seed"), [((("steering_lag", 0.12),), 3), (PAIR, 5)])
+def test_hidden_causes_are_found_without_test_recordings(hidden, seed, recordings, refit):
+    file, p = find_model("paper")
+    files = [framed(drive(*hidden, seconds=60.0, seed=seed + i).path) for i in range(recordings)]
+    inputs = checked(files, [], p)
+    found = diagnose(file, p, inputs.train, inputs.test, refit=refit,
+                     only=(*dict(hidden), *OTHERS))
+    named = {c.effect: c.parameters["k"].value for c in found.causes}
+    groups = {c.group for c in found.claims}
+    for name, size in hidden:
+        if refit and groups & PARAMETERS.get(name, set()):
+            continue
+        assert named[name] == pytest.approx(size, rel=0.25)
+    assert "No effect of the catalogue" not in verdict(found)
