@@ -58,3 +58,19 @@ def test_a_prior_of_one_parameter_leaves_the_others_to_the_data():
     found = block_covariance(s, np.arange(4000), np.array([0.0, 0.25]))
     assert np.sqrt(found[0, 0]) == pytest.approx(0.5 / np.sqrt(4000), rel=0.05)
     assert found[1, 1] == pytest.approx(1.0)
+
+
+def test_a_fit_of_many_parameters_counts_them():
+    """Of 24 blocks 8 parameters are fitted: B / (B - p) of the scatter, not B / (B - 1)."""
+    rng = np.random.default_rng(5)
+    found, plain = [], []
+    for _ in range(40):
+        design, noise = rng.normal(size=(240, 8)), rng.normal(size=240)
+        x = np.linalg.lstsq(design, noise, rcond=None)[0]
+        s = Solution(x, design @ x - noise, design, np.ones(240), True, np.zeros(8, dtype=bool))
+        block = np.repeat(np.arange(24), 10)
+        for out, counted in ((found, True), (plain, False)):
+            std = np.sqrt(np.diag(block_covariance(s, block, count_parameters=counted)))
+            out.append(x / std)
+    assert np.mean(np.abs(found) < 1.645) > np.mean(np.abs(plain) < 1.645) + 0.02
+    assert 0.85 < np.mean(np.abs(found) < 1.645) < 0.95

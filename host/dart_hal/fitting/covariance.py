@@ -32,25 +32,32 @@ def plain_covariance(s: Solution) -> FloatArray:
     return _infinite_where_undetermined(variance * scaled_inverse(s.jacobian.T @ s.jacobian), s)
 
 
-def block_covariance(s: Solution, block: IntArray, prior: float | FloatArray = 0.0
-                     ) -> FloatArray:
+def block_covariance(s: Solution, block: IntArray, prior: float | FloatArray = 0.0, *,
+                     count_parameters: bool = False) -> FloatArray:
     """Covariance (k, k) by the sandwich over independent blocks (n,) of samples.
 
     H^-1 (sum over blocks of g g') H^-1 with g the block's gradient and the
     small-sample factor B / (B - 1). With fewer than two blocks: infinite.
     prior: weight of a prior |x|^2 of unit variance in the sum of squares, one
     or of each parameter (k,); what the data do not tell then keeps variance 1.
+    count_parameters: the factor is B / (B - p), with p the number of parameters
+    that the data determine, trace(H^-1 J'WJ): a fit of p parameters leaves its
+    blocks smaller gradients than they would have at the truth.
     """
     k = s.jacobian.shape[1]
     weighted = s.jacobian * s.weight[:, None]
-    hessian = scaled_inverse(weighted.T @ s.jacobian + prior * np.eye(k))
+    normal = weighted.T @ s.jacobian
+    hessian = scaled_inverse(normal + prior * np.eye(k))
     labels, index = np.unique(block, return_inverse=True)
     if len(labels) < 2:
         return np.full((k, k), np.inf)
     gradient = np.zeros((len(labels), k))
     np.add.at(gradient, index, weighted * s.residual[:, None])
     gradient -= gradient.mean(axis=0)  # with a prior the data's own slope is not zero
-    meat = gradient.T @ gradient * len(labels) / (len(labels) - 1) + prior**2 * np.eye(k)
+    blocks = len(labels)
+    determined = float(np.trace(hessian @ normal)) if count_parameters else 1.0
+    free = max(blocks - max(determined, 1.0), LEAST_FREE * blocks)
+    meat = gradient.T @ gradient * blocks / free + prior**2 * np.eye(k)
     covariance = np.asarray(hessian @ meat @ hessian)
     return covariance if np.any(prior) else _infinite_where_undetermined(covariance, s)
 

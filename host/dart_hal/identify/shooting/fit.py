@@ -252,7 +252,7 @@ def _covariance(data: Solution, problem: Problem) -> FloatArray:
     recording, stretch = stretches(problem.parts, BLOCK)
     block = recording if len(np.unique(recording)) >= RECORDINGS else stretch
     repeated = np.broadcast_to(block, (data.residual.size // len(block), len(block))).ravel()
-    return block_covariance(data, repeated, prior=CORRELATED**-2)
+    return block_covariance(data, repeated, prior=CORRELATED**-2, count_parameters=True)
 
 
 def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: FloatArray,
