@@ -73,12 +73,13 @@ def test_what_was_wanted_while_disarmed_does_not_jump_in_when_armed() -> None:
     assert actuator.applied.throttle_us == NEUTRAL
 
 
-def test_a_command_expires_to_neutral_with_steering_held_and_trips_once() -> None:
+@pytest.mark.parametrize("throttle", [0.5, -0.5])
+def test_a_command_expires_to_neutral_with_steering_held_and_trips_once(throttle) -> None:
     world, actuator = opened()
-    drive(world, actuator, 0.2, 0.5, frames=5)
+    drive(world, actuator, 0.2, throttle, frames=5)
     before = actuator.applied.steering
     world.run(actuator, 9)                                    # 0.18 s: still valid
-    assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
+    assert actuator.applied.throttle == pytest.approx(throttle, abs=0.02)
     assert actuator.trips() == ()
     world.run(actuator, 2)
     assert actuator.applied.throttle_us == NEUTRAL
@@ -207,11 +208,12 @@ def test_an_unlisted_source_loses_against_every_listed_one() -> None:
     assert "OVERRIDDEN(user)" in lost.limited
 
 
-def test_the_throttle_cap_of_a_lost_encoder() -> None:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_throttle_cap_of_a_lost_encoder(sign) -> None:
     world, actuator = opened()
     actuator.throttle_cap = 0.1
-    drive(world, actuator, 0.0, 0.5, frames=2)
-    assert actuator.applied.throttle == pytest.approx(0.1, abs=0.012)
+    drive(world, actuator, 0.0, sign * 0.5, frames=2)
+    assert actuator.applied.throttle == pytest.approx(sign * 0.1, abs=0.012)
     assert "RANGE" in actuator.applied.limited
 
 
