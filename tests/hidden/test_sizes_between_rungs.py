@@ -13,7 +13,8 @@ from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.policy import USUAL, ScanPolicy
 from dart_hal.diagnose.search.fit import refit
-from dart_hal.diagnose.search.scan import Scan, scanned
+from dart_hal.diagnose.search.scan import Scan
+from dart_hal.diagnose.search.size_search import scanned
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 

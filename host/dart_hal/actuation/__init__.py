@@ -6,7 +6,8 @@ room opens nothing and loads neither ServoKit nor scipy.
 """
 
 from dart_hal.actuation.arming import Caution, Facts, not_armed, refusals, warnings
-from dart_hal.actuation.chain import Actuator, Counters
+from dart_hal.actuation.chain import Actuator
+from dart_hal.actuation.counters import ActuatorCounters
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.plan import LIVE, RAW, Output
@@ -20,9 +21,9 @@ __all__ = [
     "LIVE",
     "RAW",
     "Actuator",
+    "ActuatorCounters",
     "ArmState",
     "Caution",
-    "Counters",
     "Event",
     "Facts",
     "Guard",

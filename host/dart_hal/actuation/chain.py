@@ -1,9 +1,7 @@
 """The actuator: what the plan wants, in counts, on the pins of a PCA9685.
 
-No thread and no clock of its own: the owner calls ``frame(now)`` once per PWM
-frame (every second STATE frame) and passes time in. Nobody tells it what it may
-do: whenever it plans it asks ``demand`` what the state demands now. Unless that
-says otherwise, the throttle is neutral.
+It has no thread and no clock: the owner calls ``frame(now)`` once per PWM frame (every second
+STATE frame). Each plan asks ``demand`` what the supervisor's state allows; by default neutral.
 """
 
 from __future__ import annotations
@@ -11,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import cast
 
+from dart_hal.actuation.counters import ActuatorCounters
 from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
+from dart_hal.actuation.no_bus import NoBus
 from dart_hal.actuation.pca9685 import TRIES, Pca9685
 from dart_hal.actuation.plan import OFF, Output, Plan, Planner
 from dart_hal.actuation.play import play_of
@@ -33,28 +32,12 @@ WATCH_PULSE_US = 2300.0
 """Longer than every pulse that leaves the house (2250 us)."""
 BACKWARD = 1e-6
 """s by which time may seem to go back through rounding."""
-
 NEUTRAL_FRAMES = 10
-"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC takes some of them to give up a
-throttle. As few as that, since the neutral may be wrong."""
+"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC needs some of them to give up a
+throttle. No more, since the neutral may be wrong."""
 
 _NOT_ARMED = (Limit.NOT_ARMED.value,)
 _NO_PULSES = (0, 0)
-
-
-@dataclass(slots=True)
-class Counters:
-    """What happened since the actuator was made."""
-
-    frames: int = 0
-    writes: int = 0
-    retries: int = 0
-    bus_errors: int = 0
-    read_backs: int = 0
-    reinits: int = 0
-    expired: int = 0
-    bad_commands: int = 0
-    overridden: int = 0
 
 
 class Actuator:
@@ -72,12 +55,12 @@ class Actuator:
                  gate: Callable[[], str | None] | None = None) -> None:
         car, clock = files.config, files.oscillator_hz
         table = files.calibration.steering.map if files.calibration else None
-        self.car, self.counters = car, Counters()
+        self.car, self.counters = car, ActuatorCounters()
         self.demand, self.gate = demand, gate
         self.map = steering_map(car, table)
         self.neutral_us = files.neutral_us
         self.clock_calibrated = clock is not None
-        self.pca = Pca9685(bus if bus is not None else cast(Bus, _NoBus()),
+        self.pca = Pca9685(bus if bus is not None else cast(Bus, NoBus()),
                            address=car.pwm.address, frequency=car.pwm.frequency,
                            channels=(car.steering.channel, car.throttle.channel), sleep=sleep,
                            oscillator_hz=clock.value if clock else NOMINAL_HZ)
@@ -415,10 +398,3 @@ class Actuator:
         """Neutral until the supervisor has answered with another output."""
         self._trips.append(name)
         self._planner.latch()
-
-
-class _NoBus:
-    """Stands where a replay has no bus; touching it is a mistake of this room."""
-
-    def __getattr__(self, name: str) -> object:
-        raise BusError("there is no I2C bus behind this backend", found=name)

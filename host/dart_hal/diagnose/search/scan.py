@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from types import MappingProxyType
 
 import numpy as np
@@ -31,6 +30,17 @@ from ..evidence.readings import SENSORS
 from ..evidence.residuals import Evidence, Residuals
 from ..policy import USUAL, ScanPolicy
 from .fit import Point
+from .size_search import (
+    bracket_best_size,
+    find_onset,
+    ladder,
+    needs_larger_sizes,
+    next_larger_size,
+    promises_gain,
+    refine_best_size,
+    scanned,
+    settings_of,
+)
 
 Progress = Callable[[float, str], None]
 
@@ -162,7 +172,7 @@ class Scan:
         """The same from what other sizes did before; None where that promises anything."""
         found = Trial(name, {}, 0.0, self.point.residual)
         for one in known:
-            if _promises(one.gains, one.line.parameter, one.changes, self._policy):
+            if promises_gain(one.gains, one.line.parameter, one.changes, self._policy):
                 return None
             k = max(one.gains, key=lambda k: one.gains[k])
             if k in one.changes:
@@ -190,12 +200,12 @@ class Scan:
         the car does not keep what was promised.
         """
         line, promised = recalled.line, recalled.gains
-        p, at = line.parameter, _bracket(promised)
+        p, at = line.parameter, bracket_best_size(promised)
         gain, kept, _ = self._gain_of(effect, p, line.beside)
         if p.tops or at is None or promised[at[1]] <= self._policy.faint:
             return None
         gains = dict(promised)
-        _refine(gains, p, gain, self._policy)
+        refine_best_size(gains, p, gain, self._policy)
         best = max(gains, key=lambda k: gains[k])
         if best not in kept:
             gains[best] = gain(best)
@@ -232,13 +242,13 @@ class Scan:
         gains = {parameter.null: 0.0, near[0]: gain(near[0])}
         if len(near) == 1 or not self._faint_on_both_sides(parameter, near[0], kept):
             gains |= {k: gain(k) for k in near[1:]}
-            if _goes_on(gains, parameter, gain, self._policy):
+            if needs_larger_sizes(gains, parameter, gain, self._policy):
                 gains |= {k: gain(k) for k in far}
-            while (k := _beyond(gains, parameter, self._policy.ladder[-1])) is not None:
+            while (k := next_larger_size(gains, parameter, self._policy.ladder[-1])) is not None:
                 gains[k] = gain(k)
-            _find_onset(gains, parameter, gain, moved, self._policy)
-            _refine(gains, parameter, gain, self._policy)
-        best, around = max(gains, key=lambda k: gains[k]), _bracket(gains)
+            find_onset(gains, parameter, gain, moved, self._policy)
+            refine_best_size(gains, parameter, gain, self._policy)
+        best, around = max(gains, key=lambda k: gains[k]), bracket_best_size(gains)
         known = (*near, *(around or ()), *(() if around and len(near) > 1 else far[:2]))
         return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best],
                      (self._line(parameter, beside, plain, known),))
@@ -250,7 +260,7 @@ class Scan:
             return False
         change = kept[k] - self.point.residual
         changes = {k: change, 2.0 * p.null - k: -change}
-        return not _promises(self.promised(p, changes), p, changes, self._policy)
+        return not promises_gain(self.promised(p, changes), p, changes, self._policy)
 
     def _plain_change(self, plain: Residuals) -> NDArray[np.float32]:
         """Change (N,) in SI units; 0 where nothing was read."""
@@ -267,138 +277,6 @@ class Scan:
             (k, change), = changes.items()
             changes[2.0 * p.null - k] = -change
         return Line(p, beside, changes)
-
-
-def scanned(effect: Effect) -> Sequence[Parameter]:
-    """Parameters whose departure from null is an effect of its own."""
-    return [p for p in effect.parameters if p.alone]
-
-
-def settings_of(effect: Effect) -> Sequence[Mapping[str, float]]:
-    """What else to try every size with: values of the parameters that are no effect alone."""
-    beside = [q for q in effect.parameters if not q.alone]
-    values = product(*((q.null, *(q.null + k for k in q.sizes)) for q in beside))
-    return [dict(zip((q.name for q in beside), v, strict=True)) for v in values]
-
-
-def ladder(p: Parameter, shares: Sequence[float] = USUAL.scan.ladder
-           ) -> tuple[list[float], list[float]]:
-    """Shares of the medium size, to both sides within the interval: near the null, and beyond."""
-    steps = [[k for sign in (1.0, -1.0) if p.low <= (k := p.null + sign * share * p.sizes[1])
-              <= p.high] for share in shares]
-    return steps[0], [k for step in steps[1:] for k in step]
-
-
-def _goes_on(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-             policy: ScanPolicy) -> bool:
-    """Whether sizes further from the null are worth a look; ``gains`` near it may grow by one.
-
-    Not where the parabola of those near it promises next to nothing, nor where its
-    top is near and gains what it promises. What is one-sided may begin beyond a threshold.
-    """
-    ks = sorted(gains)
-    if len(ks) < 3:
-        return True
-    bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
-    if not bend < 0.0:
-        return True
-    top, promised = -0.5 * slope / bend, -0.25 * slope**2 / bend
-    if promised <= policy.faint:
-        return False
-    if abs(top) > policy.ladder[1] * p.sizes[1]:
-        return True
-    k = float(np.clip(p.null + top, p.low, p.high))
-    gains[k] = gain(k)
-    return bool(abs(gains[k] - promised) > policy.kept * promised)
-
-
-def _promises(gains: Mapping[float, float], p: Parameter, changes: Mapping[float, FloatArray],
-              policy: ScanPolicy) -> bool:
-    """Whether sizes that were tried before are worth another look; gains: what each would gain.
-
-    Always, where what they explain may have a threshold or several tops.
-    """
-    ks = sorted(gains, key=lambda k: abs(k - p.null))[:3]
-    if p.tops or len(ks) < 3 or max(gains.values()) > policy.faint:
-        return True
-    if not p.low < p.null < p.high:
-        near, far = (float(np.linalg.norm(changes[k])) for k in ks[1:])
-        if near < policy.threshold * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
-            return True
-    bend, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
-    top = np.clip(p.null - 0.5 * slope / bend, p.low, p.high) - p.null if bend < 0.0 else np.inf
-    return bool(slope * top + bend * top**2 > policy.faint if bend < 0.0 else slope > 0.0)
-
-
-def _beyond(gains: Mapping[float, float], p: Parameter, last: float) -> float | None:
-    """Twice the best size, where that is the last of the ladder; None else."""
-    best = max(gains, key=lambda k: gains[k])
-    if best not in (min(gains), max(gains)) or abs(best - p.null) < last * p.sizes[1]:
-        return None
-    further = float(np.clip(p.null + 2.0 * (best - p.null), p.low, p.high))
-    return None if further in gains else further
-
-
-def _find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-                moved: Callable[[float], float], policy: ScanPolicy) -> None:
-    """Look for a threshold between a size that does next to nothing and one that does too much.
-
-    A saturation beyond what a drive reaches changes nothing, a little below it cuts all that is
-    above: what gains may be a narrow range between two rungs. Twice as far, an effect without a
-    threshold does twice as much.
-    """
-    if p.low < p.null < p.high:
-        return
-    for _ in range(policy.bisections):
-        ks = sorted(gains, key=lambda k: abs(k - p.null))
-        further = next((i for i, k in enumerate(ks) if gains[k] < 0.0), 0)
-        if further < 2 or max(gains.values()) > policy.faint:
-            return
-        near, far = ks[further - 1], ks[further]
-        share = (near - p.null) / (far - p.null)
-        if moved(near) > policy.threshold * share * moved(far):
-            return
-        gains[0.5 * (near + far)] = gain(0.5 * (near + far))
-
-
-def _refine(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-            policy: ScanPolicy) -> None:
-    """Go to the best size: by parabolas, and where one does not keep its promise by halves."""
-    for _ in range(policy.refinements):
-        bracket = _bracket(gains)
-        if bracket is None or gains[bracket[1]] <= policy.faint:
-            return
-        top, promised = _parabola(gains, bracket)
-        if top not in gains:
-            gains[top] = gain(top)
-        if gains[top] >= (1.0 - policy.met) * promised:
-            return
-        a, b, c = _bracket(gains) or bracket
-        wider = a if b - a > c - b else c
-        if abs(wider - b) < policy.resolved * abs(b - p.null):
-            return
-        gains[0.5 * (b + wider)] = gain(0.5 * (b + wider))
-
-
-def _bracket(gains: Mapping[float, float]) -> tuple[float, float, float] | None:
-    """The best size between its neighbours; None at an end."""
-    ks = sorted(k for k, g in gains.items() if np.isfinite(g))
-    at = max(range(len(ks)), key=lambda i: gains[ks[i]])
-    return None if at in (0, len(ks) - 1) else (ks[at - 1], ks[at], ks[at + 1])
-
-
-def _parabola(gains: Mapping[float, float], bracket: tuple[float, float, float]
-              ) -> tuple[float, float]:
-    """(top, its height) of the parabola through three sizes; the middle one where it is that."""
-    a, b, c = bracket
-    u, v, w = (gains[k] for k in bracket)
-    bend, slope, _ = np.polyfit([a - b, 0.0, c - b], [u - v, 0.0, w - v], 2)
-    if not bend < 0.0:
-        return b, v
-    top = b - 0.5 * slope / bend
-    if min(abs(top - k) for k in bracket) < 1e-3 * (c - a):
-        return b, v
-    return float(np.clip(top, a, c)), float(v - 0.25 * slope**2 / bend)
 
 
 def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,

@@ -20,8 +20,9 @@ from ..policy import USUAL, NamingPolicy, Policy
 from .confounders import confounders, directions
 from .fit import Point
 from .pairs import FitWith, one_of_a_pair
-from .scan import Trial, scanned
+from .scan import Trial
 from .significance import nothing_missing
+from .size_search import scanned
 
 TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
 NOT_HELD_OUT = "does not surely lower the loss of data left out from its size"

@@ -20,7 +20,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Residuals
-from ..search.scan import scanned
+from ..search.size_search import scanned
 from .side import Side
 
 LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size

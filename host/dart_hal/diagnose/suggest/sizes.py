@@ -10,7 +10,7 @@ import numpy as np
 from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.effects import catalogue
 
-from ..search.scan import scanned
+from ..search.size_search import scanned
 from .contest import LADDER, Contest, per_recording
 
 NEAR = (0.02, 0.05, *LADDER)  # of the medium size, to both sides of the best
