@@ -147,7 +147,7 @@ class RecordingGuard:
     def acknowledge(self) -> None:
         self.events.append("acknowledge")
 
-    def beat(self) -> None:
+    def beat(self, *, off: bool = False) -> None:
         self.events.append("beat")
 
 

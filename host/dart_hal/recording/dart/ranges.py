@@ -160,7 +160,9 @@ def _motion(columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         return speed, np.empty(0)
     step = np.diff(t)
     u, v = np.diff(x) / step, np.diff(y) / step
-    return speed, np.hypot(np.diff(u), np.diff(v)) / (0.5 * (step[1:] + step[:-1]))
+    # Two intervals around one impossible time add up to 0: that acceleration is infinite.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return speed, np.hypot(np.diff(u), np.diff(v)) / (0.5 * (step[1:] + step[:-1]))
 
 
 def _speed_limit(columns: dict[str, FloatArray]) -> Limit:
