@@ -14,7 +14,7 @@ from dart_hal.vehicle.sizes import body_of, with_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "recorded"))
-from simulated_car import simulated, table_of, write_table  # noqa: E402
+from simulated_recording import simulated, table_of, write_table  # noqa: E402
 
 LONG = {"wheelbase": 0.2, "l_f": 0.1, "l_r": 0.1, "mass": 2.0, "yaw_inertia": 0.01}
 PUBLISHED = (ROOT / "tests" / "recorded" / "data" / "91_free_driving_16_sept_2024"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_car import simulated, table_of, write_table
+from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.predict.windows import BEFORE, CLEAN, find_windows
 from dart_hal.recording.dart import grid, marker, read

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_car import simulated, table_of, write_table
+from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.errors import RecordingError
 from dart_hal.recording.check import check

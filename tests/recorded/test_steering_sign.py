@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_car import simulated, table_of, write_table
+from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.diagnose.inputs import checked
 from dart_hal.errors import OtherCar

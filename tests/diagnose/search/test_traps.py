@@ -196,7 +196,7 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
 @pytest.mark.few("motor_saturation-3.3")
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
-    monkeypatch.setattr(scanning, "_beyond", lambda *given: None)
+    monkeypatch.setattr(scanning, "next_larger_size", lambda *given: None)
     seen = evidence(drive((name, k)))
     trial, = scan(seen, fitted(seen)[1], [name], policy=ScanPolicy(ladder=(0.01, 0.01, 0.01)))
     monkeypatch.undo()
