@@ -357,6 +357,25 @@ def test_a_lost_bus_is_a_fault_that_ends_at_neutral_when_the_chip_answers() -> N
     assert actuator.applied.throttle_us == NEUTRAL
 
 
+def test_a_lost_chip_is_tried_again_each_100_ms() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.0, 0.5, frames=3)
+    world.bus.stuck = "scl"
+    attempts: list[float] = []
+    bring_up = actuator.pca.open
+
+    def counted(*given: object) -> None:
+        attempts.append(world.t)
+        bring_up(*given)
+
+    actuator.pca.open = counted
+    drive(world, actuator, 0.0, 0.5, frames=50)
+    pauses = np.diff(attempts)
+    assert len(pauses) >= 8
+    assert pauses.min() > 0.099, "the bus is not flooded"
+    assert pauses.max() < 0.121, "five or six frames of 20 ms"
+
+
 def test_another_program_that_stops_the_chip_is_found_by_reading_back() -> None:
     world, actuator = opened()
     drive(world, actuator, 0.0, 0.0, frames=60)
