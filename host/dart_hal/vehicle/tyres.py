@@ -108,9 +108,11 @@ def _paper(body: Body, f: Any, least: Value | None) -> Slip:
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         v = vx + 0.1 * exp(-100.0 * vx * vx)
+        b = vy + l_f * om
         if least is None:
-            return atan2(sd, cd) - atan2(vy + l_f * om, v), -atan((vy - l_r * om) / v)
-        front = atan2(vx * sd - (vy + l_f * om) * cd, fmax(v, least))
+            return atan2(sd, cd) - atan2(b, v), -atan((vy - l_r * om) / v)
+        # The same front angle as a difference of two, so that its divisor can be limited.
+        front = atan2(v * sd - b * cd, fmax(v * cd + b * sd, least))
         return front, -atan((vy - l_r * om) / fmax(v, least))
 
     return slip

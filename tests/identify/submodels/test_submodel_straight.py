@@ -23,7 +23,8 @@ from dart_hal.vehicle import PAPER
 LEVELS = (0.2, 0.22, 0.24, 0.27, 0.29, 0.32, 0.36, 0.4)
 TRUTH = {**{n: getattr(PAPER.friction, n) for n in "abc"},
          **{n: getattr(PAPER.motor, n) for n in "deg"}}
-SEEDS = 5
+SEEDS = 15
+"""Drives whose mean is judged: 1/b of one drive has a standard error of 0.04."""
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +107,12 @@ def test_the_error_of_the_friction_is_in_the_motor(sets):
     friction = coast.covariance[:3, :3]
     found, exact = fit(x0, friction), fit(x0, 0.0 * friction)
     move = found.covariance[3:6, :3] @ np.linalg.inv(friction)
-    other = fit(x0 + np.eye(8)[0] * 0.05, friction)
-    assert other.x[3:6] - found.x[3:6] == pytest.approx(
-        0.05 * move[:, 0], rel=0.3, abs=0.1 * exact.std("g"))
+    # d and e trade along a flat valley, in which a fit ends within 0.03 of the lowest point: a step
+    # of 0.2 to both sides moves them by 0.2 and 0.1.
+    step = 0.2 * np.eye(8)[0]
+    more, less = fit(x0 + step, friction), fit(x0 - step, friction)
+    assert 0.5 * (more.x[3:6] - less.x[3:6]) == pytest.approx(
+        0.2 * move[:, 0], rel=0.3, abs=0.1 * exact.std("g"))
     added = found.covariance[3:6, 3:6] - exact.covariance[3:6, 3:6]
     assert added == pytest.approx(move @ friction @ move.T)
     assert found.std("g") > 1.1 * exact.std("g")
