@@ -11,6 +11,7 @@ from dart_hal.control.crossing.coordinator import Answer, Coordinator, Wait
 from dart_hal.control.crossing.layouts import LAYOUTS
 
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
+SECOND_IS_NEARER = (("S-N", 1.2), ("E-W", 1.35))
 MEET = (("S-N", 1.7), ("E-W", 1.2))
 
 
@@ -47,7 +48,7 @@ def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path
 @pytest.mark.parametrize("kind", ["dead", "mute", "restart", "lost"])
 def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
     room = "local://fault?loss=0.5&delay=0.01&jitter=0.04&seed=3"
-    with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(tmp_path), "fault") as cars:
+    with Emulated(LAYOUTS["intersection"](), SECOND_IS_NEARER, room, str(tmp_path), "fault") as cars:
         cars.drive(10.0, Fault(kind, 1, 1.8))
         assert cars.least > 0.35
         assert cars.fleet.contacts == ()

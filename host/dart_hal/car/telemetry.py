@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from math import nan, tan
+from math import inf, nan, tan
 from statistics import median_low
 
 from dart_hal.config import CarFiles, Quantity
@@ -35,8 +35,10 @@ SLIDES = 0.5
 rear axle, beyond which a car spins."""
 UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
 JUMPED = frozenset({Doubt.SAMPLES_JUMPED.value})
-REPORT_JUMP = 1.0
-"""s for which a jump is reported: it covers one wrong sample in a hundred."""
+REPORT_JUMP = 3.0
+"""s for which a jump is reported that follows another one within this time: three times the
+interval of one wrong sample in a hundred. A single jump may be a bump of the road: it is counted
+(``Health.jumped``), replaced and covered by the covariance, but not reported."""
 TRIPPED = 1 << STATE_FLAGS.index("TRIPPED")
 
 NEWEST_SLOTS = 5
@@ -82,6 +84,7 @@ class Telemetry:
             MIN_RATE_JUMP, MIN_ACCELERATION_JUMP, MIN_ACCELERATION_JUMP))
         self._jumped = 0
         self._jumped_until = 0.0
+        self._last_jump = -inf
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
                                     files.metres_per_edge.value, files.config.imu.x)
         self.room: RoomEstimator | None = None
@@ -125,6 +128,7 @@ class Telemetry:
             self.odometry.restart()
             self.imu.restart()
             self._jumped_until = 0.0
+            self._last_jump = -inf
             for channel in self._filters:
                 channel.restart()
             self.imu_clock.restart()
@@ -226,8 +230,11 @@ class Telemetry:
         # A pair of accelerations is no fault: a pulse of the ESC's brake lasts 20 ms.
         jumped = sum(channel.rejected for channel in self._filters) + turn.pairs
         if jumped > self._jumped:
+            several = jumped > self._jumped + 1
+            if several or sample.t_dev - self._last_jump < REPORT_JUMP:
+                self._jumped_until = sample.t_dev + REPORT_JUMP
             self._jumped = jumped
-            self._jumped_until = sample.t_dev + REPORT_JUMP
+            self._last_jump = sample.t_dev
         late = x.late[1] - self._along if x.late else 0.0
         self._along = x.value
         return accepted, (x.value, y.value, acc[2]), (x.value + late, y.value, acc[2])

@@ -65,7 +65,7 @@ class Doubt(str, Enum):
     cannot be; IMU_DISAGREES: a yaw rate that the wheels contradict. CAR_SLIDES:
     it turns faster than its wheels explain; the gyro is believed. DIRECTION_UNSURE: the wheels
     turn, and neither command nor acceleration says which way: speed and travel may have the
-    other sign. SAMPLES_JUMPED: within the last second samples of the IMU jumped and returned.
+    other sign. SAMPLES_JUMPED: samples of the IMU jumped and returned, two within 3 s.
     A single one was replaced; two in a row are in the yaw, and its covariance covers them.
     """
 
