@@ -11,7 +11,6 @@ from dart_hal.control.crossing.coordinator import Answer, Coordinator, Wait
 from dart_hal.control.crossing.layouts import LAYOUTS
 
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
-SECOND_IS_NEARER = (("S-N", 1.2), ("E-W", 1.35))
 MEET = (("S-N", 1.7), ("E-W", 1.2))
 
 
@@ -47,19 +46,19 @@ def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path
 @pytest.mark.cpu(50)
 @pytest.mark.parametrize("kind", ["dead", "mute", "restart", "lost"])
 def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
+    """The fault is of the car that goes first, on its way across."""
     room = "local://fault?loss=0.5&delay=0.01&jitter=0.04&seed=3"
-    with Emulated(LAYOUTS["intersection"](), SECOND_IS_NEARER, room, str(tmp_path), "fault") as cars:
-        cars.drive(10.0, Fault(kind, 1, 1.8))
+    with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(tmp_path), "fault") as cars:
+        cars.drive(10.0, Fault(kind, 0, 1.8))
         assert cars.least > 0.35
         assert cars.fleet.contacts == ()
-        assert (cars.across[0] < inf) == (kind == "restart"), "with its stamp it goes on"
-        assert (cars.across[1] < inf) == (kind in ("restart", "mute"))
-        assert (cars.minds[1].last.wait is Wait.STRANDED) == (kind == "lost")
+        assert (cars.across[1] < inf) == (kind == "restart"), "with its stamp it goes on"
+        assert (cars.across[0] < inf) == (kind in ("restart", "mute"))
+        assert (cars.minds[0].last.wait is Wait.STRANDED) == (kind == "lost")
         if kind != "restart":  # the other waits before what the first may want, at neutral
-            stood, end = (cars.rows[n][3][0] for n in (-200, -1))
-            assert cars.minds[0].last.wait is (Wait.FOR_CAR if kind == "lost" else Wait.SILENT)
-            assert cars.driving(0, stood, end) == 0, "the last two seconds at the pin"
-            assert cars.driving(0, 0.0, stood) > 10, "control: it drove there"
+            stood, end = (cars.rows[n][3][1] for n in (-200, -1))
+            assert cars.minds[1].last.wait is (Wait.FOR_CAR if kind == "lost" else Wait.SILENT)
+            assert cars.driving(1, stood, end) == 0, "the last two seconds at the pin"
 
 
 @pytest.mark.more
@@ -70,3 +69,4 @@ def test_without_the_order_two_cars_touch(monkeypatch, tmp_path):
                   "touch") as cars:
         cars.drive(8.0)
         assert cars.least < 0.35
+            assert cars.driving(1, 0.0, stood) > 10, "control: it drove there"
