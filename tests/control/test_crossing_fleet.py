@@ -59,6 +59,7 @@ def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
             stood, end = (cars.rows[n][3][1] for n in (-200, -1))
             assert cars.minds[1].last.wait is (Wait.FOR_CAR if kind == "lost" else Wait.SILENT)
             assert cars.driving(1, stood, end) == 0, "the last two seconds at the pin"
+            assert cars.driving(1, 0.0, stood) > 10, "control: it drove there"
 
 
 @pytest.mark.more
@@ -69,4 +70,3 @@ def test_without_the_order_two_cars_touch(monkeypatch, tmp_path):
                   "touch") as cars:
         cars.drive(8.0)
         assert cars.least < 0.35
-            assert cars.driving(1, 0.0, stood) > 10, "control: it drove there"

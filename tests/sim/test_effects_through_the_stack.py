@@ -48,8 +48,8 @@ def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
     plain, seen = told(nano), told(nano, "encoder_ring:missing=0.1")
     assert plain[0] == pytest.approx(1.0, abs=0.01)
     assert seen[0] == pytest.approx(0.9, abs=0.015)
-    # Not to the bit: the first pulse waits for the first State, whose length on the wire, and so its
-    # arrival, depends on the count of the ring.
+    # Not to the bit: the first pulse waits for the first State, whose length on the wire, and so
+    # its arrival, depends on the count of the ring.
     assert seen[2:] == pytest.approx(plain[2:], abs=1e-6)
 
 
