@@ -102,7 +102,7 @@ def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
 class Silent:
     """A member of a room in which a car at (3.5, 0) of the odometry's frame fell silent."""
 
-    def __init__(self, car, room):
+    def __init__(self, car, room, **options):
         red = OtherPose("red", 60.0, True, Pose(3.5, 0.0, 0.0, pose_cov(0.01, 0.01)), "start", 0.0,
                         0.0, Tracking.TRACKING)
         self.other_poses, self.plans = lambda: {"red": red}, []

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from campaign import run
 from campaign_cases import cases
 
-from dart_hal.diagnose import judge
+from dart_hal.diagnose import conclude
 from dart_hal.diagnose.evidence import ages, space
 from dart_hal.diagnose.search import forward as search
-from dart_hal.vehicle.compose import settled
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +42,8 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
 def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands(aged, monkeypatch):
     """Control: with the age of the commands on top of its delays, the lag seems to raise the errors
     of the test recording."""
-    real = judge._fitted
     if not aged:
-        monkeypatch.setattr(judge, "_fitted", lambda point, *timings: replace(
-            real(point, *timings), logged=(settled(point.vehicle),) * 2))
+        monkeypatch.setattr(conclude, "as_predicted", lambda q, age, point: point.vehicle)
     (cause,) = run(next(c for c in cases(["fixed"], ["throttle_lag"], 1500)))["causes"]
     assert cause["effect"] == "throttle_lag"
     assert (cause["gain"]["test"] > 0.0) == aged
