@@ -113,7 +113,7 @@ step_sleep() { # a suspended computer stops no car; these links are what systemc
             continue
         fi
         mark sleep
-        [ "$dry" = yes ] || printf '%s\n' "$target" >>"$state/masked"
+        [ "$dry" = yes ] || grep -qsx "$target" "$state/masked" || printf '%s\n' "$target" >>"$state/masked"
         as_root mkdir -p "$units"
         as_root ln -s /dev/null "$link"
     done
