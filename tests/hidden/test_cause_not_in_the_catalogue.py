@@ -73,9 +73,15 @@ def by_default(names):
     return [n if n in BY_DEFAULT else pytest.param(n, marks=pytest.mark.slow) for n in names]
 
 
+PARTLY = pytest.mark.xfail(strict=True, reason=(
+    "since the noise is measured without the best explanation, another effect is accepted"))
+
+
 @pytest.mark.parametrize("name", by_default(SHOWN))
 @pytest.mark.more
-def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name):
+def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
+    if name == "mocap_offset_x":
+        request.applymarker(PARTLY)
     recordings = files(tmp_path, name, 7)
     without = asked(recordings, effects_named((), (name,)))
     assert without.verdict == "unexplained"
