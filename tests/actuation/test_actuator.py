@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pwm_world import World, car_files
 
 from dart_hal.actuation import LIVE, RAW, Actuator, Output
-from dart_hal.actuation.chain import NEUTRAL_FRAMES
+from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.config import CarFiles
 from dart_hal.errors import BadCommand, PcaFault
 

@@ -23,13 +23,13 @@ from dart_hal.actuation.guard import (
     ALL_OFF,
     GIVE_UP,
     LAST_WORDS,
-    NEUTRAL_WRITES,
     SILENCE,
     Watch,
     watch,
 )
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.owner import own
+from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.errors import BusError
 from dart_hal.links.i2c import REQUEST, open_bus, receive
 
@@ -204,7 +204,7 @@ def test_a_killed_driver_leaves_neutral_and_then_no_pulse_on_the_bus(bench: Benc
 def assert_last_words(bench: Bench) -> None:
     """After the first neutral: some more, then all channels off for the rest of a second."""
     for word in range(1, LAST_WORDS):
-        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_WRITES else ALL_OFF)
+        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_FRAMES else ALL_OFF)
 
 
 def alive(pid: int) -> bool:
@@ -314,7 +314,7 @@ def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
     if release is not None:
         release()
     for word in range(LAST_WORDS):
-        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_WRITES else ALL_OFF)
+        assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_FRAMES else ALL_OFF)
     guard._process.wait(PATIENCE)
 
 
@@ -364,7 +364,7 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
     driver.kill()
     driver.wait()
     driver.stdout.close()
-    for _ in range(LAST_WORDS - NEUTRAL_WRITES):              # until the guard is done, too
+    for _ in range(LAST_WORDS - NEUTRAL_FRAMES):              # until the guard is done, too
         while bench.writes.get(timeout=PATIENCE) != ALL_OFF:
             pass
 

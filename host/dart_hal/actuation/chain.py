@@ -14,7 +14,7 @@ from typing import cast
 from dart_hal.actuation.counters import ActuatorCounters
 from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
 from dart_hal.actuation.no_bus import NoBus
-from dart_hal.actuation.pca9685 import TRIES, Pca9685
+from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, TRIES, Pca9685
 from dart_hal.actuation.plan import OFF, Output, Plan, Planner
 from dart_hal.actuation.play import play_of
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
@@ -32,10 +32,6 @@ WATCH_PULSE_US = 2300.0
 """Longer than every pulse that leaves the house (2250 us)."""
 BACKWARD = 1e-6
 """s by which time may seem to go back through rounding."""
-NEUTRAL_FRAMES = 10
-"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC needs some of them to give up a
-throttle. No more, since the neutral may be wrong."""
-
 _NOT_ARMED = (Limit.NOT_ARMED.value,)
 _NO_PULSES = (0, 0)
 

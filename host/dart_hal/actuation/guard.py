@@ -28,7 +28,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from dart_hal.actuation.owner import lock_path
-from dart_hal.actuation.pca9685 import ALIASES, AUTO_INCREMENT
+from dart_hal.actuation.pca9685 import ALIASES, AUTO_INCREMENT, NEUTRAL_FRAMES
 from dart_hal.actuation.servokit import MODE1, SLEEP
 from dart_hal.errors import BusError
 from dart_hal.ports import Bus
@@ -42,8 +42,6 @@ REPEAT = 0.020
 """s between two neutral writes, and between two beats to the driver."""
 LAST_WORDS = 50
 """Writes that must succeed after the driver is gone: one second."""
-NEUTRAL_WRITES = 10
-"""The first of them, 0.2 s, are neutral: an ESC takes some pulses to give up a throttle."""
 ALL_OFF = bytes([0xFD, 0x10])
 """One write that ends the pulses of all channels."""
 GIVE_UP = 30.0
@@ -92,7 +90,7 @@ class Watch:
     @property
     def switches_off(self) -> bool:
         """Whether the write that is due ends all pulses; else it is neutral."""
-        return self.found_off or self.written >= NEUTRAL_WRITES
+        return self.found_off or self.written >= NEUTRAL_FRAMES
 
     def wrote(self, ok: bool) -> None:
         """The outcome of a write; with the driver gone, the end comes in sight."""

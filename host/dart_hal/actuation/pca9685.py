@@ -37,6 +37,9 @@ MODE2_NORMAL = 0x04
 ALL_LED_OFF_H = 0xFD
 FULL_OFF = 0x10
 TRIES = 3
+NEUTRAL_FRAMES = 10
+"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC needs some of them to give up a
+throttle. No more, since the neutral may be wrong. Driver, guard and standby write as many."""
 LOCK_TRIES = 100
 """Times 0.1 ms: longer than any transaction of ours."""
 SETTLE = 0.005

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from dart_hal.actuation.pca9685 import Pca9685
+from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.config import CarFiles
 from dart_hal.ports import Bus
@@ -28,8 +28,6 @@ REPEAT = 0.02
 """s between two neutral writes: one PWM frame."""
 WRITES = 50
 """Writes that must succeed: one second, as the guard's last words."""
-NEUTRAL_WRITES = 10
-"""The first of them are neutral; the others switch all channels off."""
 GRACE = 1.0
 """s that a driver gets to leave at neutral by itself: two PWM frames and a join."""
 
@@ -88,7 +86,7 @@ class Watchman:
     @property
     def switches_off(self) -> bool:
         """Whether the next write switches all channels off; else it is neutral."""
-        return self.owed <= WRITES - NEUTRAL_WRITES
+        return self.owed <= WRITES - NEUTRAL_FRAMES
 
     def due(self, now: float) -> bool:
         """Whether something must be written now."""
@@ -128,7 +126,7 @@ def stop(throttle: Throttle, holder: Callable[[], int | None],
             os.kill(ended, signal.SIGTERM)
         _while_driven(throttle, holder, sleep)
     for write in range(WRITES):
-        if write < NEUTRAL_WRITES:
+        if write < NEUTRAL_FRAMES:
             throttle.rest()
         else:
             throttle.switch_off()

@@ -23,7 +23,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from dart_hal.actuation.standby import NEUTRAL_WRITES, REPEAT, WRITES, Throttle, Watchman
+from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
+from dart_hal.actuation.standby import REPEAT, WRITES, Throttle, Watchman
 from dart_hal.cli import standby
 from dart_hal.cli.main import main
 from dart_hal.config import load_car
@@ -52,7 +53,7 @@ def test_a_driver_that_leaves_owes_a_second_neutral_first_and_then_off() -> None
         written.append(watch.switches_off)
         watch.wrote(True, now)
         now += REPEAT
-    assert written == [False] * NEUTRAL_WRITES + [True] * (WRITES - NEUTRAL_WRITES)
+    assert written == [False] * NEUTRAL_FRAMES + [True] * (WRITES - NEUTRAL_FRAMES)
     watch.see(None)
     assert not watch.due(now + 1.0), "and then the bus is left alone"
 
