@@ -22,6 +22,10 @@ from dart_hal.links.image import find_image
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 COUNT_US = 122 / 25.0
 """us of one PWM count of the nominal car."""
+NEUTRAL = range(305, 309)
+"""Counts of neutral, with the clocks of the test cars."""
+OFF = 0x1000
+"""OFF_H bit 4: no pulse, which is what is left after 0.2 s of neutral."""
 PATIENCE = 30.0
 """s that anything in real time may take on a machine that does something else."""
 
@@ -76,6 +80,11 @@ class Served:
             with contextlib.suppress(BusError):
                 return counts(self._bus)
         return counts(self._bus)
+
+    def is_stopped(self) -> bool:
+        """Whether the ESC gets neutral, or no pulse: which of them is a matter of 0.2 s."""
+        throttle = self.counts()[1]
+        return throttle in NEUTRAL or bool(throttle & OFF)
 
     def close(self) -> None:
         if self._bus is not None:

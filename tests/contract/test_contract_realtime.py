@@ -14,6 +14,7 @@ import threading
 import time
 
 import pytest
+from tests.contract.conftest import OFF
 
 from dart_hal.actuation import guarded
 from dart_hal.errors import Disarmed, LinkLost, PortBusy, PortMissing
@@ -21,9 +22,6 @@ from dart_hal.errors import Disarmed, LinkLost, PortBusy, PortMissing
 pytestmark = pytest.mark.realtime
 
 PATIENCE = 30.0
-NEUTRAL = range(305, 309)
-OFF = 0x1000
-"""OFF_H bit 4: no pulse, which is what is left after 0.2 s of neutral."""
 
 DRIVER = """
 import sys
@@ -66,12 +64,6 @@ def driven(served):
     return served.counts()[1] in range(312, 420)
 
 
-def stopped(served):
-    """Whether the ESC gets neutral, or no pulse."""
-    throttle = served.counts()[1]
-    return throttle in NEUTRAL or throttle & OFF
-
-
 @pytest.fixture
 def driver(served):
     """A program that drives, and says so."""
@@ -103,7 +95,7 @@ def test_a_signal_leaves_no_pulse(served, driver, number, code):
     signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
 def test_the_guard_brings_neutral_when_the_program_cannot(served, driver, number):
     driver.send_signal(number)
-    assert wait_for(lambda: stopped(served))
+    assert wait_for(served.is_stopped)
     assert wait_for(lambda: served.counts()[1] & OFF)
 
 
@@ -135,7 +127,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         os.dup2(os.open("/dev/null", os.O_RDWR), link._port.fd)
         with pytest.raises(LinkLost, match=r"vanished|no frame|take bytes"):
             drive_on(car, 1.0)
-        assert wait_for(lambda: stopped(served))
+        assert wait_for(served.is_stopped)
         with pytest.raises(LinkLost):
             next(car.states(timeout=1.0))
         with pytest.raises(Disarmed):
@@ -195,7 +187,7 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, er
         car.on_state(broken)
         with pytest.raises(error, match="listener"):
             drive_on(car, 5.0)
-        assert wait_for(lambda: stopped(served))
+        assert wait_for(served.is_stopped)
         assert car.mode != "ARMED"
 
 
