@@ -9,6 +9,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,17 +19,21 @@ from subjects import WIDE, Subject
 
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
-NOT_ITS_TASK = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
+NO_VERDICT = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
 """Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
-HUNG = 300.0
-"""s of one test: the longest, the whole demo, takes 60 of the processor, and a busy machine five
-times that. A mutant that makes a test wait for ever."""
-ENDLESS = 8.0
-"""A room that takes this many times as long as without a mutant hangs: other work of the
-machine slows it by two or three."""
+QUICK, SLOWER = "not (slow or more or realtime)", "(more or realtime) and not slow"
+"""Marks of the tests of `make test`, and of those of `make test-more`."""
+ANY = "not slow"
+TEST_LIMIT = {QUICK: 120.0, SLOWER: 300.0}
+"""s of one test until it counts as hung. A quick one takes at most 2 CPU s, the longest of the
+slower ones 60; a busy machine takes five times that, and some quick ones compile first."""
+PASS_LIMIT = 1800.0
+"""s of one pytest run until it counts as hung: a mutant can also hang while tests are collected.
+The longest selection takes 300 CPU s."""
+HUNG = "time limit"
+FAILURE = re.compile(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - |$)", re.MULTILINE)
+"""The line of pytest's summary that names a test; a case's name may contain spaces."""
 MARK = "DART_HAL_MUTANT"
-QUICK, ALL = "not (slow or more or realtime)", "not slow"
-"""Marks of the tests that are tried first, and of those that a survivor of them meets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,58 +52,83 @@ class Verdict:
 
 
 class Copy:
-    """``home``: where it lies; removed by ``close``."""
+    """One private copy of the checkout in the folder ``home``; ``close`` removes it."""
 
     def __init__(self, home: Path) -> None:
-        self.home, self._usual = home, dict[tuple[tuple[str, ...], str], float]()
+        self.home = home
         shutil.copytree(ROOT, home, ignore=NOT_COPIED, symlinks=True)
-        self._built, self._left_out = True, list[str]()
+        self._built = True
+        self._sound: set[str] = set()
+        self._excluded: list[str] = []
         self._build("emulator")
 
-    def usual(self, tests: tuple[str, ...], marks: str) -> float:
-        """s that these tests take unchanged; those that fail even so are told and left out."""
-        if (tests, marks) not in self._usual:
-            if not self._built:
-                self._build()
-            begin = time.monotonic()
-            while (by := self._tests(tests, None, marks)) and "::" in by:
-                print(f"left out, fails without any mutant: {by}", flush=True)
-                self._left_out.append(by)
-                begin = time.monotonic()
-            if by:
-                raise RuntimeError(f"without any mutant: {by}")
-            self._usual[tests, marks] = time.monotonic() - begin
-        return self._usual[tests, marks]
-
     def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> Verdict:
-        """Apply, test in the room, if wished widely what survives there, take back."""
-        room = self._there(subject.room)
-        limits = {marks: ENDLESS * self.usual(room, marks) + 20.0 for marks in (QUICK, ALL)}
+        """Apply the mutant, run the tests that can notice it, restore the file.
+
+        1. The quick tests of the subject.
+        2. If ``widely``, for a survivor: the quick tests of ``WIDE``, then the slower ones of
+           the subject.
+        3. A test counts as a kill only if it passes without the mutant (tried once for each
+           test); a slower one must also fail again with it, because it may depend on time. A
+           test that does not hold to this is reported, excluded, and the selection runs again.
+        """
         begin = time.monotonic()
+        own = self._existing(subject.tests)
+        selections = [(own, (), QUICK)]
+        if widely:
+            selections += [(self._existing(WIDE, own), own, QUICK), (own, (), SLOWER)]
+        for tests, skipped, marks in selections:
+            by = HUNG
+            while by:
+                with self._apply(subject, mutant) as broken:
+                    by = broken or self._run(tests, marks, skipped)
+                    again = by if broken or marks == QUICK else self._repeat(by)
+                if broken or (again and self._is_sound(by, tests, marks, skipped)):
+                    return Verdict(mutant, subject.name, by, time.monotonic() - begin)
+                if by:
+                    print(f"excluded, its failure does not depend on the mutant: {by}", flush=True)
+                    self._excluded.append(by)
+        return Verdict(mutant, subject.name, "", time.monotonic() - begin)
+
+    def close(self) -> None:
+        """Remove the copy."""
+        shutil.rmtree(self.home, ignore_errors=True)
+
+    @contextmanager
+    def _apply(self, subject: Subject, mutant: Mutant) -> Iterator[str]:
+        """Break the copy for a while; yields "compiler" if the firmware does not compile."""
         path = self.home / mutant.file
         original = path.read_bytes()
         path.write_text(mutant.text, encoding="utf-8")
         try:
-            by = self._build() if subject.firmware or not self._built else ""
-            for marks, limit in limits.items():     # most die in the quick ones
-                by = by or self._tests(room, limit, marks)
-            if widely and not by and (by := self._tests(self._there(WIDE), None, ALL)):
-                path.write_bytes(original)
-                self._built = self._built and not subject.firmware
-                known = len(self._left_out)
-                self.usual((by,), ALL)
-                if len(self._left_out) > known:     # it fails anyway: that was no kill
-                    return self.judge(subject, mutant)
+            yield self._build() if subject.firmware or not self._built else ""
         finally:
             path.write_bytes(original)
             self._built = self._built and not subject.firmware
-        return Verdict(mutant, subject.name, by, time.monotonic() - begin)
 
-    def close(self) -> None:
-        shutil.rmtree(self.home, ignore_errors=True)
+    def _repeat(self, failure: str) -> str:
+        """Run the one test that failed again; "" when it passes now."""
+        return self._run((failure,), SLOWER) if ".py" in failure else failure
 
-    def _there(self, tests: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(t for t in tests if (self.home / t).exists())
+    def _is_sound(self, failure: str, tests: tuple[str, ...], marks: str,
+                  skipped: tuple[str, ...]) -> bool:
+        """Whether the test that failed passes without a mutant; tried once for each test.
+
+        A crash names no test: then the whole selection must pass.
+        """
+        if failure == HUNG or failure in self._sound:
+            return True
+        if not self._built:
+            self._build()
+        named = ".py" in failure
+        if self._run((failure,), ANY) if named else self._run(tests, marks, skipped):
+            return False
+        if named:
+            self._sound.add(failure)
+        return True
+
+    def _existing(self, tests: tuple[str, ...], excluded: tuple[str, ...] = ()) -> tuple[str, ...]:
+        return tuple(t for t in tests if t not in excluded and (self.home / t).exists())
 
     def _build(self, *more: str) -> str:
         """Firmware image and native core as the sources are; "compiler" if that fails."""
@@ -107,13 +138,15 @@ class Copy:
         self._built = True
         return "compiler" if done.returncode else ""
 
-    def _tests(self, tests: tuple[str, ...], limit: float | None, marks: str) -> str:
+    def _run(self, tests: tuple[str, ...], marks: str, skipped: tuple[str, ...] = ()) -> str:
         """The first test that fails, "time limit", or "" when all pass."""
-        without = [*(f"--ignore={t}" for t in NOT_ITS_TASK),
-                   *(f"--deselect={t}" for t in self._left_out)]
+        options = [*(f"--ignore={t}" for t in (*NO_VERDICT, *skipped)),
+                   *(f"--deselect={t}" for t in self._excluded)]
+        limit = TEST_LIMIT.get(marks, TEST_LIMIT[SLOWER])
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", marks, "--tb=no",
-                   "-o", f"faulthandler_timeout={HUNG}", "-o", "faulthandler_exit_on_timeout=true",
-                   "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=0", *without,
+                   "-o", f"faulthandler_timeout={limit}",
+                   "-o", "faulthandler_exit_on_timeout=true",
+                   "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=0", *options,
                    *tests]
         environment = os.environ | {"PYTHONPATH": str(self.home / "host"), MARK: str(self.home),
                                     "PYTHONDONTWRITEBYTECODE": "1"}
@@ -121,22 +154,22 @@ class Copy:
                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                stderr=subprocess.STDOUT, start_new_session=True)
         try:
-            said, _ = run.communicate(timeout=limit)
+            output, _ = run.communicate(timeout=PASS_LIMIT)
         except subprocess.TimeoutExpired:
             run.kill()
             run.communicate()
-            return "time limit"
+            return HUNG
         finally:
-            self._end_what_is_left()
-        if run.returncode in (0, 5):          # 5: all there were are left out
+            self._end_children()
+        if run.returncode in (0, 5):          # 5: every test is excluded or has another mark
             return ""
-        if "Timeout (" in said:
-            return "time limit"
-        found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-        return found[1] if found else f"exit status {run.returncode}"
+        if "Timeout (" in output:
+            return HUNG
+        failure = FAILURE.search(output)
+        return failure[1] if failure else f"exit status {run.returncode}"
 
-    def _end_what_is_left(self) -> None:
-        """Processes of this copy's tests that a mutant has left behind, known by a mark."""
+    def _end_children(self) -> None:
+        """End processes that the tests of this copy have started, known by a mark."""
         mark = f"{MARK}={self.home}".encode()
         for entry in Path("/proc").glob("[0-9]*/environ"):
             try:

@@ -2,9 +2,10 @@
 
     python tests/mutation/mutation_run.py [--subject guard] [--list] [--jobs 2]
 
-Each mutant lives in a private copy of the checkout and runs the tests of its
-room until the first that fails; what survives there meets the wide selection.
-Exit status 1 when fewer than 90 % are killed.
+Each mutant is applied to a private copy of the checkout. The quick tests of its
+subject run until the first failure; a survivor then meets the quick tests of
+all packages that use the part, and the slower tests of its subject. Exit status
+1 when fewer than 90 % are killed.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--subject", action="append", choices=names, help="one part alone")
     parser.add_argument("--only", default="", help="only mutants whose FILE:LINE contains this")
     parser.add_argument("--list", action="store_true", help="show the mutants, run nothing")
-    parser.add_argument("--rooms", action="store_true", help="no wide selection for survivors")
+    parser.add_argument("--quick", action="store_true",
+                        help="only the quick tests of the subject, also for survivors")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time (2)")
     wish = parser.parse_args(arguments)
     tasks = [(s, m) for s in SUBJECTS if s.name in (wish.subject or names)
@@ -41,7 +43,7 @@ def main(arguments: list[str]) -> int:
             print(f"{subject.name}: {_row(mutant)}")
         return 0
     begin = time.monotonic()
-    verdicts = judge(tasks, wish.jobs, not wish.rooms)
+    verdicts = judge(tasks, wish.jobs, not wish.quick)
     return report(verdicts, time.monotonic() - begin)
 
 

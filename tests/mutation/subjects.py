@@ -1,4 +1,4 @@
-"""What is mutated, how often, and which tests must notice: the room of each subject."""
+"""What is mutated, how often, and which tests are expected to notice."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ PINS, FAULTS = "tests/faults/test_pin_details.py", "tests/faults/test_fault_tabl
 WIDE = ("tests/wire", "tests/actuation", "tests/car", "tests/firmware", "tests/emulator",
         "tests/links", "tests/sim", "tests/faults", "tests/soak", "tests/estimation",
         "tests/contract", "tests/calibration", "tests/cli")
-"""For survivors of their room: what can notice at all, quick ones first."""
+"""For survivors of the tests of their subject: packages that use the part, cheap ones first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """``count`` mutants of ``files`` beside those picked by hand; ``room``: tests, in order."""
+    """A part: ``count`` mutants of ``files`` and those picked by hand; ``tests`` in order."""
 
     name: str
     files: tuple[str, ...]
-    room: tuple[str, ...]
+    tests: tuple[str, ...]
     count: int
 
     @property
@@ -34,7 +34,7 @@ class Subject:
         return self.files[0].startswith(SRC)
 
     def mutants(self) -> list[Mutant]:
-        """Those to try: picked, then chosen from all that the operators make."""
+        """Return those to try: picked, then chosen from all that the operators make."""
         make = cpp_mutants if self.firmware else python_mutants
         made = [mutant for file in self.files for mutant in make(file)]
         return [p.mutant() for p in PICKS if p.subject == self.name] + chosen(made, self.count)
@@ -83,14 +83,17 @@ SUBJECTS = (
              "tests/car/test_doubted_speed.py", FAULTS), 6),
     Subject("engine", (HOST + "car/engine.py",),
             ("tests/car/test_closing.py", PINS, "tests/car/test_nothing_waits.py",
-             "tests/car/test_misuse.py", "tests/car/test_reset_and_odometry.py", FAULTS), 6),
+             "tests/car/test_late_loop.py", "tests/car/test_misuse.py",
+             "tests/car/test_reset_and_odometry.py", FAULTS), 6),
     Subject("pump", (HOST + "car/pump.py",),
-            ("tests/car/test_nothing_waits.py", "tests/car/test_misuse.py",
-             "tests/car/test_reconnect.py", FAULTS, "tests/contract/test_contract_realtime.py",
+            ("tests/car/test_pump.py", "tests/car/test_nothing_waits.py",
+             "tests/car/test_misuse.py", "tests/car/test_reconnect.py", FAULTS,
+             "tests/contract/test_contract_realtime.py",
              "tests/contract/test_contract_replug.py"), 5),
     Subject("view", (HOST + "view/desk.py", HOST + "view/access.py"),
             ("tests/view/test_access_and_messages.py", "tests/view/test_desk_pins.py",
-             "tests/view/test_desk_records.py", "tests/view/test_sockets.py"), 6),
+             "tests/view/test_desk_records.py", "tests/view/test_drive_view.py",
+             "tests/view/test_stop_seats.py", "tests/view/test_sockets.py"), 6),
     Subject("fleet", (HOST + "fleet/peers.py", HOST + "fleet/stopping.py"),
             ("tests/fleet/test_peers.py", "tests/fleet/test_stop_pin.py",
              "tests/fleet/test_attacks.py", "tests/fleet/test_codec.py",

@@ -24,10 +24,10 @@ def test_a_picked_mutant_still_fits_the_code(pick):
     assert pick.subject in {s.name for s in SUBJECTS}
 
 
-def test_the_rooms_and_files_are_there():
+def test_tests_and_files_of_each_subject_exist():
     root = Path(__file__).parents[2]
     for subject in SUBJECTS:
-        for name in (*subject.files, *subject.room):
+        for name in (*subject.files, *subject.tests):
             assert (root / name).exists(), name
 
 
