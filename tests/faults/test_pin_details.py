@@ -52,7 +52,7 @@ def test_closing_writes_neutral_while_another_thread_holds_the_lock(tmp_path, cl
             engine._own_lock.release()
 
     with (patch.object(Engine, "close", Engine.close if closes else give_up),
-          Drive(tmp_path) as drive):
+          Drive(tmp_path, brief=True) as drive):
         drive.driving()
         held = threading.Event()
         release = threading.Event()
@@ -80,7 +80,8 @@ def test_closing_writes_neutral_while_another_thread_holds_the_lock(tmp_path, cl
 def test_neutral_is_written_with_the_frame_that_reports_the_reboot(tmp_path, prompt):
     """Control: without the overdue write, neutral waits for the next PWM frame."""
     overdue = Driver.overdue if prompt else property(lambda driver: False)
-    with patch.object(Driver, "overdue", overdue), Drive(tmp_path, "&boot=none") as drive:
+    with (patch.object(Driver, "overdue", overdue),
+          Drive(tmp_path, "&boot=none", brief=True) as drive):
         drive.driving(seconds=0.31)
         writes = record_writes(drive)
         known = len(drive.hellos)
@@ -109,7 +110,7 @@ def record_writes(drive: Drive) -> list[float]:
 @pytest.mark.few("True-*", "False--0.4")
 def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
     """Control: an expiry that nobody notes ends at neutral, but the car stays armed."""
-    with Drive(tmp_path) as drive:
+    with Drive(tmp_path, brief=True) as drive:
         drive.armed().run(0.3, forward(throttle))
         start = drive.now
         actuator = drive.car._engine.driver.actuator
@@ -123,7 +124,7 @@ def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
 
 def test_no_pulse_leaves_the_range_of_an_esc(tmp_path):
     """A neutral far off, as a wrong file would bring it, plus full throttle."""
-    with Drive(tmp_path) as drive:
+    with Drive(tmp_path, brief=True) as drive:
         drive.armed()
         planner = drive.car._engine.driver.actuator._planner
         planner._neutral_us = 2100.0
@@ -163,8 +164,8 @@ def test_guard_trip_is_acknowledged_at_neutral_alone(at_neutral):
 @pytest.mark.parametrize("held", [True, False])
 def test_run_stop_ends_arming(tmp_path, held):
     """Control: a run-stop that is released does not."""
-    with Drive(tmp_path) as drive:
-        drive.run(2.2)
+    with Drive(tmp_path, brief=True) as drive:
+        drive.run(drive.settling)
         driver = drive.car._engine.driver
         driver.arm(drive.now, WAIVE)
         assert driver.mode == "ARMING"

@@ -10,10 +10,17 @@ from fault_table.drive import Drive
 
 
 class Bench:
-    """One measurement's tools. ``full``: make faults, not the sample of the default tests."""
+    """One measurement's tools. ``full``: make faults, not the sample of the default tests.
 
-    def __init__(self, folder: Path, *, full: bool = True, hil: str | None = None) -> None:
-        self.folder, self.full, self.hil = folder, full, hil
+    ``brief``: cars whose ESC was armed before, so that a drive begins at once.
+    """
+
+    def __init__(self, folder: Path, *, full: bool = True, brief: bool = False,
+                 hil: str | None = None) -> None:
+        self.folder = folder
+        self.full = full
+        self.brief = brief
+        self.hil = hil
         self._stack = ExitStack()
 
     def __enter__(self) -> Bench:
@@ -24,6 +31,7 @@ class Bench:
 
     def drive(self, options: str = "", **more: Any) -> Drive:
         """A car in virtual time."""
+        more.setdefault("brief", self.brief)
         return self._stack.enter_context(Drive(self.folder, options, **more))
 
     def rig(self, **options: Any) -> Any:

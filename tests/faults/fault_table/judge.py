@@ -53,7 +53,8 @@ def measured(case: Case, how: How, *more: str) -> Measured:
         try:
             stack.enter_context(without(*how.removed, *more))
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fault-"))
-            bench = stack.enter_context(Bench(Path(folder), full=full, hil=how.hil))
+            bench = stack.enter_context(
+                Bench(Path(folder), full=full, brief=not how.full, hil=how.hil))
             return case.measure(bench)
         except Exception as error:  # noqa: BLE001 - whatever breaks, the row is red and says so
             told = " ".join(f"{type(error).__name__}: {error}".split())

@@ -114,7 +114,7 @@ def attacked(attack: str) -> Callable[[Bench], Measured]:
 def watch_and_attack(bench: Bench, room: str, attack: str, recording: list[bytes]
                      ) -> tuple[Measured, list[bytes]]:
     """One watched drive, and what the attacker has recorded of it."""
-    drive = bench.drive()
+    drive = bench.drive(brief=bench.brief and attack != "forged")
     with (join(drive.car, room, name="red", beat_within=BEAT, room_key=KEY),
           Station(room, "base", now=lambda: drive.car.now, room_key=KEY) as station):
         attacker = Attacker(room)

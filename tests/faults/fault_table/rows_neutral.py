@@ -153,7 +153,7 @@ def other_board(bench: Bench) -> Measured:
     save_calibration(Calibration(car="sim-0", board="da27ffff").with_quantities(
         {"throttle.neutral_us": Quantity(1590.0, 1.0)}), folder)
     drive = bench.drive()
-    drive.run(2.2)
+    drive.run(drive.settling)
     try:
         drive.car.arm(waive=WAIVE)
     except NotArmed as error:

@@ -171,8 +171,8 @@ def refused(bench: Bench) -> Measured:
     """Cars that arm although they must not, or do not say the reason."""
     silent, told = 0, []
     for name, spoil in SPOILS.items():
-        with Drive(bench.folder) as drive:
-            drive.run(2.5)
+        with Drive(bench.folder, brief=bench.brief) as drive:
+            drive.run(drive.settling + 0.3)
             spoil(drive)
             try:
                 drive.car.arm(waive=WAIVE)
@@ -234,7 +234,7 @@ def welded(cut: str) -> Callable[[Bench], Measured]:
     def measure(bench: Bench) -> Measured:
         with patch("dart_hal.sim.world.make_wiring", lambda _, pca: Direct(pca)):
             drive = bench.drive(f"&cutoff={cut}")
-        drive.run(2.2)
+        drive.run(drive.settling)
         try:
             drive.car.arm(waive=WAIVE)
         except NotArmed as error:
@@ -250,7 +250,7 @@ def unwired(cut: str) -> Callable[[Bench], Measured]:
         wiring = {"oe": OutputEnable, "mux": Multiplexer}[cut]
         with patch.object(wiring, "captured", False):
             drive = bench.drive(f"&cutoff={cut}", edit=REQUIRE_CUTOFF_TEST)
-            drive.run(2.2)
+            drive.run(drive.settling)
             try:
                 drive.car.arm(waive=WAIVE)
             except NotArmed as error:

@@ -90,7 +90,8 @@ def hang(cutoff: str, text: str) -> Callable[[Bench], Measured]:
         seen = []
         starts = [0.3 + k * 2 * SLOT / PHASES for k in range(PHASES)] if bench.full else [0.0]
         for opened in starts:
-            with Drive(bench.folder, f"&cutoff={cutoff}", nano="avr", opened=opened) as drive:
+            with Drive(bench.folder, f"&cutoff={cutoff}", nano="avr", opened=opened,
+                       brief=bench.brief) as drive:
                 drive.driving()
                 at = drive.fail(text, delay=AFTER_FEED if bench.full else 0.0)
                 drive.run(0.5, forward(0.4, 0.5))
@@ -166,7 +167,7 @@ def refused(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], 
     """ms until neutral after ``command`` with each of the values; it must raise, but for 1.5."""
     worst, told = 0.0, []
     for name, value in values.items():
-        with Drive(bench.folder) as drive:
+        with Drive(bench.folder, brief=bench.brief) as drive:
             drive.driving()
             at = drive.now
             error = ""
