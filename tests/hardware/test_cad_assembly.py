@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import json
 import math
@@ -36,12 +37,11 @@ def placed(name: str, shift: tuple[float, float, float] = (0, 0, 0)) -> trimesh.
     return body
 
 
+@functools.cache
 def whole_car() -> dict[str, list[trimesh.Trimesh]]:
+    """Bodies of each part in the car; loaded by the first test, not while tests are collected."""
     bought = {i["name"]: [shapes.body(s) for s in i["shapes"]] for i in BUILT["items"]}
     return bought | {name: [placed(name)] for name in PLACES}
-
-
-CAR = whole_car()
 
 
 def screws(name: str, use: str) -> np.ndarray:
@@ -89,8 +89,8 @@ def test_a_plate_laid_upside_down_is_found():
 
 
 def test_brackets_close_the_gap_between_the_plates():
-    base_top = CAR["base_plate"][0].bounds[1][2]
-    roof = CAR["upper_plate"][0].bounds[0][2]
+    base_top = whole_car()["base_plate"][0].bounds[1][2]
+    roof = whole_car()["upper_plate"][0].bounds[0][2]
     assert roof - base_top == pytest.approx(56.0, abs=0.01)
     low = screws("board_holder_left", "back_plate")[0][2] - base_top
     high = roof - screws("small_board_holder_left", "back_plate")[0][2]
@@ -107,18 +107,20 @@ def slot(body: trimesh.Trimesh, sheet: trimesh.Trimesh) -> float:
 
 
 def test_the_camera_slot_is_the_sheet_and_play():
-    assert slot(CAR["camera_bracket"][0], CAR["upper_plate"][0]) == pytest.approx(3.2, abs=0.01)
+    bracket, plate = whole_car()["camera_bracket"][0], whole_car()["upper_plate"][0]
+    assert slot(bracket, plate) == pytest.approx(3.2, abs=0.01)
     assert P.sheet.thickness + P.sheet.slot_play == pytest.approx(3.2)
-    narrow = CAR["camera_bracket"][0].copy()
+    narrow = bracket.copy()
     narrow.apply_scale([1, 1, 0.9])
     narrow.apply_translation([0, 0, 0.1 * 60.5])
-    assert slot(narrow, CAR["upper_plate"][0]) == pytest.approx(2.88, abs=0.01), "the control"
+    assert slot(narrow, plate) == pytest.approx(2.88, abs=0.01), "the control"
 
 
 @pytest.mark.more
 def test_nothing_overlaps():
     """Every pair of bodies, made and bought, in the committed meshes; as the table says."""
-    found = {pair: v for pair, v in collisions.overlaps(CAR).items() if v > collisions.TOUCH}
+    overlaps = collisions.overlaps(whole_car())
+    found = {pair: v for pair, v in overlaps.items() if v > collisions.TOUCH}
     assert found == {}
     assert {p: v for p, v in BUILT["overlaps_mm3"].items() if v > collisions.TOUCH} == {}
 
@@ -130,9 +132,9 @@ def test_nothing_overlaps():
     ("nano_imu_mount", (4.0, 0, 0), "standoffs_lower"), ("lidar_mount", (0, 0, 2.0), "lidar"),
 ])
 def test_a_part_out_of_place_is_found(name, shift, into):
-    others = {into: CAR[into], name: [placed(name, shift)]}
+    others = {into: whole_car()[into], name: [placed(name, shift)]}
     if into == "jetson":  # the standoffs between them
-        others = {into: CAR["standoffs_upper"], name: others[name]}
+        others = {into: whole_car()["standoffs_upper"], name: others[name]}
     assert max(collisions.overlaps(others).values(), default=0.0) > collisions.TOUCH
 
 
@@ -142,12 +144,12 @@ def view(car: dict[str, list[trimesh.Trimesh]]) -> dict[str, Any]:
 
 def test_the_lidar_sees_all_but_the_listed_posts():
     """Behind it stands the Jetson on its posts: known, and nothing else."""
-    seen = view(CAR)
+    seen = view(whole_car())
     assert seen == BUILT["lidar"]
     assert set(seen["blocked_deg"]) <= {"jetson", "standoffs_lower"}
     assert seen["free_left_deg"] >= 115
     assert seen["free_right_deg"] <= -115
-    low = {**CAR, "camera_bracket": [placed("camera_bracket", (0, 0, -20))]}
+    low = {**whole_car(), "camera_bracket": [placed("camera_bracket", (0, 0, -20))]}
     assert "camera_bracket" in view(low)["blocked_deg"], "the control"
 
 
@@ -166,7 +168,8 @@ def test_usb_of_the_nano_is_open_to_the_front():
     """A plug of 11 x 8 x 20 mm before the socket touches nothing."""
     def touched(x: float) -> list[str]:
         plug = trimesh.creation.box(bounds=[[x, -61.25, 4.6], [x + 20, -50.25, 10.6]])
-        return [name for name, bodies in CAR.items() if name != "usb_nano"  # that plug itself
+        return [name for name, bodies in whole_car().items()
+                if name != "usb_nano"  # that plug itself
                 and sum(collisions.shared(plug, body) for body in bodies) > collisions.TOUCH]
 
     assert touched(72.6) == []
@@ -176,8 +179,8 @@ def test_usb_of_the_nano_is_open_to_the_front():
 def balance() -> tuple[float, np.ndarray]:
     """Mass [g] and centre [mm] of the committed meshes with the masses of the table."""
     total, moment = 0.0, np.zeros(3)
-    weighed = [(i["mass_g"], CAR[i["name"]]) for i in BUILT["items"]]
-    weighed += [(BUILT["parts"][q["part"]]["mass_g"], CAR[q["name"]])
+    weighed = [(i["mass_g"], whole_car()[i["name"]]) for i in BUILT["items"]]
+    weighed += [(BUILT["parts"][q["part"]]["mass_g"], whole_car()[q["name"]])
                 for q in BUILT["placements"]]
     for mass, bodies in weighed:
         volume = sum(b.volume for b in bodies)
