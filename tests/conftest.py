@@ -37,6 +37,8 @@ sys.path.append(str(HOME / "tests" / "wire"))  # wire_samples: traffic and damag
 
 
 TESTS = itertools.count()
+SHORT_NEUTRAL = 0.1
+"""s of neutral that an ESC needs where it was armed before: five pulses."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -99,6 +101,27 @@ def other_cars() -> Path:
             return Path(place)
     pytest.skip(f"recordings of other cars absent: $OTHER_CARS_DATA is {places[0]!r} and "
                 f"{places[1]} is no folder")
+
+
+@pytest.fixture
+def armed_esc(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulate cars whose ESC an earlier program has armed: they arm without 2 s of neutral.
+
+    For tests of a car that drives, where this wait is half of what is simulated. Not for tests of
+    the neutral itself, nor for cars that a fixture of a module opens.
+    """
+    from dart_hal.sim import car_file
+    from dart_hal.sim.esc import Esc, EscParams
+
+    monkeypatch.setattr(car_file, "_TEXT", car_file._TEXT.replace(
+        "arm_neutral = 2.0", f"arm_neutral = {SHORT_NEUTRAL}"))
+    start = Esc.__init__
+
+    def start_armed(esc: Esc, params: EscParams | None = None) -> None:
+        start(esc, params)
+        esc._needed = SHORT_NEUTRAL
+
+    monkeypatch.setattr(Esc, "__init__", start_armed)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -11,7 +11,7 @@ from dart_hal.types import Tracking
 @pytest.mark.realtime
 def test_poses_of_a_paced_world():
     with Car.open("sim://?seed=1&nano=mock&mocap=1&pace=1") as car:
-        states = list(car.states(duration=1.0))
+        states = list(car.states(duration=0.5))
     last = states[-1].external
     assert last is not None
     assert last.tracking is Tracking.TRACKING

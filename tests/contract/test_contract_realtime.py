@@ -173,7 +173,8 @@ def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
 
 
 @pytest.mark.parametrize("error", [
-    ZeroDivisionError, SystemExit, pytest.param(KeyboardInterrupt, marks=pytest.mark.more)])
+    pytest.param(ZeroDivisionError, marks=pytest.mark.more), SystemExit,
+    pytest.param(KeyboardInterrupt, marks=pytest.mark.more)])
 def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, error):
     """The thread that feeds the pins must not end unnoticed."""
     with served.open() as car:

@@ -21,7 +21,7 @@ from dart_hal.view.access import Access
 from dart_hal.view.desk import Desk
 from dart_hal.view.fleet_desk import FleetDesk, FleetPage
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 HEADER = {"X-Dart-Stop": "1"}
 
 
