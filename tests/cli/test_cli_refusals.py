@@ -176,6 +176,7 @@ def test_a_full_disk_is_one_sentence(verb, tmp_path):
     assert "File too large" in error["what"]  # the kernel's words for this limit
 
 
+@pytest.mark.more  # test_cli_contracts.py has it for two verbs
 def test_a_reader_that_has_enough_is_no_error(tmp_path):
     done = subprocess.run(f"{sys.executable} -m dart_hal.cli.main wire --format c | head -1",
                           shell=True, capture_output=True, text=True, check=False, cwd=tmp_path)

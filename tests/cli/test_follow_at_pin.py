@@ -18,7 +18,8 @@ from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE
 
 LONG = Path([(15.0, 0.0)], closed=False)
-LOST_AT, SLOWS = 7.0, 1.0
+pytestmark = pytest.mark.usefixtures("armed_esc")
+LOST_AT, SLOWS = 5.0, 1.0
 """s of the world at which the last pose comes; s in which a car of 1 m/s has slowed down."""
 
 
@@ -54,7 +55,7 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False):
     world, pulses = world_of(backend), []
     world.at(until, never_ends)
     if blocked:
-        world.at(3.0, lambda w: setattr(w, "blocked", True))
+        world.at(1.0, lambda w: setattr(w, "blocked", True))
     if downhill:
         world.at(0.0, roll)
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
@@ -97,14 +98,14 @@ def never_ends(world):
 def test_a_car_that_rolls_away_gets_no_pulse():
     """It does not slow down at neutral: the drive ends with that name."""
     with pytest.raises(Disarmed, match="MOVES_AT_NEUTRAL"):
-        driven(2.8, downhill=True, until=9.5)
+        driven(2.8, downhill=True, until=8.0)
 
 
 def test_a_car_that_rolls_away_is_given_up_at_neutral(monkeypatch):
     """Without the layer before, its drive ends by the time that a stop may take, and says that the
     car did not stop."""
     monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
-    follower, neutral, pulses = driven(2.8, downhill=True, until=9.5)
+    follower, neutral, pulses = driven(2.8, downhill=True, until=8.0)
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert "it still rolls at" in follower.why
@@ -118,18 +119,18 @@ def test_control_without_that_time_it_never_ends(monkeypatch):
     monkeypatch.setattr(stopping, "WITHIN", 1e9)
     monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
     with pytest.raises(NeverEnds):
-        driven(2.8, downhill=True, until=9.5)
+        driven(2.8, downhill=True, until=8.0)
 
 
 def test_a_car_that_is_held_is_given_up_at_neutral():
     """Its motor pulls against what holds the wheel for the time in which a car has to move."""
-    follower, neutral, pulses = driven(60.0, blocked=True, until=12.0)
+    follower, neutral, pulses = driven(60.0, blocked=True, until=10.0)
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert "does not move" in follower.why
     t, us = pulses.T
-    assert us[(t > 3.5) & (t < 5.5)].max() > neutral + 20.0
-    assert us[t > 3.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
+    assert us[(t > 1.5) & (t < 3.5)].max() > neutral + 20.0
+    assert us[t > 1.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
 
 
 @pytest.mark.more
@@ -137,7 +138,7 @@ def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
     monkeypatch.setattr(stopping, "STUCK", 1e9)
     monkeypatch.setattr(rules, "PATIENCE", 1e9)
     with pytest.raises(NeverEnds):
-        driven(60.0, blocked=True, until=12.0)
+        driven(60.0, blocked=True, until=10.0)
 
 
 @pytest.mark.more

@@ -14,6 +14,7 @@ from dart_hal.view import messages as m
 from dart_hal.view.messages import Malformed, read
 from dart_hal.view.operator import Operator, Refused
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 NEUTRAL = 0.250
 """s from the end of a hold to the end of the last driving pulse."""
 AT_ONCE = 0.050
@@ -119,7 +120,7 @@ def test_a_stick_that_is_held_while_it_arms_moves_nothing():
     with AtTheDesk() as at:
         at.say("one", m.Take("right"))
         at.say("one", m.Arm())
-        at.drive(4.0, lambda t: at.hold())
+        at.drive(2.0, lambda t: at.hold())
         assert at.car.mode == "ARMED"
         assert at.driving(0.0) == []
         at.say("one", m.Release())
@@ -132,7 +133,7 @@ def test_control_without_that_rule_it_drives_off(monkeypatch):
     with AtTheDesk() as at:
         at.say("one", m.Take("right"))
         at.say("one", m.Arm())
-        at.drive(4.0, lambda t: at.hold())
+        at.drive(2.0, lambda t: at.hold())
         assert at.driving(0.0)
 
 
@@ -154,7 +155,7 @@ def stop_while_arming(after, within=2.0):
 
 
 def test_stop_while_it_arms_ends_the_arming():
-    modes, at = stop_while_arming(1.0)
+    modes, at = stop_while_arming(0.4)
     assert "ARMED" not in modes
     assert "ARMING" not in modes
     assert any("Not armed. STOP was pressed" in text for text in at.said())
@@ -165,8 +166,8 @@ def test_stop_while_it_arms_ends_the_arming():
 def test_stop_at_a_hundred_moments_of_arming_and_driving():
     lasts = []
     for n in range(50):
-        modes, at = stop_while_arming(0.05 + 0.035 * n, within=0.3)
-        assert "ARMED" not in modes, n
+        _, at = stop_while_arming(0.05 + 0.01 * n, within=0.3)
+        assert "ARMED" not in [mode for _, mode in at.modes], n
         at.drive(0.6)  # a STOP holds for half a second
         at.take_and_arm()
         at.drive(0.2 + 0.0137 * n, lambda t, at=at: at.hold())
@@ -197,7 +198,7 @@ def test_who_drives_leaves_while_it_arms():
         at.say("one", m.Take("right"))
         at.say("one", m.Arm())
         begun = at.now()
-        at.drive(4.0, lambda t: at.desk.left("one") if 1.0 < t - begun < 1.015 else None)
+        at.drive(2.0, lambda t: at.desk.left("one") if 0.4 < t - begun < 0.415 else None)
         assert "ARMED" not in [mode for _, mode in at.modes]
 
 
