@@ -298,6 +298,13 @@ def test_wild_numbers_are_refused_at_neutral(wild, place) -> None:
     assert actuator.trips() == ("COMMAND_INVALID",)
 
 
+def test_a_long_text_as_a_command_is_cut_in_the_message() -> None:
+    world, actuator = opened()
+    with pytest.raises(BadCommand) as refused:
+        actuator.command(0.0, "x" * 10_000, 0.2, "user", world.t)
+    assert refused.value.found == "'" + "x" * 79
+
+
 def test_what_numpy_calls_a_number_is_one() -> None:
     world, actuator = opened()
     for number in (np.float64(0.5), np.float32(0.5), np.array(0.5), Fraction(1, 2)):

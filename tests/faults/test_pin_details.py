@@ -8,13 +8,18 @@ from unittest.mock import patch
 import pytest
 from fault_table.drive import PERIOD, WAIVE, Drive, forward
 
+from dart_hal.actuation.arming import GOOD_FOR
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
-from dart_hal.car.facts import Observer
+from dart_hal.car.facts import LIVE_AFTER, Observer
 from dart_hal.car.guarding import GuardPost
+from dart_hal.sim.faults import LineFaults
 
 ARM_NEUTRAL = 2.0
 """s of neutral that the ESC must receive before the first throttle: car.toml's arm_neutral."""
+MAX_ARM_NEUTRAL = ARM_NEUTRAL + 2 * GOOD_FOR
+"""s after which it must be armed: the margin of ``OUTPUT_ON_AFTER``, ``GOOD_FOR``, and 0.4 s for
+frames, beats and the answers of the Nano."""
 
 
 def let_time_pass(drive: Drive, seconds: float) -> None:
@@ -41,6 +46,40 @@ def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
             begin -= 1
         neutral = drive.pulses[first][0] - drive.pulses[begin][0]
     assert (neutral >= ARM_NEUTRAL) == counts, neutral
+    assert neutral < MAX_ARM_NEUTRAL, neutral
+
+
+@pytest.mark.parametrize("waits", [True, False])
+@pytest.mark.parametrize("cutoff", ["oe", "mux"])
+@pytest.mark.few("oe-True", "mux-*")
+def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
+    """Control: a driver that expects the pulses behind the cut-off at once ends raw()."""
+    limit = LIVE_AFTER if waits else 0.0
+    with (patch("dart_hal.car.driver.LIVE_AFTER", limit),
+          Drive(tmp_path, f"&cutoff={cutoff}") as drive):
+        drive.run(1.0)
+        with drive.car.raw():
+            drive.run(0.2, lambda car, state: car.pulses(steering_us=1500.0, throttle_us=1600.0))
+            assert (drive.car.mode == "RAW") == waits
+            assert drive.car.causes == (() if waits else ("CUT_OFF",))
+    assert any(drive.off(pulse) for pulse in drive.pulses) == waits
+
+
+@pytest.mark.parametrize(("cutoff", "pulse_us"), [("oe", 0.0), ("mux", 1500.0)])
+@pytest.mark.parametrize("reports", [True, False])
+@pytest.mark.few("*-oe-0.0", "True-mux-*")
+def test_state_reports_the_pulse_that_the_cutoff_leaves(tmp_path, cutoff, pulse_us, reports):
+    """The Nano cuts because no beat reaches it. Control: report the pulses of the PCA9685."""
+    method = Driver.passed if reports else lambda driver, applied: applied
+    with (patch.object(Driver, "passed", method),
+          Drive(tmp_path, f"&cutoff={cutoff}") as drive):
+        drive.driving(seconds=0.1)
+        start = drive.now
+        drive.backend.link._down.faults = LineFaults(silence=[(start, start + 1.0)])
+        states = drive.run(0.2, forward(0.4))
+        first = next(state for state in states if "OUTPUT_LIVE" not in state.health.flags)
+        assert ((first.applied.throttle, first.applied.throttle_us) == (0.0, pulse_us)) == reports
+        assert ("CUT_OFF" in first.applied.limited) == reports
 
 
 @pytest.mark.parametrize("closes", [True, False])
