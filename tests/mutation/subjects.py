@@ -83,7 +83,7 @@ SUBJECTS = (
              "tests/car/test_doubted_speed.py", FAULTS), 6),
     Subject("engine", (HOST + "car/engine.py",),
             ("tests/car/test_closing.py", PINS, "tests/car/test_nothing_waits.py",
-             "tests/car/test_late_loop.py", "tests/car/test_misuse.py",
+             "tests/car/test_frame_time.py", "tests/car/test_misuse.py",
              "tests/car/test_reset_and_odometry.py", FAULTS), 6),
     Subject("pump", (HOST + "car/pump.py",),
             ("tests/car/test_pump.py", "tests/car/test_nothing_waits.py",

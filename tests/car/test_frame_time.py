@@ -1,0 +1,93 @@
+"""When the pulses of a PWM frame are written, and what a loop that is too late reports.
+
+The car is simulated in virtual time; the engine treats it as a real one, which has a user's loop
+that may answer a State.
+"""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.car.engine import GRACE, INQUIRE_EVERY, Engine
+from dart_hal.links.base import open_backend
+from dart_hal.wire.messages import PARAM_GET
+
+URL = "sim://?seed=1&nano=mock"
+
+
+@pytest.fixture
+def car():
+    backend = open_backend(URL)
+    with Car.over(backend) as opened:
+        backend.virtual = False
+        try:
+            yield opened
+        finally:
+            backend.virtual = True
+
+
+def wait(car: Car, seconds: float) -> None:
+    for _ in car.states(duration=seconds):
+        pass
+
+
+@pytest.mark.parametrize("wakes", [True, False])
+def test_unanswered_state_is_followed_by_its_pulses_after_the_grace_time(car, wakes):
+    """Control: a read that does not end for the pulses lets them wait for the next State."""
+    engine = car._engine
+    patience = Engine._patience if wakes else lambda engine, timeout: timeout
+    reads: list[float] = []
+    states: list[float] = []
+    writes: list[float] = []
+    wait(car, 0.1)
+    frame = engine.driver.frame
+
+    def note(now):
+        writes.append(now)
+        return frame(now)
+
+    def note_read(engine, timeout):
+        reads.append(patience(engine, timeout))
+        assert len(reads) < 1000, "reads that do not wait"
+        return reads[-1]
+
+    with patch.object(Engine, "_patience", note_read), patch.object(engine.driver, "frame", note):
+        car.on_state(lambda state: states.append(engine.now))
+        wait(car, 0.1)
+    delays = [write - max(t for t in states if t <= write) for write in writes if write > states[0]]
+    assert len(delays) >= 4
+    assert all(delay == pytest.approx(GRACE, abs=1e-4) for delay in delays) == wakes, delays
+
+
+@pytest.mark.parametrize(("delay", "cautioned"), [(0.025, True), (0.015, False)])
+def test_frames_later_than_one_pwm_frame_bring_a_caution(car, delay, cautioned):
+    """p99 of the last 500 frames, once a second: a hundredth of them may be late."""
+    engine = car._engine
+    engine._frames = 1000
+    for k in range(500):
+        engine._due, engine._due_since = True, 10.0
+        engine._note_lateness(10.0 + GRACE + (0.1 if k % 125 == 0 else delay))
+    assert engine.driver.observer.loop_late == pytest.approx(delay)
+    names = [caution.name for caution in engine.driver.cautions(engine.now)]
+    assert ("LOOP_LATE" in names) == cautioned
+
+
+def test_unanswered_questions_to_the_nano_are_ten_a_second(car):
+    """The Nano does not answer; the question is not repeated with each frame."""
+    engine = car._engine
+    questions: list[float] = []
+    send = engine.transmitter.send
+
+    def drop_questions(message, values, now):
+        if message is PARAM_GET:
+            questions.append(now)
+        else:
+            send(message, values, now)
+
+    with patch.object(engine.transmitter, "send", drop_questions):
+        engine.receiver.params.clear()
+        wait(car, 1.0)
+    assert len(questions) == pytest.approx(1.0 / INQUIRE_EVERY, abs=2)
