@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dart_hal.actuation import Actuator
+from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.actuation.plan import LIVE
 from dart_hal.actuation.quantiser import (
     NOMINAL_HZ,
@@ -85,6 +86,21 @@ def test_who_stops_the_car_knows_the_drivers_counter(hertz):
     assert standby.is_off
     assert standby.rest(), "what is off stays off"
     assert standby.is_off
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_standby_leaves_no_pulse_on_a_chip_with_another_counter(ends, monkeypatch):
+    """Its neutral would be another pulse there. Control: without ALL_LED the throttle goes on."""
+    world, _, _ = held(27.0e6, car_files(27.0e6))
+    if not ends:
+        monkeypatch.setattr(Pca9685, "all_off", lambda pca: None)
+    standby = Throttle(car_files(25e6), world.bus, world.sleep)
+    assert not standby.rest()
+    assert standby.is_off == ends
+    world.t += 0.03                                          # the pulse under way
+    before = len(world.pulses(THROTTLE))
+    world.t += 0.1
+    assert (len(world.pulses(THROTTLE)) == before) == ends
 
 
 @pytest.mark.parametrize("hertz", CLOCKS)

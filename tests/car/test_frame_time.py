@@ -22,6 +22,7 @@ URL = "sim://?seed=1&nano=mock"
 def car():
     backend = open_backend(URL)
     with Car.over(backend) as opened:
+        wait(opened, 0.1)
         backend.virtual = False
         try:
             yield opened
@@ -42,7 +43,6 @@ def test_unanswered_state_is_followed_by_its_pulses_after_the_grace_time(car, wa
     reads: list[float] = []
     states: list[float] = []
     writes: list[float] = []
-    wait(car, 0.1)
     frame = engine.driver.frame
 
     def note(now):

@@ -76,6 +76,7 @@ SUBJECTS = (
              "tests/car/test_raw.py", FAULTS), 6),
     Subject("pca9685", (HOST + "actuation/pca9685.py",),
             ("tests/actuation/test_open_close.py", "tests/actuation/test_who_answers.py",
+             "tests/actuation/test_further_addresses.py",
              "tests/actuation/test_pwm_frequency.py", "tests/actuation/test_actuator.py",
              FAULTS), 7),
     Subject("facts", (HOST + "car/facts.py",),
