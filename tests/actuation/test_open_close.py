@@ -152,9 +152,10 @@ def test_a_missing_chip_is_named_with_what_answers_instead() -> None:
     with pytest.raises(PcaMissing, match="no PCA9685 at 0x40") as caught:
         world.actuator().open()
     assert caught.value.found == "no device at all"
-    world.bus.devices = [type(world.chip)(address=0x41)]
+    world.bus.devices = [type(world.chip)(address=a) for a in (0x28, 0x29, 0x41)]
     with pytest.raises(PcaMissing) as caught:
         world.actuator().open()
+    assert "0x28 (BNO055?), 0x29 (BNO055?)" in caught.value.found
     assert "0x41" in caught.value.found
     assert "0x70 (PCA9685 all-call at its default)" in caught.value.found
 

@@ -11,6 +11,7 @@ from rooms import pose_frame
 from dart_hal.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
+from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
 from dart_hal.fleet.transports import Datagram
 from dart_hal.fleet.transports.local import open_local
@@ -254,3 +255,12 @@ def test_a_law_of_several_cars_tells_its_own_bytes(fed):
     assert told.age == pytest.approx(0.2)
     with pytest.raises(UsageError, match="COORDINATION"):
         encode(m.COORDINATION, 7, 1, 0.0, ("red", b"x" * 256))
+
+
+def test_a_member_without_an_echo_is_reported_after_the_time_that_a_frame_may_travel(fed):
+    key = RoomKey(b"key of the laboratory")
+    peers = Peers("blue", 1, key)
+    for n in range(60):
+        now = n * STEP
+        hears(peers, fed, now, encode(m.BEAT, 7, n, now, ("base",), key))
+        assert ("base" in peers.ignored(now)) == (now > LATEST), now

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dart_hal.view import access
 from dart_hal.view import messages as m
-from dart_hal.view.access import Access
+from dart_hal.view.access import LOOPBACK, Access
 from dart_hal.view.messages import Malformed, read
 from dart_hal.view.operator import TRIES, Operator, Refused
 
@@ -91,11 +92,40 @@ def test_wrong_tokens_are_counted_and_the_page_sent_away():
 
 
 def test_the_address_has_the_token_behind_its_hash():
-    access = Access.at(8642, lan=False)
-    (url,) = access.urls
-    assert url == f"http://localhost:8642/#{access.token}"
-    assert len(access.token) >= 12
-    assert access.token != Access.at(8642, lan=False).token
+    made = Access.at(8642, lan=False)
+    (url,) = made.urls
+    assert url == f"http://localhost:8642/#{made.token}"
+    assert len(made.token) >= 12
+    assert made.token != Access.at(8642, lan=False).token
+
+
+def test_the_addresses_for_other_computers_come_first():
+    names = (*LOOPBACK, "10.0.0.5", "192.168.1.7", "car")
+    assert Access(8642, lan=True, token="t", names=names).urls == (
+        "http://10.0.0.5:8642/#t", "http://192.168.1.7:8642/#t", "http://localhost:8642/#t")
+    assert Access(8642, token="t", names=names).urls == ("http://localhost:8642/#t",)
+
+
+def test_own_addresses_are_those_of_the_routes_once_and_not_loopback(monkeypatch):
+    """The second route has the address of the first; the port of a socket is none."""
+    sources = iter(["10.0.0.5", "10.0.0.5", "127.0.0.1", "192.168.1.7"])
+
+    class Probe:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def connect(self, address):
+            self.name = (next(sources), 40000)
+
+        def getsockname(self):
+            return self.name
+
+    monkeypatch.setattr(access.socket, "socket", lambda *kind: Probe())
+    assert access.own_addresses() == ("10.0.0.5",)
+    assert access.own_addresses() == ("192.168.1.7",)
 
 
 @pytest.mark.parametrize(("host", "own"), [
@@ -103,6 +133,6 @@ def test_the_address_has_the_token_behind_its_hash():
     ("localhost", False), ("evil.example:8642", False), ("localhost:8642.evil.example", False),
     ("", False), ("x" * 4000, False)])
 def test_only_names_of_this_computer_are_served(host, own):
-    access = Access.at(8642, lan=False)
-    assert access.own_host(host) is own
-    assert (f"http://{host}" in access.origins()) is own
+    made = Access.at(8642, lan=False)
+    assert made.own_host(host) is own
+    assert (f"http://{host}" in made.origins()) is own

@@ -193,6 +193,30 @@ def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
         assert at.driving(at.now() - 0.1)
 
 
+@pytest.mark.parametrize("seconds", [desk.STOPPED_FOR, 0.0])
+def test_stop_at_a_page_keeps_the_car_disarmed_for_half_a_second(monkeypatch, seconds):
+    """Control: a stop that the next batch releases."""
+    monkeypatch.setattr(desk, "STOPPED_FOR", seconds)
+    with AtTheDesk() as at:
+        at.drive(0.1)
+        at.say("two", m.Stop())
+        at.drive(0.45)
+        assert ("RUN_STOP" in at.car.refusals()) == (seconds > 0.0)
+        at.drive(0.1)
+        assert "RUN_STOP" not in at.car.refusals()
+
+
+@pytest.mark.parametrize("how", ["ended", "closed"])
+def test_run_ends_with_the_state_in_which_it_is_to_end(how):
+    with AtTheDesk() as at:
+        end = at.now() + 0.3
+        if how == "ended":
+            at.desk.run(2.0, lambda: at.now() >= end)
+        else:
+            at.drive(2.0, lambda t: at.desk.close() if t >= end else None)
+        assert at.now() == pytest.approx(end, abs=0.015)
+
+
 def test_who_drives_leaves_while_it_arms():
     with AtTheDesk() as at:
         at.say("one", m.Take("right"))
