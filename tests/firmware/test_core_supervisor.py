@@ -168,7 +168,6 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
         sut.beats(30_000, gap=20)
 
 
-@pytest.mark.more
 def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
     sut.linked()
     for calm in (50_000, 15_000, 5_000):
