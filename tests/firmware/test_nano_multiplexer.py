@@ -112,7 +112,7 @@ def cut(board: Board, begin: float) -> list[float]:
 
 
 @pytest.mark.parametrize("n", range(PHASES))
-@pytest.mark.few("14")
+@pytest.mark.few("4", "14")
 def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX))
     board, armed, stopped = drive(rig, n * PERIOD / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])

@@ -65,7 +65,7 @@ class Copy:
     def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> Verdict:
         """Apply the mutant, run the tests that can notice it, restore the file.
 
-        1. The quick tests of the subject.
+        1. The quick tests of the subject: its files, then its folders, which take long to collect.
         2. If ``widely``, for a survivor: the quick tests of ``WIDE``, then the slower ones of
            the subject.
         3. A test counts as a kill only if it passes without the mutant (tried once for each
@@ -74,7 +74,9 @@ class Copy:
         """
         begin = time.monotonic()
         own = self._existing(subject.tests)
-        selections = [(own, (), QUICK)]
+        files = tuple(t for t in own if t.endswith(".py"))
+        folders = self._existing(own, files)
+        selections = [(t, s, QUICK) for t, s in ((files, ()), (folders, files)) if t]
         if widely:
             selections += [(self._existing(WIDE, own), own, QUICK), (own, (), SLOWER)]
         for tests, skipped, marks in selections:
