@@ -9,8 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from dart_hal.car import pump as pumps
 from dart_hal.car.pump import SLICE, ThreadPump
+from dart_hal.car.reconnect import Found
 from dart_hal.errors import LinkLost
+from dart_hal.links.serial_port import SerialLink
 
 RAISED = [ZeroDivisionError("listener"), SystemExit(3), KeyboardInterrupt(), GeneratorExit(),
           asyncio.CancelledError(), MemoryError(), RecursionError(), StopIteration()]
@@ -91,3 +94,94 @@ def test_a_thread_that_ends_unnoticed_is_seen():
         pump.next(0.2)
     assert (engine.lost, engine.frames) == (0, 0)
     assert not pump._thread.is_alive()
+
+
+class Batches(Engine):
+    """Steps that bring these States, then none."""
+
+    def __init__(self, *batches):
+        super().__init__()
+        self.batches = list(batches)
+        self.taken = threading.Event()
+
+    def step(self, timeout):
+        if self.batches:
+            return self.batches.pop(0)
+        self.taken.set()
+        return super().step(timeout)
+
+
+def test_next_is_the_newest_state_and_counts_those_that_were_skipped():
+    engine = Batches(["first"])
+    pump = ThreadPump(engine)
+    try:
+        assert pump.next(10.0) == ("first", 0)
+        engine.taken.clear()
+        engine.batches += [["second"], ["third", "fourth"]]
+        while engine.batches:
+            time.sleep(0.001)
+        engine.taken.clear()
+        assert engine.taken.wait(10.0), "the last of them is delivered"
+        assert pump.next(10.0) == ("fourth", 2)
+        with pytest.raises(LinkLost, match="no frame"):
+            pump.next(0.01)
+    finally:
+        pump.stop()
+
+
+class Port(SerialLink):
+    """A port that can only be closed."""
+
+    def __init__(self):
+        self.closed = False
+
+    @property
+    def baud(self):
+        return 115_200
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
+    """One that never said HELLO has no number: neutral is repeated, and nothing is opened."""
+    lost = Port()
+    back = Found(Port(), b"HELLO")
+    searches: list[tuple[int, int]] = []
+    resumed = threading.Event()
+
+    class Search:
+        def __init__(self, backend, board_id, baud):
+            assert lost.closed, "the name of the port is free"
+            searches.append((board_id, baud))
+
+        def look(self, now):
+            return back
+
+        def close(self):
+            pass
+
+    engine = Engine()
+    engine.backend.link = lost
+    engine.receiver.hello = SimpleNamespace(board_id=77) if known else None
+    engine.raised = LinkLost("the port vanished")
+
+    def resume(link, data):
+        assert (link, data) == back
+        engine.raised = None
+        resumed.set()
+        return ["state"]
+
+    engine.resume = resume
+    monkeypatch.setattr(pumps, "Search", Search)
+    pump = ThreadPump(engine)
+    try:
+        with pytest.raises(LinkLost, match="vanished"):
+            pump.next(10.0)
+        assert resumed.wait(10.0 if known else 0.2) == known
+        assert searches == ([(77, 115_200)] if known else [])
+        if known:
+            assert pump.next(10.0) == ("state", 0)
+    finally:
+        pump.stop()
