@@ -1,19 +1,27 @@
-"""Reading of hidden drives: the simulated cars wear their markers where DART did in September 2024.
+"""Reading of hidden drives: the marker frame is given, as by a user who has measured it.
 
-The frame is given, as by a user who has measured it. A fitted one has errors of its own, which
-``tests/recorded/test_marker_frames.py`` is about.
+The cars that are simulated wear their markers where DART did on the day of the recording. A fitted
+frame has errors of its own, which ``tests/recorded/test_marker_frames.py`` is about.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from stranger_files import PLACES
+
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.dart import read as read_file
 
-FRAME = Reference(0.115, 0.010, -0.010, "of the simulation")
+DAY = 86_400.0
+"""s."""
 
 
 def read(path: str | Path) -> Recording:
-    """The recording with the marker frame of the simulation."""
-    return with_marker_frames([read_file(path)], FRAME)[0]
+    """The recording with the marker frame that the simulated car has on its day."""
+    recording = read_file(path)
+    if recording.mocap is None or recording.mocap.epoch is None:
+        return recording
+    frame, = {frame for epoch, frame in PLACES.values()
+              if abs(recording.mocap.epoch - epoch) < DAY}
+    return with_marker_frames([recording], Reference(*frame, "of the simulation"))[0]

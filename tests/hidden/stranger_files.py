@@ -16,9 +16,7 @@ GEAR = 0.04129216  # m of way per turn of the encoder ring: 2 pi 0.0233 m 11/39
 COMMANDS = ("lockstep", "clock10", "clock20", "anytime")
 PLACES = {  # Unix time, where the marker is: (m ahead of the rear axle, rad, m to the left)
     "sep24": (1_725_790_000.0, (0.115, 0.010, -0.010)),
-    "jul24": (1_721_380_000.0, (0.0862, 0.0270, 0.0)),
-    "rear axle": (1_600_000_000.0, (0.0, 0.0, 0.0)),
-    "centre": (1_600_000_000.0, (0.0945, 0.0, 0.0))}
+    "jul24": (1_721_380_000.0, (0.0862, 0.0270, 0.0))}
 
 
 @dataclass(frozen=True)
