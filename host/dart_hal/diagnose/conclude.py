@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,10 +19,11 @@ from dart_hal.vehicle.parameters import Vehicle
 from .cautions import EDGE, cautions, worse_at
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
+from .evidence.space import Timing
 from .gains import Fitted, Side, overall
 from .grade.names import Grading, Shown, impossible_size, shown
 from .grade.secants import secants
-from .judge import judge
+from .judge import Predictor, judge
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
@@ -78,7 +79,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
-    predicting = partial(as_predicted, q, unseen.timing(found.point).command_age)
+    predicting = partial(as_predicted, q, (found.point.timing, unseen.timing(found.point)))
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
                       partial(judge, q.train, q.test, q.settings, unseen, predicting),
                       impossible_size)
@@ -94,7 +95,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     moved = _moved(q, points[-1])
     claimed = _claims(q, last, unseen) if q.refit else ()
     given, fitted = (
-        Fitted(vehicle, predicted, (point.timing, unseen.timing(point)))
+        Fitted(vehicle, predicted, (point.timing, unseen.timing(point)), q.refit)
         for point, vehicle, predicted in (
             (found.given, found.given.vehicle, given_as_predicted(q, found.given, predicting)),
             (last, last.vehicle, predicting(last))))
@@ -123,23 +124,23 @@ def as_logged(q: Question, point: Point) -> Vehicle:
         name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def as_predicted(q: Question, age: float, point: Point) -> Vehicle:
-    """The vehicle of a point as all its errors are stated: what it predicts from a log.
+def as_predicted(q: Question, timings: tuple[Timing, Timing], point: Point
+                 ) -> tuple[Vehicle, Vehicle]:
+    """The vehicle of a point as it predicts from the logs of the train and the test recordings.
 
-    age [s]: of the commands of the test recordings in their log. A refit counts delays from the
-    log. Without one the delays are those of the car, and the log has its commands so much later.
+    timings: of these recordings. A refit counts delays from the log. Without one the delays are
+    those of the car, and the commands are as old in each log as suits its recordings best.
     """
     if q.refit:
-        return as_logged(q, point)
-    p = point.vehicle
-    return with_values(p, {name: max(0.0, value(p, name) - age)
-                           for name in ("delay.steering_s", "delay.throttle_s")})
+        logged = as_logged(q, point)
+        return logged, logged
+    return timings[0].advanced(point.vehicle), timings[1].advanced(point.vehicle)
 
 
-def given_as_predicted(q: Question, given: Point, predicting: Callable[[Point], Vehicle]
-                       ) -> Vehicle:
+def given_as_predicted(q: Question, given: Point, predicting: Predictor
+                       ) -> tuple[Vehicle, Vehicle]:
     """The model as it was given, in the same way; with a refit just as its file has it."""
-    return q.base if q.refit else predicting(given)
+    return (q.base, q.base) if q.refit else predicting(given)
 
 
 def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:
@@ -204,10 +205,10 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
 
 
 def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named],
-            predicting: Callable[[Point], Vehicle], unseen: Unseen) -> tuple[Stage, ...]:
+            predicting: Predictor, unseen: Unseen) -> tuple[Stage, ...]:
     """Errors of the given model, the refitted one, and with one name more each."""
     labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
-    stages = [_stage(q, label, p, (as_logged(q, p), predicting(p)), unseen)
+    stages = [_stage(q, label, p, (as_logged(q, p), predicting(p)[1]), unseen)
               for label, p in zip(labels[:len(points)], points, strict=True)]
     base = [_stage(q, q.model, given, (q.base, q.base), unseen)] if q.refit else []
     return tuple(base + stages)

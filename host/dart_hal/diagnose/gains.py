@@ -36,7 +36,7 @@ from .result import Gained
 AT = HORIZONS.index(1.0)
 QUIET = ", one of a standing car counted by how much less it shakes"
 ROLLOUT = "open-loop prediction over 1 s from the measured state, "
-LOGGED = "logged commands alone"
+LOGGED, AGED = "logged commands alone", "logged commands at the age that suits the log"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,12 +104,19 @@ def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A fit as it predicts. logged: its vehicle with delays counted from the log; timings: of the
-    windows and messages of train and test."""
+    """A fit as it predicts. logged: its vehicle with delays counted from the logs of train and
+    test; timings: of their windows and messages; refitted: the delays are, so that the commands
+    have no age of their own."""
 
     vehicle: Vehicle
-    logged: Vehicle
+    logged: tuple[Vehicle, Vehicle]
     timings: tuple[Timing, Timing]
+    refitted: bool
+
+    @property
+    def commands(self) -> str:
+        """What a prediction knows of the commands."""
+        return LOGGED if self.refitted else AGED
 
 
 def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Side, seed: int,
@@ -120,7 +127,7 @@ def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Sid
     """
     of_motion = effect.stage != "measurement" or "pose" in effect.signals
     if of_motion and train.prepared and test.prepared:
-        channels = rollout_gains(before.logged, after.logged, train, test, seed)
+        channels = _rollout_gains(before.logged, after.logged, train, test, seed, after.commands)
         return max(channels.values(), key=lambda g: g.train)
     found = {}
     for name, column in _columns(effect, train.evidence).items():
@@ -131,16 +138,23 @@ def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Sid
 def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
                   seed: int) -> dict[str, Gained]:
     """By channel at 1 s; empty without motion capture."""
+    return _rollout_gains((before, before), (after, after), train, test, seed, LOGGED)
+
+
+def _rollout_gains(before: tuple[Vehicle, Vehicle], after: tuple[Vehicle, Vehicle], train: Side,
+                   test: Side, seed: int, commands: str) -> dict[str, Gained]:
+    """The same with vehicles of their own on each side; commands: what is known of them."""
     if train.prepared is None or test.prepared is None:
         return {}
-    sides = [(side.errors(before), side.errors(after)) for side in (train, test)]
+    sides = [(side.errors(p), side.errors(q))
+             for side, p, q in zip((train, test), before, after, strict=True)]
     block = _blocks(test.prepared.cases)
     out = {}
     for i, name in enumerate(CHANNELS):
         (a, b), (c, d) = ((x[AT, i], y[AT, i]) for x, y in sides)  # type: ignore[index]
         interval = gain(c, d, block, seed=seed)
         out[name] = Gained(name, _share(a, b), interval.value, interval.low, interval.high,
-                           ROLLOUT + LOGGED)
+                           ROLLOUT + commands)
     return out
 
 
@@ -148,7 +162,7 @@ def overall(before: Fitted, after: Fitted, train: Side, test: Side, seed: int, b
             ) -> dict[str, Gained]:
     """``rollout_gains``, or what sensors tell of it."""
     if train.prepared and test.prepared:
-        return rollout_gains(before.logged, after.logged, train, test, seed)
+        return _rollout_gains(before.logged, after.logged, train, test, seed, after.commands)
     return {name: _residual_gain(name, column, before, after, train, test, seed, block_s)
             for name, column in test.evidence.columns_at(1.0).items()}
 

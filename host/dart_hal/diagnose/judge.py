@@ -18,19 +18,22 @@ from .parameters.unseen import Unseen
 from .search.fit import Point
 from .search.selection import Settings
 
+Predictor = Callable[[Point], tuple[Vehicle, Vehicle]]
+"""The vehicles of a fit, as they predict from the logs of the train and the test recordings."""
+
 
 def judge(train: Side, test: Side, settings: Settings, unseen: Unseen,
-          predicting: Callable[[Point], Vehicle], names: Sequence[str],
+          predicting: Predictor, names: Sequence[str],
           points: Sequence[Point]) -> list[Judged]:
     """Each name by the fit before it and that with it.
 
-    unseen: the test recordings; predicting: the vehicle of a fit as it predicts from a log;
+    unseen: the test recordings; predicting: the vehicles of a fit as they predict from the logs;
     points: the base, then with one name more each.
     """
     some = points[:len(names) + 1]
     timings = [unseen.timing(point) for point in some]
     losses = [unseen.everything(*one) for one in zip(some, timings, strict=True)]
-    fits = [Fitted(point.vehicle, predicting(point), (point.timing, timing))
+    fits = [Fitted(point.vehicle, predicting(point), (point.timing, timing), settings.refit)
             for point, timing in zip(some, timings, strict=True)]
     return [Judged(ratio(losses[i + 1], losses[i]),
                    gained(catalogue()[name], fits[i], fits[i + 1], train, test, settings.seed,
