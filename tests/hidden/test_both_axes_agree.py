@@ -24,9 +24,6 @@ def seen(case, policy=None):
 
 
 @pytest.mark.more
-@pytest.mark.xfail(strict=True, reason=(
-    "since the noise is measured without the best explanation, mocap_offset_x and _y are accepted "
-    "on this drive, in which nothing is hidden"))
 def test_what_smoothing_leaves_of_a_turn_is_no_lever_arm(waves):
     assert seen(waves) == []
 
