@@ -96,6 +96,7 @@ def test_each_entry_of_a_file_with_each_odd_value(kind):
     "=", "[a", '"\\uD800" = 1', "a = 0x" + "f" * 10_000, "\ufffe", "a = 1979-99-99",
 ], ids=range(20))
 @pytest.mark.parametrize("kind", list(READERS))
+@pytest.mark.few("car-*", "calibration-1", "model-1")
 def test_texts_that_no_parser_can_hold(kind, text):
     assert not read_or_refuse(READERS[kind][0], text)
 

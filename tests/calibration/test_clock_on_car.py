@@ -15,6 +15,7 @@ from dart_hal.links.base import open_backend
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.truth import reveal, world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&seed="
 NAME = "pwm.oscillator_hz"
 

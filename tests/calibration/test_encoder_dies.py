@@ -10,6 +10,7 @@ from dart_hal.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 DIES = 9.0
 """s of world time: it circles at 0.35 m/s by then."""
 NEUTRAL = 1500.0, 10.0

@@ -12,6 +12,7 @@ from dart_hal.calibration.steering import calibrate_steering, plan
 from dart_hal.config import Quantity, load_car, save_calibration
 from dart_hal.errors import CalibrationFailed
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 SLEW = Quantity(3800.0, 50.0)
 
 @pytest.mark.more

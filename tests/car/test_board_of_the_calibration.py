@@ -14,6 +14,7 @@ from dart_hal.errors import ConfigError, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock"
 MINE, OTHER = "da270003", "da270004"
 WAIVE = ("PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING")

@@ -9,6 +9,7 @@ from dart_hal.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.recording.run import RunReader
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"
 FULL_OFF = 0x1000
 """OFF_H bit 4 of a channel: no pulse."""

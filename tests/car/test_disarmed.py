@@ -12,6 +12,7 @@ from dart_hal.actuation.trips import TRIPS
 from dart_hal.car import Car, driver, guarding
 from dart_hal.errors import BadCommand, Disarmed
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 MOCK = "sim://?seed=1&nano=mock"
 
 

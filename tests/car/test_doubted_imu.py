@@ -11,6 +11,7 @@ from dart_hal.errors import NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 GYRO_STD = 0.05
 """rad/s: mounting and scale of a hidden car at 1 rad/s, filter and age in a bend that begins."""
 

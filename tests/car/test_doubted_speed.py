@@ -12,6 +12,8 @@ from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.types import SPEED_DOUBTS
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 
 @dataclass
 class Run:

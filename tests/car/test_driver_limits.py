@@ -18,6 +18,7 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"
 
 

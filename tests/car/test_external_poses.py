@@ -14,6 +14,7 @@ from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import truth
 from dart_hal.types import Tracking
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
 
 

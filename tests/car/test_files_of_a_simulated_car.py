@@ -9,6 +9,7 @@ from dart_hal.config import Calibration, Quantity, calibration_in, load_car, sav
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock"
 
 

@@ -12,6 +12,7 @@ from dart_hal.car.driver import Driver
 from dart_hal.cli.checks import examine
 from dart_hal.errors import BadCommand
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"
 
 

@@ -14,6 +14,7 @@ from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_hal.sim.truth import world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"
 FAST_US = 1900.0
 NEUTRAL_US = 1500.0

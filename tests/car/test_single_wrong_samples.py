@@ -13,6 +13,7 @@ from dart_hal.car import Car, telemetry
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 DEGREE = math.pi / 180
 RANGE_BIT = 12
 """From this bit of a gyro word on, the step is impossible and the sample not given out."""

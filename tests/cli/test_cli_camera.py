@@ -7,6 +7,7 @@ from types import ModuleType
 
 import pytest
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&physics=kinematic&seed=1"
 
 

@@ -9,6 +9,7 @@ from dart_hal import Car
 from dart_hal.car.compare import LASTING, _lasting
 from pages import foreign
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 CAR = "sim://?seed=3&nano=mock"
 
 

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 MOCK = "sim://?seed=7&nano=mock"
 
 

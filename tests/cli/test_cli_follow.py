@@ -14,6 +14,7 @@ from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run import RunReader
 from dart_hal.types import Pose, Tracking, pose_cov
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&mocap=1"
 
 

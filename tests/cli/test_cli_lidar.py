@@ -13,6 +13,7 @@ import pytest
 from dart_hal.lidar import port
 from dart_hal.links import attached
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&physics=kinematic&seed=1"
 
 

@@ -19,7 +19,8 @@ from dart_hal.localisation.source import LidarPoses
 from dart_hal.sim.truth import room_of_car, world_of
 from dart_hal.sim.world import THROTTLE
 
-LOST_AT, SLOWS = 4.5, 0.8
+pytestmark = pytest.mark.usefixtures("armed_esc")
+LOST_AT, SLOWS = 3.0, 0.8
 """s of the world from which on scans fit no map; s in which a car of 1 m/s has slowed down, with
 the scan that was on its way."""
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
@@ -80,7 +81,7 @@ def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
 @pytest.mark.more
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(while_located, "PATIENCE", 1e9)
-    _, neutral, pulses = driven(LOST_AT, duration=5.0)
+    _, neutral, pulses = driven(LOST_AT, duration=3.5)
     t, us = pulses.T
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
 

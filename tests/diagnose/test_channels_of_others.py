@@ -19,9 +19,9 @@ OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{
 
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory):
-    """A few seconds of driving that a motion capture sees as well."""
+    """A second and a half of driving that a motion capture sees as well."""
     path = tmp_path_factory.mktemp("filmed") / "run.mcap"
-    any_car.drive("sim://?nano=mock&mocap=1", path, 3.0, np.random.default_rng(5))
+    any_car.drive("sim://?nano=mock&mocap=1", path, 1.5, np.random.default_rng(5))
     return path
 
 

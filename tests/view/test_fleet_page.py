@@ -21,6 +21,7 @@ from dart_hal.view.operator import Refused
 sys.path.insert(0, str(Path(__file__).parents[1] / "fleet"))
 from rooms import Pins
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 WITHIN = 0.3
 
 

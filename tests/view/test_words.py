@@ -15,6 +15,7 @@ from dart_hal.view import messages as m
 from dart_hal.view import words
 from dart_hal.view.words import AT_REST, refusal_words, trip_words
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 PROGRAMMERS = re.compile(r"\w\(|\)\.|\b(member|car)\.[a-z]+\b(?!toml)|\[[a-z]+\]|car\.toml|"
                          r"waive=|\braw\b|\barm\(")
 """Calls, attributes, keys of files."""
