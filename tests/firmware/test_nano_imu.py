@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
-from firmware_rig import FLAG, Rig, eeprom_image
+from firmware_rig import FLAG, Rig, eeprom_image, patched
 
 from dart_hal.estimation.imu_clock import PERIOD, ImuClock
 
@@ -103,6 +104,33 @@ def test_sda_held_low_is_freed_at_once_by_up_to_nine_clocks(nano: Make, clocks: 
     flags = alive(rig, 0.5)
     assert [i for i, f in enumerate(flags) if not f & VALID] == [1]
     check_stream(rig)
+
+
+WITHOUT_STOP = ("src/board/twi.cpp", "  scl_low();\n  sda_low();\n  half_period();\n", "")
+
+
+def time_of_stop(rig: Rig) -> float | None:
+    """s from the last rise of SCL in a bus clear to the rise of SDA behind it; None: no rise."""
+    alive(rig, 1.0)
+    rig.nano.set_i2c("sda", clocks=5)
+    rig.nano.pin_log()
+    alive(rig, 0.05)
+    log = rig.nano.pin_log()
+    scl = [event for event in log if event.pin == "SCL"]
+    sda = [event for event in log if event.pin == "SDA"]
+    assert scl[-1].level is None, "not driven"
+    return sda[-1].t - scl[-1].t if sda and sda[-1].level is None else None
+
+
+def test_a_bus_clear_ends_with_a_stop(nano: Make) -> None:
+    """A part that lost count of its byte waits for SDA to rise while SCL is high: half a period."""
+    assert time_of_stop(nano()) == pytest.approx(5e-6, abs=0.5e-6)
+
+
+@pytest.mark.more
+def test_a_bus_clear_of_clocks_alone_makes_no_stop(nano: Make, elf: Path, tmp_path: Path) -> None:
+    """The control."""
+    assert time_of_stop(nano(patched(tmp_path, WITHOUT_STOP))) is None
 
 
 @pytest.mark.few("sda")
