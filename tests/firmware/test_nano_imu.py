@@ -106,6 +106,7 @@ def test_sda_held_low_is_freed_at_once_by_up_to_nine_clocks(nano: Make, clocks: 
     check_stream(rig)
 
 
+TWBR = 0xB8
 WITHOUT_STOP = ("src/board/twi.cpp", "  scl_low();\n  sda_low();\n  half_period();\n", "")
 
 
@@ -131,6 +132,18 @@ def test_a_bus_clear_ends_with_a_stop(nano: Make) -> None:
 def test_a_bus_clear_of_clocks_alone_makes_no_stop(nano: Make, elf: Path, tmp_path: Path) -> None:
     """The control."""
     assert time_of_stop(nano(patched(tmp_path, WITHOUT_STOP))) is None
+
+
+@pytest.mark.parametrize(("khz", "bit_rate"), [(400, 12), (100, 72)])
+def test_the_bus_has_the_clock_of_the_parameter_also_after_a_bus_clear(nano: Make, khz: int,
+                                                                       bit_rate: int) -> None:
+    """16 MHz / (16 + 2 n). The BNO055 bears 400 kHz; at n = 0 it would be 1 MHz."""
+    rig = nano(eeprom=eeprom_image(twi_khz=khz))
+    alive(rig, 0.8)
+    assert rig.nano.peek(TWBR) == bit_rate
+    rig.nano.set_i2c("sda", clocks=5)
+    alive(rig, 0.05)
+    assert rig.nano.peek(TWBR) == bit_rate
 
 
 @pytest.mark.few("sda")
