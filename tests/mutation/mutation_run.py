@@ -19,6 +19,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from copy_of_tree import Copy, Verdict
+from equivalent import equivalence
 from mutant import Mutant
 from subjects import SUBJECTS, Subject
 
@@ -40,10 +41,14 @@ def main(arguments: list[str]) -> int:
              for m in s.mutants() if wish.only in m.place]
     if wish.list:
         for subject, mutant in tasks:
-            print(f"{subject.name}: {_row(mutant)}")
+            print(f"{subject.name}: {_row(mutant)}{_note(mutant)}")
         return 0
     begin = time.monotonic()
-    verdicts = judge(tasks, wish.jobs, not wish.quick)
+    counted = [(s, m) for s, m in tasks if not equivalence(m)]
+    verdicts = judge(counted, wish.jobs, not wish.quick)
+    for _, mutant in tasks:
+        if equivalence(mutant):
+            print(f"not counted  {_row(mutant)}{_note(mutant)}")
     return report(verdicts, time.monotonic() - begin)
 
 
@@ -88,6 +93,11 @@ def report(verdicts: list[Verdict], seconds: float) -> int:
 
 def _row(mutant: Mutant) -> str:
     return f"{mutant.place}  {mutant.operator}: {mutant.before}  =>  {mutant.after or '(nothing)'}"
+
+
+def _note(mutant: Mutant) -> str:
+    reason = equivalence(mutant)
+    return f"  (equivalent: {reason})" if reason else ""
 
 
 def _fate(verdict: Verdict) -> str:

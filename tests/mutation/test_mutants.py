@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 sys.path.append(str(Path(__file__).parent))
 from copy_of_tree import Verdict
 from cpp_mutants import cpp_mutants
+from equivalent import EQUIVALENTS, equivalence
 from mutant import Mutant, changed, chosen
 from mutation_run import GOAL, report
 from picked import PICKS
@@ -22,6 +24,22 @@ SUPERVISOR = "firmware/src/core/supervisor.cpp"
 def test_a_picked_mutant_still_fits_the_code(pick):
     assert pick.mutant().file == pick.file
     assert pick.subject in {s.name for s in SUBJECTS}
+
+
+@pytest.mark.parametrize("known", EQUIVALENTS, ids=lambda e: f"{e.file}: {e.before}")
+def test_an_equivalent_mutant_still_fits_the_code_and_is_that_one_alone(known):
+    assert known.occurrences() == 1
+    assert len(known.reason) > 10
+    mutant = Mutant(known.file, 1, "op", known.before, known.after, "")
+    assert equivalence(mutant) == known.reason
+    assert equivalence(replace(mutant, after="something else")) == ""
+    assert equivalence(replace(mutant, file="another file")) == ""
+
+
+@pytest.mark.parametrize("known", [e for e in EQUIVALENTS if e.file.endswith(".cpp")],
+                         ids=lambda e: f"{e.file}: {e.before}")
+def test_an_equivalent_mutant_of_cpp_is_one_that_is_made(known):
+    assert sum(known.matches(mutant) for mutant in cpp_mutants(known.file)) == 1
 
 
 def test_tests_and_files_of_each_subject_exist():

@@ -1,0 +1,55 @@
+"""Mutants that no test can notice, each with the reason; they are listed and not counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mutant import ROOT, Mutant
+
+SRC, HOST = "firmware/src/", "host/dart_hal/"
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalent:
+    """``before``: the whole line in ``file``, which occurs once; ``after``: what becomes of it."""
+
+    file: str
+    before: str
+    after: str
+    reason: str
+
+    def matches(self, mutant: Mutant) -> bool:
+        """Whether it is this mutant."""
+        return (self.file, self.before, self.after) == (mutant.file, mutant.before, mutant.after)
+
+    def occurrences(self) -> int:
+        """How many lines of the file read as ``before``."""
+        lines = (ROOT / self.file).read_text(encoding="utf-8").splitlines()
+        return sum(line.strip() == self.before for line in lines)
+
+
+EQUIVALENTS = (
+    Equivalent(
+        SRC + "core/frame.cpp", "return false;", "return true;",
+        "store() has set dropped_ by then: feed() ignores all bytes up to the delimiter, and "
+        "end_of_block() returns kTooLong before it looks at left_"),
+    Equivalent(
+        SRC + "board/twi.cpp", "TWCR = kOn;", "",
+        "each transfer begins with kStart, which contains TWEN; until then the lines are inputs"),
+    Equivalent(
+        HOST + "car/facts.py",
+        "loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0",
+        "loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else -1.0",
+        "without a frame; the loss is compared with 2 % alone, and LINK_NOT_GOOD_500MS holds"),
+    Equivalent(
+        HOST + "actuation/guard.py", "if mode1[0] & ALIASES:", "if mode1[ -1] & ALIASES:",
+        "the buffer has one byte"),
+    Equivalent(
+        HOST + "actuation/guard.py", "if newest >= 0:", "if newest >= -1:",
+        "data without b and o are a, which sets the same fields, or q, which ends the guard"),
+)
+
+
+def equivalence(mutant: Mutant) -> str:
+    """Why no test can notice it; "" = a test can."""
+    return next((known.reason for known in EQUIVALENTS if known.matches(mutant)), "")
