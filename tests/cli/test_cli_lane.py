@@ -6,6 +6,7 @@ import pytest
 
 from dart_hal.recording.run import RunReader
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&lidar=1&map=lane-s"
 
 

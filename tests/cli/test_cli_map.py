@@ -11,6 +11,7 @@ from dart_hal.localisation.grid import read_grid
 from dart_hal.sim.lidar.maps import room_of
 from dart_hal.sim.world import THROTTLE, World
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

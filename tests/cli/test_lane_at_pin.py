@@ -18,6 +18,7 @@ from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 LOST_AT, SLOWS = 4.0, 0.8
 """s of the world from which on the lane is not shown; s in which a car of 1 m/s has slowed down,
 with the scan that was on its way."""

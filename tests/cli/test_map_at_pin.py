@@ -19,6 +19,7 @@ from dart_hal.sim.lidar.maps import clearance
 from dart_hal.sim.truth import room_of_car, world_of
 from dart_hal.sim.world import THROTTLE
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
