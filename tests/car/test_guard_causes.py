@@ -12,11 +12,13 @@ class Guard:
 
     age = 0.0
 
-    def __init__(self, tripped: bool) -> None:
+    def __init__(self, tripped: bool = False) -> None:
         self.tripped = tripped
+        self.beats: list[tuple[bool, bool]] = []
 
     def beat(self, *, at_neutral: bool, off: bool = False) -> None:
         """Nothing is acknowledged here."""
+        self.beats.append((at_neutral, off))
 
     def close(self, *, at_neutral: bool) -> None:
         """Nothing runs."""
@@ -34,3 +36,24 @@ def test_a_tripped_guard_disarms_also_at_neutral(tripped, throttle):
             car.drive(throttle=throttle)
         assert (car.mode == "TRIPPED") == tripped
         assert car.causes == (("GUARD_TRIPPED",) if tripped else ())
+
+
+def last_beat(car: Car, throttle: float) -> tuple[bool, bool]:
+    """(at_neutral, off) of the guard's last beat after 0.1 s with this throttle."""
+    car._engine.driver._guard = guard = Guard()
+    for _ in car.states(duration=0.1):
+        car.drive(throttle=throttle)
+    return guard.beats[-1]
+
+
+def test_the_guard_receives_whether_the_car_is_at_neutral_and_whether_pulses_are_off():
+    """By it the guard writes neutral or no pulse: after MOVES_AT_NEUTRAL, neutral drives the car.
+
+    A car that drives gets neutral first: an ESC needs some frames of it to give up a throttle.
+    """
+    with Car.open("sim://?nano=mock", raise_on_trip=False) as car:
+        assert last_beat(car, 0.0) == (True, False)
+        car.arm()
+        assert last_beat(car, 0.2) == (False, False)
+        car._engine.driver.supervisor.silence(car.now, "MOVES_AT_NEUTRAL")
+        assert last_beat(car, 0.2) == (True, True)
