@@ -18,6 +18,8 @@ Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
 DISARMED, ARMED = 0, 1
 BURST = 5
+EIMSK, INT0 = 0x3D, 1
+"""Register that masks the interrupts of the rings, and vector of the first of them."""
 NO_WATCHDOG = ("src/main.cpp", "watchdog_start(settings.safety_out != 0,",
                "watchdog_start(false,")
 NO_BUDGET = ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]    \\n\\t"',
@@ -40,6 +42,24 @@ def cut(rig: Rig, seconds: float = 0.3) -> float | None:
     rig.run(seconds)
     falls = [e.t for e in rig.nano.pin_log() if e.pin in ("D5", "D6") and e.level == 0]
     return falls[0] - begin if falls else None
+
+
+@pytest.mark.parametrize(("edge_min_us", "budget"), [(100, 77), (0, 255)])
+@pytest.mark.parametrize("ring", [0, 1])
+@pytest.mark.few("*-100-77")
+def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring: int,
+                                                              edge_min_us: int,
+                                                              budget: int) -> None:
+    """A Nano that is reset in a chatter masks its interrupt after as many edges as later on."""
+    rig = nano(eeprom=eeprom_image(ring_b=1, edge_min_us=edge_min_us))
+    rig.nano.set_chatter(ring, 300e3)
+    while not rig.nano.peek(EIMSK) >> ring & 1:
+        rig.run(20e-6)
+        assert rig.now < 0.1, "the ring is not counted"
+    while rig.nano.peek(EIMSK) >> ring & 1:
+        rig.run(20e-6)
+        assert rig.now < 0.1, "it is never masked"
+    assert rig.nano.isr(INT0 + ring).n == budget
 
 
 @pytest.mark.parametrize("edge_min_us", [0, 100])
