@@ -76,7 +76,9 @@ class Copy:
         own = self._existing(subject.tests)
         files = tuple(t for t in own if t.endswith(".py"))
         folders = self._existing(own, files)
-        selections = [(t, s, QUICK) for t, s in ((files, ()), (folders, files)) if t]
+        first = ANY if subject.realtime else QUICK
+        selections = [(t, s, marks) for t, s, marks in (
+            (files, (), first), (folders, files, QUICK)) if t]
         if widely:
             selections += [(self._existing(WIDE, own), own, QUICK), (own, (), SLOWER)]
         for tests, skipped, marks in selections:
@@ -110,7 +112,7 @@ class Copy:
 
     def _repeat(self, failure: str) -> str:
         """Run the one test that failed again; "" when it passes now."""
-        return self._run((failure,), SLOWER) if ".py" in failure else failure
+        return self._run((failure,), ANY) if ".py" in failure else failure
 
     def _is_sound(self, failure: str, tests: tuple[str, ...], marks: str,
                   skipped: tuple[str, ...]) -> bool:

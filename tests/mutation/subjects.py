@@ -21,12 +21,16 @@ WIDE = ("tests/wire", "tests/actuation", "tests/car", "tests/firmware", "tests/e
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A part: ``count`` mutants of ``files`` and those picked by hand; ``tests`` in order."""
+    """A part: ``count`` mutants of ``files`` and those picked by hand; ``tests`` in order.
+
+    ``realtime``: mostly tests with real processes notice it, so they are not left to the end.
+    """
 
     name: str
     files: tuple[str, ...]
     tests: tuple[str, ...]
     count: int
+    realtime: bool = False
 
     @property
     def firmware(self) -> bool:
@@ -53,8 +57,9 @@ SUBJECTS = (
             ("tests/firmware/test_core_supervisor.py", "tests/firmware/test_nano_safety.py",
              "tests/firmware"), 12),
     Subject("guard", (HOST + "actuation/guard.py", HOST + "actuation/guarded.py"),
-            ("tests/actuation/test_guard.py", "tests/car/test_guard_causes.py", PINS,
-             "tests/car", "tests/contract/test_contract_realtime.py"), 14),
+            ("tests/actuation/test_guard.py", "tests/car/test_guard_causes.py",
+             "tests/actuation/test_further_addresses.py", PINS,
+             "tests/contract/test_contract_realtime.py", "tests/car"), 14, realtime=True),
     Subject("arming", (HOST + "actuation/arming.py",),
             ("tests/actuation/test_supervisor.py", "tests/contract/test_contract_arming.py", PINS,
              "tests/car/test_disarmed.py", "tests/actuation", "tests/car"), 10),
