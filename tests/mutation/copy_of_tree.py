@@ -65,6 +65,9 @@ class Copy:
     def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> Verdict:
         """Apply the mutant, run the tests that can notice it, restore the file.
 
+        Raises RuntimeError if pytest crashes without the mutant.
+
+
         1. The quick tests of the subject: its files, then its folders, which take long to collect.
         2. If ``widely``, for a survivor: the quick tests of ``WIDE``, then the slower ones of
            the subject.
@@ -89,6 +92,8 @@ class Copy:
                     again = by if broken or marks == QUICK else self._repeat(by)
                 if broken or (again and self._is_sound(by, tests, marks, skipped)):
                     return Verdict(mutant, subject.name, by, time.monotonic() - begin)
+                if by and ".py" not in by:
+                    raise RuntimeError(f"without any mutant: {by} of {' '.join(tests)}")
                 if by:
                     print(f"excluded, its failure does not depend on the mutant: {by}", flush=True)
                     self._excluded.append(by)

@@ -42,6 +42,10 @@ EQUIVALENTS = (
         "loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else -1.0",
         "without a frame; the loss is compared with 2 % alone, and LINK_NOT_GOOD_500MS holds"),
     Equivalent(
+        HOST + "actuation/arming.py", "guard_age: float | None = 0.0",
+        "guard_age: float | None = -1.0",
+        "the age is compared by > GUARD_ALIVE, <= STALE and is None alone: 0 and -1 give the same"),
+    Equivalent(
         HOST + "actuation/guard.py", "if mode1[0] & ALIASES:", "if mode1[ -1] & ALIASES:",
         "the buffer has one byte"),
     Equivalent(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 sys.path.append(str(Path(__file__).parent))
-from copy_of_tree import Verdict
+from copy_of_tree import ANY, FAILURE, QUICK, SLOWER, Copy, Verdict
 from cpp_mutants import cpp_mutants
 from equivalent import EQUIVALENTS, equivalence
 from mutant import Mutant, changed, chosen
@@ -84,6 +85,57 @@ def test_a_mutant_of_python_means_something_else():
     assert {"AndWithOr", "Comparison_LtE_Lt", "Binary_Add_Sub"} <= {m.operator for m in made}
     for mutant in made:
         compile(mutant.text, mutant.file, "exec")
+
+
+class ScriptedCopy(Copy):
+    """A copy whose tests fail as ``failures`` say: (marks, broken) to what fails in this order."""
+
+    def __init__(self, failures: dict[tuple[str, bool], list[str]]) -> None:
+        self.home, self.failures, self.broken = Path(__file__).parents[2], failures, False
+        self._built, self._sound, self._excluded = True, set(), []
+
+    @contextmanager
+    def _apply(self, subject, mutant):
+        self.broken = True
+        yield ""
+        self.broken = False
+
+    def _run(self, tests, marks, skipped=()):
+        remaining = self.failures.get((marks, self.broken), [])
+        return remaining.pop(0) if remaining else ""
+
+
+NOTICED = "tests/wire/test_crc.py::test_x"
+
+
+@pytest.mark.parametrize(("failures", "by"), [
+    ({(QUICK, True): [NOTICED]}, NOTICED),
+    ({}, ""),
+    ({(QUICK, True): [NOTICED], (ANY, False): [NOTICED]}, ""),
+    ({(SLOWER, True): [NOTICED], (ANY, True): [NOTICED]}, NOTICED),
+    ({(SLOWER, True): [NOTICED]}, ""),
+    ({(QUICK, True): ["time limit"]}, "time limit"),
+    ({(QUICK, True): ["exit status -11"]}, "exit status -11"),
+], ids=["killed", "survived", "fails anyway", "slower, twice", "slower, once", "hangs", "crashes"])
+def test_a_kill_does_not_fail_without_the_mutant_and_a_slower_one_repeats(failures, by, capsys):
+    copy = ScriptedCopy(failures)
+    verdict = copy.judge(SUBJECTS[0], Mutant("f.py", 1, "op", "a", "b", "b\n"))
+    assert verdict.by == by
+    assert copy._excluded == ([] if by or not failures else [NOTICED])
+    assert ("excluded" in capsys.readouterr().out) == bool(copy._excluded)
+
+
+def test_a_crash_without_the_mutant_ends_the_run():
+    copy = ScriptedCopy({(QUICK, True): ["exit status 4"], (QUICK, False): ["exit status 4"]})
+    with pytest.raises(RuntimeError, match="exit status 4"):
+        copy.judge(SUBJECTS[0], Mutant("f.py", 1, "op", "a", "b", "b\n"))
+
+
+@pytest.mark.parametrize("name", ["tests/a.py::test_x", "tests/a.py::test_x[32-20 s, not refused]",
+                                  "tests/a.py"])
+def test_the_name_of_a_failed_test_is_read_with_its_spaces(name):
+    for line in (f"FAILED {name}", f"ERROR {name} - ImportError: x - y"):
+        assert FAILURE.search(f"....F\n{line}\n1 failed")[1] == name
 
 
 @pytest.mark.parametrize(("killed", "broken", "status"), [(9, 0, 0), (8, 0, 1), (9, 5, 0)])
