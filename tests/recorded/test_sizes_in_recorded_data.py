@@ -3,6 +3,10 @@
 A sensor effect changes what was recorded; a command effect changes the commands in the log, so that
 the car did something else with them than the log says. Neither needs a simulator. The model is
 fitted to the same drive without the effect, so what is found is the difference.
+
+The sensors of a recorded car have effects of their own, and no fit of the motion removes them. Such
+an effect is hidden twice, with either sign: half the difference of the sizes found is what was
+hidden.
 """
 
 from __future__ import annotations
@@ -20,10 +24,13 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.recording.dart import Reference, read, with_marker_frames
 from dart_hal.recording.dart.model import freeze
+from dart_hal.recording.dart.reference import reference_for
 from dart_hal.vehicle.load import find_model
 
 OTHER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
 ZHENG = Reference(0.21, -0.0117, 0.0, "of that car")
+DART = (Path(__file__).parent / "data" / "91_free_driving_16_sept_2024"
+        / "car_1_Datarecording_09_16_2024_10_01_01.csv.gz")
 SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""
 
@@ -44,23 +51,33 @@ def other_laboratory(name):
     return path
 
 
-@lru_cache(maxsize=2)
-def zheng():
-    """Two minutes of a car of 3.5 kg, motion capture alone, and its jointly fitted model."""
+def fitted_drive(file, base, reference):
+    """The drive of a file, and the model that ``identify all --joint`` fits to it."""
     from click.testing import CliRunner
 
     from dart_hal.cli.identify import command
 
-    packed = other_laboratory("zheng2022/day1.csv.gz")
-    folder = Path(mkdtemp())
-    file = folder / "day1.csv"
-    file.write_bytes(gzip.decompress(packed.read_bytes()))
-    model = folder / "model.toml"
-    done = CliRunner().invoke(command, [
-        "all", "--joint", str(file), "--base", str(packed.with_name("base.toml")),
-        "--reference", "0.21,-0.0117,0", "--out", str(model)])
+    model = Path(mkdtemp()) / "model.toml"
+    frame = f"{reference.lx},{reference.theta},{reference.ly}"
+    done = CliRunner().invoke(command, ["all", "--joint", str(file), "--base", str(base),
+                                        "--reference", frame, "--out", str(model)])
     assert done.exit_code == 0, done.output
-    return Drive(with_marker_frames([read(file)], ZHENG)[0], *find_model(model))
+    return Drive(with_marker_frames([read(file)], reference)[0], *find_model(model))
+
+
+@lru_cache(maxsize=1)
+def zheng():
+    """Two minutes of a car of 3.5 kg with motion capture alone."""
+    packed = other_laboratory("zheng2022/day1.csv.gz")
+    file = Path(mkdtemp()) / "day1.csv"
+    file.write_bytes(gzip.decompress(packed.read_bytes()))
+    return fitted_drive(file, packed.with_name("base.toml"), ZHENG)
+
+
+@lru_cache(maxsize=1)
+def dart():
+    """A minute of free driving with motion capture, wheel encoder and IMU."""
+    return fitted_drive(DART, "paper", reference_for(read(DART)))
 
 
 def with_mocap(r, **changes):
@@ -105,11 +122,38 @@ def steering_without_lag(r, k):
     return with_messages(r, steering=unlagged(r.messages.steering, r.messages.t, k))
 
 
+def throttle_larger(r, k):
+    return with_messages(r, throttle=r.messages.throttle / (1.0 + k))
+
+
+def biased_gyro(r, k):
+    return with_messages(r, yaw_rate=r.messages.yaw_rate + k)
+
+
+def scaled_gyro(r, k):
+    return with_messages(r, yaw_rate=r.messages.yaw_rate * (1.0 + k))
+
+
+def scaled_encoder(r, k):
+    return with_messages(r, speed=r.messages.speed * (1.0 + k))
+
+
+def found_size(drive, name, hide, hidden):
+    """Size with its standard error that the diagnosis accepts where this much is hidden."""
+    inputs = checked([hide(drive.recording, hidden)], [], drive.vehicle)
+    found = diagnose(drive.model, drive.vehicle, inputs.train, inputs.test, refit=False,
+                     only=(name,))
+    return {c.effect: c for c in found.causes}[name].parameters["k"]
+
+
 CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_marker),
          ("mocap_yaw", -0.05, turned_marker), ("mocap_yaw", 0.1, turned_marker),
          ("mocap_offset_x", -0.04, shifted_marker(1.0, 0.0)),
          ("steering_delay", 0.08, steering_earlier), ("steering_gain", 0.1, steering_larger),
-         ("steering_lag", 0.1, steering_without_lag)]
+         ("steering_lag", 0.1, steering_without_lag), ("motor_gain", 0.1, throttle_larger)]
+BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.15, scaled_gyro),
+              ("encoder_scale", 0.04, scaled_encoder), ("mocap_yaw", 0.05, turned_marker),
+              ("mocap_offset_y", 0.03, shifted_marker(0.0, 1.0))]
 
 
 @pytest.mark.parametrize(("name", "hidden", "hide"), CASES,
@@ -117,9 +161,17 @@ CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_marker),
 @pytest.mark.more
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
-    of = zheng()
-    inputs = checked([hide(of.recording, hidden)], [], of.vehicle)
-    found = diagnose(of.model, of.vehicle, inputs.train, inputs.test, refit=False, only=(name,))
-    number = {c.effect: c for c in found.causes}[name].parameters["k"]
+    number = found_size(zheng(), name, hide, hidden)
     assert abs(number.value - hidden) < SIGMA * number.std
     assert number.std < 0.35 * abs(hidden)
+
+
+@pytest.mark.parametrize(("name", "hidden", "hide"), BOTH_SIGNS,
+                         ids=[name for name, _, _ in BOTH_SIGNS])
+@pytest.mark.more
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_half_the_difference_of_both_signs_is_the_hidden_size(name, hidden, hide):
+    more, less = (found_size(dart(), name, hide, sign * hidden) for sign in (1.0, -1.0))
+    std = 0.5 * np.hypot(more.std, less.std)
+    assert abs(0.5 * (more.value - less.value) - hidden) < SIGMA * std
+    assert std < 0.35 * hidden
