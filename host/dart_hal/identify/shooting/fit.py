@@ -46,7 +46,9 @@ POSE_LATENCY_STD = 0.5e-3
 """s, one sigma of the latency of poses as it was measured: of 12 emulated cars 0.1 to 0.5 ms."""
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
 MAX_RESIDUAL = 1e3  # typical errors; a rollout that left the road is not wronger than this
-IDENTIFIED = 1.0 / 3.0  # of the prior: a smaller standard error counts as identified
+IDENTIFIED = 1.0 / 3.0
+"""Of the prior that nothing measured would have: below it a standard error that the data alone
+give counts as identified. The posterior has the information of the data and of its prior."""
 CORRELATED = (len(READ) * BLOCK / EVERY)**-0.5
 """Read-outs of one window and windows of one block say much the same; the prior, which
 is said once, is weighed against a block and not against each of its samples."""
@@ -110,7 +112,9 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
     covariance = relative * np.outer(slope, slope)
     vehicle = space.vehicle(x)
     std = np.sqrt(np.diag(relative))
-    identified = (std * slope < IDENTIFIED * space.usual(x)) & work.agrees(data, scale, std)
+    without_prior = 1.0 / np.sqrt(np.maximum(std**-2 - 1.0, np.finfo(float).tiny))
+    identified = ((without_prior * slope < IDENTIFIED * space.usual(x))
+                  & work.agrees(data, scale, std))
     cpu = time.process_time() - begin
     before, after = _rmse(work.error(np.zeros(len(names)))), _rmse(work.error(x))
     note = f"{len(problem)} stretches of {HORIZON:g} s predicted; error (rms) " + ", ".join(
