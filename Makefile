@@ -49,7 +49,7 @@ fuzz: $(VENV)/.dev ## libFuzzer on the Nano's decoder, commands and parameters: 
 soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothing drives, leaks or gets lost
 	@$(BIN)/python tests/soak/soak.py $(ARGS)
 
-mutants: $(VENV)/.mutants toolchain ## break the safety parts in 200 small ways: do the tests notice? (two hours)
+mutants: $(VENV)/.mutants toolchain ## break the safety parts in 200 small ways: do the tests notice? (an hour)
 	@$(BIN)/python tests/mutation/mutation_run.py $(ARGS)
 
 lint: $(VENV)/.dev ## style, types and import floors

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -32,6 +33,7 @@ from dart_hal.actuation.owner import own
 from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.errors import BusError
 from dart_hal.links.i2c import REQUEST, open_bus, receive
+from dart_hal.process.waiting import wait_readable
 
 NEUTRAL = bytes([0x0A, 0, 0, 307 & 0xFF, 307 >> 8])
 PATIENCE = 20.0
@@ -80,6 +82,38 @@ def test_pulses_that_the_driver_has_ended_stay_off() -> None:
     watch.heard(b"ob", 5.0)
     watch.heard(b"", 5.01)
     assert not watch.switches_off, "neutral first: the pulses had come back"
+
+
+def test_pulses_end_after_ten_frames_of_neutral_that_reached_the_chip() -> None:
+    watch = Watch()
+    watch.heard(b"b", 5.0)
+    watch.heard(b"", 5.01)
+    for _ in range(NEUTRAL_FRAMES):
+        assert not watch.switches_off
+        watch.wrote(False)
+        watch.wrote(True)
+    assert watch.switches_off
+
+
+@pytest.mark.parametrize(("answer", "starts"), [(b"r", True), (b"rb", True), (b"b", False)])
+def test_a_guard_is_ready_by_its_first_byte_alone(answer: bytes, starts: bool) -> None:
+    """Its first beat may come before the driver looks."""
+    guard = object.__new__(Guard)
+    guard._clock, guard.tripped = (lambda: 7.0), False
+    guard._process = Mock(communicate=lambda timeout: (b"", b""))
+    guard._status, status = os.pipe()
+    os.set_blocking(guard._status, False)
+    os.write(status, answer)
+    if starts:
+        guard._wait_ready()
+        assert guard._heard == 7.0
+    else:
+        with pytest.raises(BusError, match="does not start") as caught:
+            guard._wait_ready()
+        assert caught.value.found == "no answer"
+    assert guard._process.kill.called != starts
+    os.close(guard._status)
+    os.close(status)
 
 
 def test_a_suspend_trips_although_beats_come_again() -> None:
@@ -361,6 +395,7 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
     os.kill(driver.pid, signal.SIGSTOP)
     wait_for_neutral(bench)
     os.kill(driver.pid, signal.SIGCONT)
+    assert wait_readable(driver.stdout.fileno(), PATIENCE), "the guard does not report its trip"
     assert driver.stdout.readline() == "tripped\n"
     driver.kill()
     driver.wait()
@@ -387,7 +422,9 @@ def test_a_trip_that_is_acknowledged_is_over(bench: Bench) -> None:
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     guard.beat()
     wait_for_neutral(bench)                                   # no second beat came
+    until = time.monotonic() + PATIENCE
     while guard.gate() != "GUARD_TRIPPED":
+        assert time.monotonic() < until, "the guard does not report its trip"
         time.sleep(0.01)
     until = time.monotonic() + 20.0                           # a busy machine trips it again
     while guard.gate() is not None:
@@ -422,6 +459,7 @@ def test_a_guard_that_is_closed_writes_nothing(bench: Bench) -> None:
     guard.beat()
     guard.close()
     assert bench.writes.empty()
+    assert guard._process.returncode == 0, "it has ended, and is no zombie"
 
 
 def test_a_guard_without_a_bus_does_not_start(tmp_path: Path) -> None:
