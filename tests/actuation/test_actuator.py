@@ -298,6 +298,13 @@ def test_wild_numbers_are_refused_at_neutral(wild, place) -> None:
     assert actuator.trips() == ("COMMAND_INVALID",)
 
 
+@pytest.mark.parametrize(("neutral_us", "pulse_us"), [(600.0, 750.0), (2400.0, 2250.0)])
+def test_a_wrong_neutral_is_bounded_to_the_range_of_servokit(neutral_us, pulse_us) -> None:
+    _, actuator = opened()
+    actuator._planner._neutral_us = neutral_us
+    assert actuator._planner.neutral(0.0, ()).throttle_us == pulse_us
+
+
 def test_a_long_text_as_a_command_is_cut_in_the_message() -> None:
     world, actuator = opened()
     with pytest.raises(BadCommand) as refused:
