@@ -47,7 +47,7 @@ def flat(state):
 @pytest.mark.cpu(5)
 def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
     path = tmp_path / "run.mcap"
-    told = drive(f"{URL}&mocap=1", 3.0, path)
+    told = drive(f"{URL}&mocap=1", 1.5, path)
     late = hidden_mocap(3).latency
     for state, x, y in told:
         assert state.external.tracking is Tracking.TRACKING

@@ -19,7 +19,7 @@ from dart_hal.sim.world import THROTTLE
 
 LONG = Path([(15.0, 0.0)], closed=False)
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 5.0, 1.0
+LOST_AT, SLOWS = 3.0, 1.0
 """s of the world at which the last pose comes; s in which a car of 1 m/s has slowed down."""
 
 
@@ -46,7 +46,7 @@ class Until:
         self._source.close()
 
 
-def driven(seconds=None, downhill=False, until=60.0, blocked=False):
+def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST_AT):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive whose poses end.
 
     Raises NeverEnds where it goes on at ``until`` s of the world.
@@ -60,7 +60,7 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False):
         world.at(0.0, roll)
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
-    with Car.over(backend, poses=Until(backend.poses, LOST_AT)) as car:
+    with Car.over(backend, poses=Until(backend.poses, lost_at)) as car:
         follower = follower_of(car, LONG, 1.0, "lqr", Rules(here=True, duration=seconds or 30.0),
                                None)
         follow(car, follower, ())
@@ -95,6 +95,7 @@ def never_ends(world):
     raise NeverEnds(f"{world.motion.v_x:.1f} m/s")
 
 
+@pytest.mark.more
 def test_a_car_that_rolls_away_gets_no_pulse():
     """It does not slow down at neutral: the drive ends with that name."""
     with pytest.raises(Disarmed, match="MOVES_AT_NEUTRAL"):
@@ -124,7 +125,7 @@ def test_control_without_that_time_it_never_ends(monkeypatch):
 
 def test_a_car_that_is_held_is_given_up_at_neutral():
     """Its motor pulls against what holds the wheel for the time in which a car has to move."""
-    follower, neutral, pulses = driven(60.0, blocked=True, until=10.0)
+    follower, neutral, pulses = driven(60.0, blocked=True, until=10.0, lost_at=5.0)
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert "does not move" in follower.why
@@ -138,7 +139,7 @@ def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
     monkeypatch.setattr(stopping, "STUCK", 1e9)
     monkeypatch.setattr(rules, "PATIENCE", 1e9)
     with pytest.raises(NeverEnds):
-        driven(60.0, blocked=True, until=10.0)
+        driven(60.0, blocked=True, until=10.0, lost_at=5.0)
 
 
 @pytest.mark.more

@@ -19,7 +19,7 @@ from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 4.0, 0.8
+LOST_AT, SLOWS = 3.0, 0.8
 """s of the world from which on the lane is not shown; s in which a car of 1 m/s has slowed down,
 with the scan that was on its way."""
 
@@ -70,7 +70,7 @@ def driven(fault, until=inf, blocked=False):
         drive(car, follower, ())
         car.stop()
         neutral = car.files.config.throttle.neutral_us
-        for _ in car.states(duration=1.0):
+        for _ in car.states(duration=0.3):
             pass
     return follower, neutral, np.array(pulses)
 

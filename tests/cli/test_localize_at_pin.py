@@ -20,7 +20,7 @@ from dart_hal.sim.truth import room_of_car, world_of
 from dart_hal.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 3.0, 0.8
+LOST_AT, SLOWS = 2.5, 0.8
 """s of the world from which on scans fit no map; s in which a car of 1 m/s has slowed down, with
 the scan that was on its way."""
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
@@ -56,7 +56,7 @@ def driven(start, *, silent=False, duration=inf):
         drive(car, source, ended, 0.3, WAIVED, [])
         car.stop()
         neutral = car.files.config.throttle.neutral_us
-        for _ in car.states(duration=1.0):
+        for _ in car.states(duration=0.3):
             pass
     return ended, neutral, np.array(pulses)
 

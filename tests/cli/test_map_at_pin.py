@@ -36,7 +36,7 @@ def driven(room, fault="", until=20.0, distance=inf):
         follower = along_walls(car, 0.8, Wall(), distance, until, WAIVED)
         car.stop()
         neutral = car.files.config.throttle.neutral_us
-        for _ in car.states(duration=1.0):
+        for _ in car.states(duration=0.3):
             pass
     found = room_of_car(backend)
     x0, y0, yaw = found.start

@@ -173,19 +173,20 @@ def test_silence_ends_in_link_lost_and_neutral(tmp_path):
         assert car.mode == "TRIPPED"
 
 
+@pytest.mark.usefixtures("armed_esc")
 def test_a_fleet_goes_in_lockstep(tmp_path):
     urls = [f"sim://?nano=mock&seed={n}" for n in (1, 2, 3)]
     with Fleet.open(urls) as fleet:
         fleet.arm()
         ticks, begin = 0, None
-        for states in fleet.states(duration=3.0):
+        for states in fleet.states(duration=1.5):
             ticks += 1
             begin = begin or [s.t for s in states]
             passed = [s.t - t for s, t in zip(states, begin, strict=True)]
             assert max(passed) - min(passed) < 0.0151
             for n, car in enumerate(fleet.cars):
                 car.drive_speed(steering=0.1 * n, speed=0.5)
-        assert abs(ticks - 300) <= 2
+        assert abs(ticks - 150) <= 2
         assert all(s.speed > 0.1 for s in states)
         assert {car.mode for car in fleet.cars} == {"ARMED"}
     assert {car.mode for car in fleet.cars} == {"CLOSED"}

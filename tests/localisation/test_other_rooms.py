@@ -13,14 +13,15 @@ from dart_hal.localisation.search import search
 from dart_hal.sim.lidar.maps import box
 
 
-def test_another_room_of_the_same_outline_is_refused():
+@pytest.mark.parametrize("seed", [5100, 5102, 5104])
+@pytest.mark.few("5100")
+def test_another_room_of_the_same_outline_is_refused(seed):
     """By one of its scans; the control is the own room."""
-    found = []
-    for seed, other in ((5100, 5101), (5102, 5103), (5104, 5105)):
-        d, chart = drive(seed, hidden(seed, seconds=3.0)), drive(other, hidden(other)).chart
-        beams = _warmed(d, 4)._beams(d.scans[4])
-        found += [search(c, beams.points, beams.rays, beams.origin) for c in (d.chart, chart)]
-    assert [f.fits and f.sure for f in found] == [True, False] * 3
+    d = drive(seed, hidden(seed, seconds=3.0))
+    chart = drive(seed + 1, hidden(seed + 1)).chart
+    beams = _warmed(d, 4)._beams(d.scans[4])
+    found = [search(c, beams.points, beams.rays, beams.origin) for c in (d.chart, chart)]
+    assert [f.fits and f.sure for f in found] == [True, False]
 
 
 def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
