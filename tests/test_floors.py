@@ -61,7 +61,7 @@ def let_import(house: Path, room: str, other: str) -> None:
     ("evaluate", "identify"), ("predict", "evaluate"), ("lidar", "car"), ("poses", "lidar"),
     ("lidar", "localisation"), ("localisation", "sim"),
 ])
-@pytest.mark.few("types-cli", "recording-links")
+@pytest.mark.few("types-cli")
 def test_an_import_up_or_sideways_would_be_seen(house, room, other):
     """The negative control."""
     let_import(house, room, other)
@@ -70,6 +70,7 @@ def test_an_import_up_or_sideways_would_be_seen(house, room, other):
     assert f"dart_hal.{room}" in done.stdout
 
 
+@pytest.mark.more
 def test_an_import_down_is_free_and_on_the_ground_floor_any(house):
     let_import(house, "cli", "sim")
     let_import(house, "types", "errors")
@@ -77,6 +78,7 @@ def test_an_import_down_is_free_and_on_the_ground_floor_any(house):
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-500:]
 
 
+@pytest.mark.more
 def test_a_room_without_a_floor_would_be_seen(house):
     (house / "host" / "dart_hal" / "attic.py").touch()
     assert lint(house).returncode != 0
@@ -135,6 +137,7 @@ def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement
     assert not {"dart_hal.sim", "dart_hal.cli", "dart_hal.diagnose"} & got
 
 
+@pytest.mark.more
 def test_a_simulated_car_in_full_loads_no_plotting_either(tmp_path):
     """Opened and driven: only what moves it."""
     got = loaded("from dart_hal import Car\n"

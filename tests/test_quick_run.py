@@ -51,6 +51,7 @@ def run(folder: Path, sample: str, *options: str,
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("sample", "slow"), [
     pytest.param(SAMPLE, False, marks=pytest.mark.more), (SAMPLE + LATE, True)])
 def test_one_that_is_too_slow_and_not_marked_fails_the_run(tmp_path, sample, slow):

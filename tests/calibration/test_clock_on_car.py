@@ -94,6 +94,7 @@ def test_typed_frequency_becomes_the_oscillator(tmp_path):
         assert car.files.oscillator_hz.std == pytest.approx(0.005 * 122 * 4096, rel=0.01)
 
 
+@pytest.mark.more
 def test_verb_wants_both_or_none(tmp_path, capsys):
     from dart_hal.cli.main import main
 

@@ -221,6 +221,7 @@ def test_even_ring_is_no_other_ring():
 
 
 @pytest.mark.parametrize("swing", [0.0, 1e-4, 1e-3])
+@pytest.mark.few("0.001")
 def test_interval_of_the_ring_knows_what_swings_with_it(swing):
     """Two hundred virtual rings: 90 % of the 90 % intervals, whatever the swing."""
     rng, inside = np.random.default_rng(3), []

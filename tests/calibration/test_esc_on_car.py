@@ -117,6 +117,7 @@ def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
 
 
 @pytest.mark.parametrize("lag", [0.04, 0.084, 0.12])
+@pytest.mark.few("0.12")
 def test_a_motor_that_follows_late_is_told_from_its_onset(lag):
     force = pull_begins(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
     assert force.begin.value == pytest.approx(1565.0, abs=3.5 * force.begin.std)
@@ -270,7 +271,7 @@ def test_a_knee_that_is_not_there_is_not_found():
 # -- what is wrong is named, and the pin is at neutral -----------------------------
 
 
-@pytest.mark.few("esc:wrong@0", "stand:off@0", "enc:off@12")
+@pytest.mark.few("esc:wrong@0")
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("esc:wrong@0", "turns the wheels backward"), ("wheel:stuck@0", "a wheel is blocked"),
@@ -290,6 +291,7 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
     assert watched.world.stand is None
 
 
+@pytest.mark.more
 def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
     watched = Spun(f"{URL}5", tmp_path)
     watched.backend.workshop.wheels_turned = lambda: 0
@@ -318,7 +320,7 @@ def pressed(tmp_path, t: float) -> Spun:
     return watched
 
 
-@pytest.mark.few("forward")
+@pytest.mark.more
 @pytest.mark.parametrize("when", PRESSED)
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched = pressed(tmp_path, PRESSED[when])

@@ -61,6 +61,7 @@ def test_of_clocks_in_step_the_age_of_the_gyro_is_told_all_the_same(tmp_path):
 
 
 @pytest.mark.parametrize("looks", [True, False])
+@pytest.mark.few("True")
 def test_the_log_follows_the_clock_of_the_gyro_where_the_firmware_looks(
         tmp_path, monkeypatch, looks):
     if not looks:

@@ -79,6 +79,7 @@ def test_a_scale_that_cannot_be_is_refused():
                           "scale = { value = 1015.0, std = 1.0 }\n", "mine")
 
 
+@pytest.mark.more
 def test_it_is_part_of_all_only_with_a_map():
     files = load_car("dart-01", ["cars"])
     assert "lidar" not in [s.verb for s in steps_of(files)]

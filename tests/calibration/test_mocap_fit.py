@@ -51,6 +51,7 @@ def test_the_intervals_hold_the_truth(rate):
     assert np.max(np.abs(errors)) < 4.0
 
 
+@pytest.mark.more
 def test_poses_of_another_drive_are_refused():
     mine, other = track(1), track(2)
     wrong = replace(mine, seen=other.seen[::-1])

@@ -156,6 +156,7 @@ def test_loop_separates_map_backlash_and_slip(backlash, kappa):
     assert fitted.kappa.value == pytest.approx(kappa, abs=6e-3)
 
 
+@pytest.mark.more
 def test_the_servos_spread_is_not_underestimated():
     """Sixty servos that rest 1 us beside their targets; two windows a level say little of it."""
     rng, said = np.random.default_rng(1), []

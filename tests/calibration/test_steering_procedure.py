@@ -78,6 +78,7 @@ def test_written_file_is_read_back_and_the_old_one_kept(bench, files, car_toml):
     assert len(list((files.folder / "history").iterdir())) == 2
 
 
+@pytest.mark.more
 def test_json_is_the_contract(bench):
     data = json.loads(json.dumps(calibrate_steering(bench(), dry_run=True).to_json(),
                                  allow_nan=False))

@@ -127,7 +127,7 @@ def test_intervals_of_30_hidden_cars_hold_the_truth(verb):
 # -- what is wrong is named, and the pin is at neutral -----------------------------
 
 
-@pytest.mark.few("esc:wrong@0")
+@pytest.mark.more
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("esc:wrong@0", "drives the car backward"), ("wheel:stuck@0", "a wheel is blocked"),

@@ -101,9 +101,9 @@ def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
     assert run.said > 0.5
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("fault", "fastest"), [(half, 0.9), (two_marks, 0.6), (off, 0.5)],
                          ids=["half", "two marks", "off"])
-@pytest.mark.few("off")
 def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
     run = drive(tmp_path, fault, asked=-0.5, at=0.0)
     assert run.said < 1.2
@@ -149,6 +149,7 @@ def spins(world) -> None:
     world.at(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
 
 
+@pytest.mark.more
 def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path):
     """Said soon, nothing is held against the ring, and the brakes do not turn its sign."""
     run = drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0)

@@ -53,6 +53,7 @@ def test_without_a_source_it_is_dead_reckoning():
         assert np.sqrt(told.cov[3, 3]) == pytest.approx(state.speed_std)
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 def test_with_a_source_it_is_the_axle_in_the_room():
     told = [(state.estimate, place) for state, place in drive(URL, 4.0, SEEN)]
@@ -96,9 +97,9 @@ def test_a_clock_that_is_set_does_not_move_it():
     assert max(off(e.pose, place) for e, place in told) < FAR
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
-@pytest.mark.few("enc:off@4")
 def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     def worst():
         told = drive(f"{URL}&fail={fault}", 4.0)
@@ -111,6 +112,7 @@ def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     assert worst() > FAR, "the doubt makes no difference"
 
 
+@pytest.mark.more
 def test_ahead_it_goes_on_along_its_arc():
     state = drive(URL, 3.0)[-1][0]
     now = state.estimate

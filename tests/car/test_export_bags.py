@@ -85,7 +85,7 @@ def test_a_bag_of_ros_2_has_its_metadata(run, tmp_path):
     assert (tmp_path / "two" / "two.mcap").is_file()
 
 
-@pytest.mark.few("v0_1")
+@pytest.mark.more
 @pytest.mark.parametrize("packed", ["v0_1", "v3"])
 def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
     path = tmp_path / "old.mcap"

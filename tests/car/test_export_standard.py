@@ -70,6 +70,7 @@ def test_every_odometry_has_its_transforms(bag):
                                                newest.pose.pose.position)
 
 
+@pytest.mark.more
 def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
     mount = standard.mount_of(standard._files(RunReader(run[0])))
     told = [scan.mounted(mount) for scan in RunReader(run[0]).scans()]

@@ -61,6 +61,7 @@ class Unfiltered(telemetry.SingleSampleFilter):
         return telemetry.Accepted(value, stamp)
 
 
+@pytest.mark.more
 def test_without_wrong_samples_nothing_changes(drives, monkeypatch):
     drive = drives("slalom")
     states = drive.estimate()
@@ -106,6 +107,7 @@ def check_covered(drive, bit, every, run):
 
 
 @pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK)
+@pytest.mark.few("slalom-*")
 def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
     check_covered(drives(name), bit, every, run)
 
@@ -172,6 +174,7 @@ def test_true_motion_is_never_rejected(drives, name):
     assert states[-1].health.jumped == 0
 
 
+@pytest.mark.more
 def test_drive_with_wrong_samples_replays_bit_for_bit(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     imu = world_of(backend).nano.imu

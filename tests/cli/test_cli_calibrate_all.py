@@ -69,6 +69,7 @@ def test_what_can_be_missed_is_said_and_missed(verb, tmp_path, by_hand):
     assert "clock not measured: clock is broken; mend it" in done.err
 
 
+@pytest.mark.more
 def test_a_dry_run_writes_nothing_and_still_hands_on(verb, tmp_path, by_hand):
     done = verb(*ALL, "--cars", tmp_path, "--dry-run").json
     assert by_hand[1][2] == ("imu", ["clock", "encoder", "when"])

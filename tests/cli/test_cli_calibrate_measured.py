@@ -112,6 +112,7 @@ def test_measurement_is_written_where_cars_names(verb, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("what", ["clock", "steering", "all"])
+@pytest.mark.few("clock", "steering")
 def test_folder_that_cannot_be_written_is_refused_before_the_car_moves(verb, tmp_path, monkeypatch,
                                                                        what):
     def drives(*args, **options):

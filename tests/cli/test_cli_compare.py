@@ -64,6 +64,7 @@ def test_another_command_ends_the_time_in_which_they_can_be_compared(verb, runs)
     assert told["statistics"]["command_steering"][1]["max"] == 0.2
 
 
+@pytest.mark.more
 def test_another_car_parts_under_the_same_commands(verb, runs):
     """The negative control: same commands, another hidden truth."""
     told = verb("compare", runs["base"], runs["other"], "--json").json

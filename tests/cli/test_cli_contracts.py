@@ -201,8 +201,8 @@ def test_as_a_program(tmp_path):
     assert (tmp_path / "runs" / "run.mcap").is_file()
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("verb", [("wire",), ("wire", "--json"), ("sim", "--reveal")])
-@pytest.mark.few("verb1")
 def test_a_reader_that_has_enough_is_no_failure(verb, tmp_path):
     """As `| head` closes its end: what is left to do is done, and nothing is complained of."""
     with subprocess.Popen([sys.executable, "-m", "dart_hal.cli.main", *verb], cwd=tmp_path,

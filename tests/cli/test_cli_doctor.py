@@ -96,6 +96,7 @@ def test_no_imu(verb, spoilt):
     assert done.json["verdict"] == "fail"
 
 
+@pytest.mark.more
 def test_no_pca9685_still_looks_at_the_rest(verb, spoilt):
     def without(backend):
         backend.bus.nack = 10**9
@@ -180,6 +181,7 @@ def test_printed_remedy_clears_its_warning(verb, url, where):
 
 
 @pytest.mark.parametrize("cars", ["cars", "share/dart-hal/cars", "my cars"])
+@pytest.mark.few("cars")
 def test_steering_map_is_found_where_calibrate_writes_it(verb, monkeypatch, tmp_path, cars):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     steering = SteeringTable(pulse_us=(1200.0, 1800.0), angle_rad=(-0.3, 0.3), std_rad=(0.1, 0.1))

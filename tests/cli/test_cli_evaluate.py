@@ -85,6 +85,7 @@ def test_kinematic_is_another_model_beside_the_same_baseline(verb):
     assert rolling["kinematic_limit"] == dynamic["kinematic_limit"]
 
 
+@pytest.mark.more
 def test_same_input_same_bytes(verb):
     assert verb("evaluate", "--json", CIRCLE).out == verb("evaluate", "--json", CIRCLE).out
 
@@ -106,6 +107,7 @@ def test_table_shows_both_on_standard_output(verb):
     assert "how far the kinematic model reaches" in ran.out
 
 
+@pytest.mark.more
 def test_a_recording_without_mocap_is_refused_by_name(verb):
     error = verb("evaluate", "--json", NO_MOCAP).error
     assert "no motion capture" in error["what"]
@@ -229,6 +231,7 @@ def test_a_page_has_every_error_and_the_pictures(verb, tmp_path):
         "evaluate", "--json", FREE, "--html", tmp_path / "a.png").error["what"]
 
 
+@pytest.mark.more
 def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     model = tmp_path / "model.toml"
     digest = hashlib.sha256(one(FREE).read_bytes()).hexdigest()

@@ -56,6 +56,7 @@ def test_out_of_time_it_stops_and_says_so(verb, bend):
     assert "ended: the time of 1 s is over" in done.out
 
 
+@pytest.mark.more
 def test_without_a_pose_it_does_not_drive(verb, bend):
     done = verb("follow", bend, "--speed", 1, "--url", "sim://?nano=mock")
     assert done.code == 1
@@ -78,6 +79,7 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
 ])
+@pytest.mark.few("arguments[0-46-9]*", "arguments1[0-3]*")
 def test_what_cannot_be(verb, arguments, says):
     done = verb("follow", *arguments, "--url", URL)
     assert done.code == 2

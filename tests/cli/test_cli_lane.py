@@ -26,6 +26,7 @@ def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
         row.name for row in RunReader(run).logged()}
 
 
+@pytest.mark.more
 def test_where_there_is_no_lane_it_does_not_drive(verb):
     """A room whose walls are far away."""
     done = verb("lane", "--url", "sim://?seed=1&nano=mock&lidar=most=0.2&map=lane")

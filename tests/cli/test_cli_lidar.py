@@ -21,6 +21,7 @@ def checked(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "lidar"), None)
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 def test_the_doctor_looks_at_it(verb):
     good = checked(verb("doctor", "--url", f"{URL}&lidar=1", "--seconds", 2, "--json"))
@@ -94,6 +95,7 @@ def babbler():
 
 
 @pytest.mark.parametrize("words_of_verb", [("record",), ("localize",)])
+@pytest.mark.few("*verb0")
 def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
     """As fast as it can a virtual car is done before more than a chunk has come."""
     monkeypatch.setattr(port, "PATIENCE", 0.0)

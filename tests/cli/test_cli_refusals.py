@@ -61,6 +61,7 @@ def test_a_request_that_cannot_work(verb, args, code):
      "D-FILE-01"),
     ("car = ", "D-FILE-01"), ("", "D-FILE-01"), ("\0", "D-FILE-01"),
 ])
+@pytest.mark.few("text[0-2]-*")
 def test_a_broken_calibration_names_the_file(verb, tmp_path, text, code):
     folder = tmp_path / "cars" / "sim-0"
     folder.mkdir(parents=True)
@@ -339,6 +340,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
     ("print('hello')\ndef control(state):\n    print('there')\n    return 0.0, 0.0\n", None),
     ("import sys\ndef control(state):\n    sys.exit(3)\n", "D-USE-02"),
 ])
+@pytest.mark.few("import*")
 def test_a_script_cannot_spoil_the_one_json_object(verb, tmp_path, text, code):
     script = tmp_path / "mine.py"
     script.write_text(text)

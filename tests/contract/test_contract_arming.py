@@ -104,6 +104,7 @@ def test_what_the_nano_flags_refuses(tmp_path, flags, name):
         assert name in reasons(car)
 
 
+@pytest.mark.more
 def test_an_optional_imu_does_not_refuse(tmp_path):
     text = open_backend(URL).car_toml.replace("required = true", "required = false")
     _, car = opened(tmp_path, flagged("IMU_ABSENT"), car_toml=text)
@@ -308,9 +309,9 @@ def test_drive_and_pulses_outside_their_modes(tmp_path):
         assert car.mode == "DISARMED"
 
 
+@pytest.mark.more
 @pytest.mark.emulator
 @pytest.mark.parametrize("wait", [1.5, 3.5, 4.1, 4.3, 4.5])
-@pytest.mark.few("1.5")
 def test_the_imu_saving_its_offsets_does_not_keep_the_car_from_arming(tmp_path, wait):
     """A calibrated BNO055 at rest is read out once: no samples for some 70 ms."""
     with Car.open("sim://", cars=tmp_path) as car:

@@ -88,7 +88,7 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
         assert "EXPIRED" in seen[-1].applied.limited
 
 
-@pytest.mark.few("avr")
+@pytest.mark.few("mock")
 @every_car_in_time
 def test_a_command_that_is_renewed_does_not_expire(bench):
     """The control of the test above."""
@@ -99,7 +99,7 @@ def test_a_command_that_is_renewed_does_not_expire(bench):
     assert state.applied.throttle > 0.1
 
 
-@pytest.mark.few("avr")
+@pytest.mark.more
 @every_car
 def test_a_repeated_command_is_sent_again(bench, monkeypatch):
     """Another hand, or a brown-out, changes the register: the same command heals it."""
@@ -162,7 +162,7 @@ def test_a_command_that_is_no_number_trips(bench, bad, monkeypatch):
     assert "COMMAND_INVALID" in car.causes
 
 
-@pytest.mark.few("mock")
+@pytest.mark.more
 @every_car
 def test_what_is_out_of_range_is_clipped_and_said(bench):
     car = bench.ready()

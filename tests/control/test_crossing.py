@@ -122,6 +122,7 @@ def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
 
 # -- negative controls ---------------------------------------------------------------------------
 
+@pytest.mark.more
 def test_without_acknowledgement_they_touch(monkeypatch):
     """The smallest stamp goes, of those that were heard: with 90 % of the messages lost one was
     not. The bodies are 0.3 m long and 0.2 wide."""
@@ -168,6 +169,7 @@ class MidPlane:
         return bool(np.all((beyond >= 0.5 * layout().apart) | (size > self.WITHIN)))
 
 
+@pytest.mark.more
 def test_by_mid_planes_alone_four_alike_wait_for_ever():
     """Without any loss: the order is what lets them cross, not the distance."""
     cars = [light.LightDrive(layout(), Start(route, 0.3)) for route in light.STRAIGHT]
@@ -322,6 +324,7 @@ class OneWay(Network):
 
 
 @pytest.mark.parametrize("passes", [True, False])
+@pytest.mark.few("True")
 def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch):
     """Without what the others pass on, the car is waited for as long as one looks."""
     if not passes:

@@ -86,6 +86,7 @@ def test_slopes_of_a_stage(law):
             assert found[k, :, i] == pytest.approx((ahead - behind) / 2e-5, abs=1e-4)
 
 
+@pytest.mark.more
 def test_the_end_of_a_plan_is_where_it_says_it_is():
     """Behind the first bends, published weights; 4.9 and 1.1 cm when written."""
     plain, aware = (drive(PLAIN, law, PathWeights(), 0.3) for law in Law)
@@ -95,8 +96,8 @@ def test_the_end_of_a_plan_is_where_it_says_it_is():
     assert aware.rms > plain.rms  # and still: the weights decide how far bends are cut
 
 
+@pytest.mark.more
 @BOTH
-@pytest.mark.few("ca-mpcc")
 def test_by_tuned_weights_both_keep_to_the_path(law):
     """1.0 and 1.3 cm when written; of the second car the model knows the lags."""
     found = drive(PLAIN, law, TUNED, 0.3)
@@ -141,6 +142,7 @@ def test_without_being_told_of_it_the_car_touches_it(monkeypatch):
     assert passed(0)[0] < 0.0
 
 
+@pytest.mark.more
 def test_a_start_outside_the_lane_comes_back():
     """0.5 m beside it: the slack pays, no outcome but SOLVED."""
     loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0),
@@ -230,6 +232,7 @@ def test_a_lap_through_the_speed_loop(law):
 @pytest.mark.parametrize(("spoil", "why"), [
     ("late", "no plan within 0.05 s, 4 times in a row"),
     ("blocked", "obstacles leave no way within the lane")])
+@pytest.mark.few("blocked-*")
 def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
     follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc"), []

@@ -69,6 +69,7 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     assert np.abs(asked.disturbance.value).max() < 0.001
 
 
+@pytest.mark.more
 def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
     """It settles within 20 ms and the servo is slower than the model's: what is missing as the
     wheels go out, and left over as they come back, must not add up on any side."""

@@ -24,6 +24,7 @@ def test_a_car_comes_to_the_middle():
     assert settled(learns=True) < 1.5
 
 
+@pytest.mark.more
 def test_without_what_it_learns_it_stays_beside():
     """The control."""
     assert settled(learns=False) > 1.5

@@ -95,8 +95,8 @@ def test_in_the_formation_nobody_has_to_wait():
     assert TEAM.distances().least > APART + 1.0
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("seed", "dies"), [(1, False), (2, True)])
-@pytest.mark.few("1-False")
 def test_cars_that_begin_anywhere_spread_and_keep_apart(seed, dies):
     least, modes, error = scenario(seed, 0.3, 18.0, dies=dies)
     assert least > BODIES

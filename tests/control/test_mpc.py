@@ -42,6 +42,7 @@ def test_a_lap_at_two_metres_a_second():
     assert most < 0.02
 
 
+@pytest.mark.more
 def test_without_the_lags_in_the_model_it_does_not_work():
     """The control. A third of a lap is enough to see it."""
     assert lap(2.0, NO_LAGS, laps=0.4)[0] > 0.10
@@ -199,7 +200,7 @@ def test_one_beside_the_middle_leaves_a_way():
     assert rows[:, 3].max() > 0.17
 
 
-@pytest.mark.few("0.45-0.0")
+@pytest.mark.more
 @pytest.mark.parametrize(("offset", "turn"), [(0.45, 0.0), (-0.45, 0.3), (0.25, -0.5)])
 def test_it_comes_into_the_lane_from_outside(offset, turn):
     loop = Loop(controller(P, TRACK, 1.0), start=(offset, turn))

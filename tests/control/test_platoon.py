@@ -133,6 +133,7 @@ def test_150_scenarios_with_noise_and_loss(gains):
     assert (bare <= 0.0).sum() > 30, "control"
 
 
+@pytest.mark.more
 def test_noise_and_loss_end_in_no_contact():
     how = {"seeds": range(4), "gains": DART, "line": NOISY, "margins": CAREFUL, "trust": 0.5,
            "lasts": 25.0}

@@ -48,6 +48,7 @@ def test_forward_reverse_forward(seed):
     assert {"REVERSING"} <= {name for names in limited for name in names}
 
 
+@pytest.mark.more
 def test_without_the_brake_and_the_rest_the_esc_never_reverses(monkeypatch):
     monkeypatch.setattr(Reversal, "throttle", lambda self, wanted, speed, dt: wanted)
     t, speed, _, _ = driven(1, there_and_back, 4.0)

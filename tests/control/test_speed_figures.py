@@ -15,6 +15,7 @@ from .speed_figures import STEP, driven, figures, identified, sine, step
 LATE = 0.084
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 @pytest.mark.parametrize(("seeds", "lag"), [
     ((2,), LATE), pytest.param(range(1, 5), 0.0, marks=pytest.mark.more),
@@ -31,6 +32,7 @@ def test_hidden_cars_with_a_model(seeds, lag):
         assert found["forward"] <= 1.5, (seed, found)
 
 
+@pytest.mark.more
 def test_control_a_lag_that_the_model_does_not_know_overshoots(monkeypatch):
     plain = identified
 

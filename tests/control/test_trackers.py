@@ -52,8 +52,8 @@ def test_one_metre_a_second(name):
     assert largest < 0.015
 
 
+@pytest.mark.more
 @BOTH
-@pytest.mark.few("lqr")
 def test_without_delay_compensation_it_is_much_worse(name):
     """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
     blind, knowing = lap(name, 2.0, uncompensated(PLANT))[0], lap(name, 2.0)[0]
@@ -79,9 +79,9 @@ def test_an_error_of_the_wheels_is_learnt(name):
     assert np.abs(rows[late, 3]).max() < 0.002
 
 
+@pytest.mark.more
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
-@pytest.mark.few("0.9-lqr")
 def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
     """0.9 m beside it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)
@@ -106,6 +106,7 @@ def test_on_the_path_pursuit_asks_for_its_bend():
             assert tracker.steer(motion) == pytest.approx(bend.angle, abs=0.01)
 
 
+@pytest.mark.more
 def test_left_and_right_are_alike():
     """Mirrored path, pose and plant: mirrored angle; differences of 1e-6 are taken to one side."""
     even = replace(LATER.steering, s0=0.0, k_right=LATER.steering.k_left,

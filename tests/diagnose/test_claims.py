@@ -240,6 +240,7 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
     assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == explains
 
 
+@pytest.mark.more
 def test_the_interval_of_a_cost_knows_how_few_its_stretches_are():
     """Four stretches of a random ratio: within the interval in 0.9 of 2000 draws, and too narrow
     by the bootstrap quantiles of so few, which is the control."""

@@ -144,6 +144,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     (["--train", "{0}", "--only", "grip", "mass"], "mass follows no option"),
     (["{0}"], "follows no option"),
 ])
+@pytest.mark.few("words[0-2]*", "words[5-9]*")
 def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")
     assert code == 2
@@ -152,6 +153,7 @@ def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
     assert says in err
 
 
+@pytest.mark.more
 def test_a_copy_under_another_name_is_still_the_same_recording(files, run, tmp_path):
     copy = tmp_path / "another_day.csv"
     shutil.copy(files[0], copy)

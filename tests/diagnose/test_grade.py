@@ -93,6 +93,7 @@ def test_a_constant_cause_is_constant_and_of_its_size(fitted):
     assert 0.0 < error < 0.1
 
 
+@pytest.mark.more
 def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     found = constancy(fitted("motor_gain", "battery_fade", k=-0.3), "motor_gain", USUAL.grade, 0)
     assert not found.constant

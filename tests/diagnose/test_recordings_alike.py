@@ -93,6 +93,7 @@ def test_a_test_set_of_another_floor_is_said_to_be_one(drive):
     assert "grip is -0.2" in told
 
 
+@pytest.mark.more
 def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     """Control: what the model lacks makes every drive want a little else."""
     same = [drive("slack", SLACK, i) for i in range(4)]

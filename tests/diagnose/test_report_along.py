@@ -51,6 +51,7 @@ def test_the_causes_in_the_other_order_are_not_confused():
     assert stages_of(replace(d, stages=(*d.stages, together)), 1) == stages_of(d, 1)
 
 
+@pytest.mark.more
 def test_a_stage_that_changes_nothing_has_nothing_to_show():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)

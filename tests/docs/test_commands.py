@@ -94,6 +94,7 @@ def test_marks_are_known(page):
     assert [m for m in marks if not known.fullmatch(m)] == []
 
 
+@pytest.mark.more
 def test_a_command_that_fails_and_an_output_that_differs_are_seen(tmp_path):
     """The controls."""
     page = tmp_path / "page.md"

@@ -30,6 +30,7 @@ def test_pyserial_opens_the_emulator(probe):
         assert answer[:1] == b"C"
 
 
+@pytest.mark.more
 def test_a_timeout_passes_in_virtual_time(probe):
     with port(probe) as ser:
         ser.read(3)

@@ -161,6 +161,7 @@ def test_covariance_is_honest(noise):
     assert 1.75 < nees(noise, range(60)) < 4.3
 
 
+@pytest.mark.more
 def test_covariance_without_the_constant_errors_would_lie():
     """Control: a bias of the stated size, a filter told of white noise alone."""
     truth = OdometryNoise()
@@ -202,6 +203,7 @@ def bends(seconds):
 
 @pytest.mark.parametrize("bend", [5.0, 10.0])
 @pytest.mark.cpu(4)
+@pytest.mark.few("5.0")
 def test_yaw_is_honest_about_the_age_of_the_gyros_samples(bend):
     """Clocks whose beat meets the bend are among them, as often as they come. A variance by the
     yaw rate instead of its change, (2.5e-3)^2 of it, was too small by a factor of 2.5 in bends of

@@ -123,6 +123,7 @@ def test_it_says_nothing_before_it_has_learnt():
     assert not any(told(glued(0.25), lambda t: t < 0.3, 4.3))
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("cars", "least"), [
     (range(1, 9), 4), pytest.param(range(1, 101), 50, marks=pytest.mark.more)])
 def test_uneven_rings_of_hidden_cars_are_never_wrong(cars, least):
@@ -186,6 +187,7 @@ def test_a_car_pushed_back_against_its_throttle(nano):
     assert error < 0.1
 
 
+@pytest.mark.more
 def test_control_with_one_ring_it_is_taken_for_forwards():
     frames, error = pushed_back("sim://?seed=2&nano=mock")
     assert frames > 50

@@ -100,6 +100,7 @@ def test_half_a_second_without_poses_is_survived():
     assert sure[6.5] < sure[5.5]
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 def test_a_lock_while_it_drives_is_undone(monkeypatch):
     held = []

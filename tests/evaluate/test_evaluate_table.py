@@ -117,6 +117,7 @@ def test_control_another_l_r_is_another_point_of_the_car(free):
     assert not agrees(dynamic_row(cases), FREE.printed[2])
 
 
+@pytest.mark.more
 def test_control_the_gate(small):
     """Throttle that was logged behind a closed gate never reached the car."""
     changed = 0

@@ -60,6 +60,7 @@ def test_values_and_age(nano: Make) -> None:
 
 
 @pytest.mark.parametrize("clock", [0.006, -0.006])
+@pytest.mark.few("0.006")
 def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
     """Its clock against the Nano's, which is true here: phase to 0.5 ms, rate to 3 %."""
     rig = nano()
@@ -203,6 +204,7 @@ def test_a_part_slower_than_the_deadline(nano: Make) -> None:
     assert not rig.state()["flags"] & VALID
 
 
+@pytest.mark.more
 def test_offsets_are_stored_when_standing_and_restored_after_a_reset(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_errors(calibrated_after=(0.1, 0.1, 0.1))

@@ -286,6 +286,7 @@ def test_the_other_baud_is_tried_after_3_s_of_garbage(nano: Make) -> None:
     assert len(rig.states()) - count == pytest.approx(100, abs=2)
 
 
+@pytest.mark.more
 def test_the_baud_is_kept_while_frames_arrive(nano: Make) -> None:
     rig = nano()
     for _ in range(400):

@@ -199,6 +199,7 @@ def test_a_run_stop_is_a_call_of_the_car():
         assert car.mode == "ARMED"
 
 
+@pytest.mark.more
 def test_a_room_lets_go_of_its_own_stop_alone():
     """The program's is held on while a stop of the room comes and ends; and the other way round."""
     with Pins("local://both", seeds=(1, 2)) as pins:

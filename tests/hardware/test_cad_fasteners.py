@@ -62,6 +62,7 @@ def test_the_screws_of_the_lidar_go_in_from_above(car):
     assert {s[2] for s in seats} == {P.sheet.thickness + P.lidar.pillar + P.lidar.ear}
 
 
+@pytest.mark.more
 def test_a_screw_from_below_finds_no_thread_in_the_lidar(car):
     old = replace(row("lidar", "lidar_mount"), length=20.0, drive="up", other=0.0, other_at="",
                   end="thread")
@@ -100,6 +101,7 @@ def test_nuts_of_the_imu_do_not_hang_over_the_expansion_board(car):
     assert over.count("above the live expansion_board") >= 4
 
 
+@pytest.mark.more
 def test_a_head_in_a_part_is_named(car):
     thick = replace(row("camera_bracket"), head="cap")
     assert "its head is in camera" in said(car, thick)
@@ -118,6 +120,7 @@ def test_a_nut_that_no_spanner_reaches_is_named(car):
     assert "wall_0" in found
 
 
+@pytest.mark.more
 def test_a_screw_too_many_is_counted(car):
     assert "4 in the car, 3 in screws.csv" in said(car, replace(row("lidar", "lidar_mount"),
                                                                 pieces=3))

@@ -159,6 +159,7 @@ def test_without_mocap_the_file_has_ten_columns(tmp_path):
     assert len(recording.messages.t) == pytest.approx(100, abs=2)
 
 
+@pytest.mark.more
 def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys):
     asked = []
 

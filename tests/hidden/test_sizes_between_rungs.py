@@ -49,6 +49,7 @@ def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
     assert found.gain > share * truth - FEW
 
 
+@pytest.mark.more
 def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
     """At .36, in a drive that asks for up to .42: on either rung beside it nothing is gained."""
     found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, top=0.42)

@@ -13,8 +13,8 @@ HOW = Habits(style="steps")
 APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", ["throttle_lag", "steering_lag"])
-@pytest.mark.few("steering_lag")
 def test_a_second_drive_is_that_of_a_new_car(tmp_path, name):
     ways = []
     for before in (True, False):

@@ -61,6 +61,7 @@ def test_as_paper_prints_the_contract(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.more
 def test_as_paper_with_out_writes_what_is_sound(run, tmp_path):
     status, document, err = run("all", "--as-paper", EXCERPT, "--out", "m/model.toml", "--json")
     assert (status, document["model"]) == (0, "m/model.toml")
@@ -104,6 +105,7 @@ def test_a_base_gives_what_is_not_identified(run, tmp_path):
     assert car.friction.a == pytest.approx(1.7258, abs=1e-3)
 
 
+@pytest.mark.more
 def test_every_file_of_the_paper_is_in_the_list(run):
     _, out, _ = run("all", "--as-paper", EXCERPT, "--dry-run")
     head, rest = out.split("parameters,")[0].splitlines()[0], out.split("parameters,")[0]
@@ -132,6 +134,7 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.more
 def test_the_table_says_value_error_paper_and_what_is_not_told(run):
     _, out, err = run("tyres", "--as-paper", EXCERPT)
     assert "0.38508 +- 0.00088 N/deg" in out

@@ -48,6 +48,7 @@ def test_the_paper_s_pictures_show_the_very_rows_of_the_fits(made):
     assert evidence.step.throttle.max() > 0.3  # the step is in the picture
 
 
+@pytest.mark.more
 def test_recordings_give_forces_of_the_right_sign_and_size(made):
     recordings, _ = read_any([EXCERPT / "19_step_input_data", EXCERPT / "30_step_steering_data",
                               EXCERPT / "50_tire_model_data"])

@@ -126,6 +126,7 @@ def test_what_the_base_knows_better_stays_known():
     assert held.fits["steering"].parameters["k_left"].identifiable, "the data alone show it, too"
 
 
+@pytest.mark.more
 def test_bases_that_cannot_be_moved():
     problem = Problem.of([driven(5, 20.0)])
     with pytest.raises(UsageError, match="base of 0"):

@@ -97,6 +97,7 @@ def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(seen):
     assert marker.ly == pytest.approx(hidden.ly, abs=0.0015)
 
 
+@pytest.mark.more
 @pytest.mark.cpu(4)
 def test_a_run_without_poses_is_refused_with_the_way_to_get_them(tmp_path):
     path = tmp_path / "run.mcap"

@@ -61,6 +61,7 @@ def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
     assert again["pose"]["x"] == pytest.approx(found["pose"]["x"], abs=0.01)
 
 
+@pytest.mark.more
 def test_a_bare_rectangle_says_so_and_exits_1(capsys, tmp_path):
     chart = ros_map(tmp_path, box(3.0, 2.5, 0.0, 6.0, 5.0), 0.05)
     code, found = told(capsys, "--url", f"sim://?seed=0&nano=mock&lidar=1&map={chart}", "--map",

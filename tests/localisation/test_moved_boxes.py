@@ -68,6 +68,7 @@ def test_through_a_box_that_is_gone_and_through_a_wall():
     assert torn.gone == 0.0
 
 
+@pytest.mark.more
 def test_the_pose_that_is_judged_is_the_one_that_is_told():
     """The match of these scans explains 95 % of them, at the right place: 0.7 to 0.4 m from what
     the filter makes of it."""

@@ -52,7 +52,7 @@ def test_all_83_files_read(recordings):
     assert all(np.isfinite(r.messages.t).all() for r in found)
 
 
-@pytest.mark.few("81_throttle_ramps", "circles_27_sept_2024")
+@pytest.mark.few("circles_27_sept_2024")
 @pytest.mark.parametrize("folder", list(HELD))
 def test_windows_and_held_motion(recordings, folder):
     found, _ = read_all([recordings / folder])

@@ -59,6 +59,7 @@ def of(excerpt, part: str):
     ("drifting", {"tyres", "evaluation"}, {"slip"}),
     ("14_54_30", set(), {"encoder_zero", "never_moves"}),
 ])
+@pytest.mark.few("1[24]*", "2025*", "drifting-*", "15*")
 def test_a_real_file_of_each_kind(excerpt, part, good, found):
     c = of(excerpt, part)
     assert good <= set(c.good_for)
@@ -75,6 +76,7 @@ def test_rows_of_the_tyre_recording_add_up(excerpt):
     assert c.facts.mocap.windows == 270
 
 
+@pytest.mark.more
 def test_false_lock_of_the_race_track_is_29_per_cent(excerpt):
     c = of(excerpt, "racetrack")
     assert c.facts.mocap.false_lock == pytest.approx(0.29, abs=0.005)
@@ -89,6 +91,7 @@ def test_marks_of_the_ring(quantum, n):
     assert marks(quantum) == n
 
 
+@pytest.mark.more
 def test_name_against_the_sensor_clock(excerpt):
     recordings, _ = read_all([excerpt / "19_step_input_data", excerpt / "29_step_input_data"])
     notes = summary([check(r) for r in recordings]).notes
@@ -221,6 +224,7 @@ def test_no_files_and_no_data_folder_says_fetch(cli):
     assert "dart-hal data fetch" in out["error"]["try"]
 
 
+@pytest.mark.more
 def test_without_files_the_data_folder_is_checked(cli, excerpt, monkeypatch):
     monkeypatch.setenv("DART_DATA", str(excerpt / "29_step_input_data"))
     assert cli()[1]["summary"]["files"] == 12
@@ -260,6 +264,7 @@ def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     assert BAD not in plot_check(of(excerpt, "drifting"), tmp_path / "d.svg").read_text()
 
 
+@pytest.mark.more
 def test_finite_numbers_only_in_what_is_printed(excerpt):
     def walk(value):
         if isinstance(value, dict):
@@ -283,6 +288,7 @@ def test_names_break_between_words(name, width, lines):
     assert broken(name, width).split("\n") == lines
 
 
+@pytest.mark.more
 def test_what_was_done_is_said_in_sentences(cli, excerpt):
     said = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
         "15_28_11", "racetrack", "2025-04-24", "17_28_09")))[2]

@@ -46,6 +46,7 @@ def driven():
 
 @pytest.mark.parametrize("schema", ["B", "C"])
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.few("0-*")
 def test_random_gaps_of_the_mocap_are_in_no_window(driven, tmp_path, schema, seed):
     recording, frame = driven
     rng = np.random.default_rng(seed)
@@ -80,6 +81,7 @@ def test_windows_reach_into_gaps_when_gaps_are_not_looked_for(driven, tmp_path, 
 
 
 @pytest.mark.parametrize("schema", ["B", "C"])
+@pytest.mark.few("C")
 def test_repeated_rows_and_single_lost_rows_are_no_gap(driven, tmp_path, schema):
     recording, frame = driven
     table = table_of(recording, schema)

@@ -114,6 +114,7 @@ def test_bad_file_is_refused_by_name_and_skipped_in_a_folder(excerpt, tmp_path, 
     assert any("bad.csv: skipped" in n for n in result.notes)
 
 
+@pytest.mark.more
 @pytest.mark.recordings
 def test_levels_of_25_september(recordings):
     result = steering_from([recordings / "steering_identification_25_sept_2024"])

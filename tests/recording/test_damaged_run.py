@@ -174,6 +174,7 @@ def test_a_chunk_that_one_bit_makes_another_record_is_told(run_bytes, tmp_path):
         assert RunReader(path).damaged
 
 
+@pytest.mark.more
 def test_one_bit_in_the_index_of_a_chunk_is_no_message(run_bytes, tmp_path):
     whole = messages(parse_mcap(tmp_path, run_bytes))
     _, end = chunks(run_bytes)[5]

@@ -76,6 +76,7 @@ def test_the_lidar_sees_the_body_of_the_other():
     assert np.quantile(seen, 0.9) < 0.03
 
 
+@pytest.mark.more
 def test_in_another_world_it_sees_the_wall_behind():
     """Control: the same cars, and nothing there."""
     urls = [PLAIN.format(1, "mine", "4,1,0") + QUIET, PLAIN.format(2, "yours", "5.5,1,0.6")]
@@ -173,6 +174,7 @@ def test_the_last_car_takes_its_world_with_it():
     assert "gone" not in arena._arenas
 
 
+@pytest.mark.more
 def test_one_motion_capture_sees_all_cars_of_a_room():
     """In the room's frame: where ``at`` says, but for the marker, which nobody measured."""
     places = (1.0, 2.0, 0.5), (3.0, -1.0, 2.0)

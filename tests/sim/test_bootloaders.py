@@ -57,6 +57,7 @@ def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cau
 
 
 @pytest.mark.parametrize("nano", NANOS)
+@pytest.mark.few("mock")
 def test_a_hardware_watchdog_under_the_old_bootloader_never_ends(raw_car, nano):
     """It leaves the watchdog on at 16 ms; Optiboot switches it off."""
     car = reset(raw_car, nano, "old", "watchdog")

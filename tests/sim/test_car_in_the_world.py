@@ -18,8 +18,8 @@ URLS = ["sim://?nano=mock", "sim://?nano=mock&seed=3&jitter=usb", "sim://?nano=m
         pytest.param("sim://?nano=avr&cutoff=mux", marks=pytest.mark.emulator)]
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("url", URLS)
-@pytest.mark.few("sim://?nano=avr&cutoff=mux")
 def test_a_left_turn_is_driven_and_seen(url):
     try:
         backend = open_backend(url)

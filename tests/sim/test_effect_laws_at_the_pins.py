@@ -222,8 +222,8 @@ def intervals(seen_url, raw_car):
     return np.array([f.values()[2:] for f in car.of("EDGES")], dtype=float).ravel()
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
 def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
     plain, seen = pair("encoder_ring:missing=0.1", ROLL, f"&nano={nano}")
     assert seen.covered(0, 9) == pytest.approx(0.9 * plain.covered(0, 9), abs=0.01)
@@ -287,8 +287,8 @@ def test_a_clock_offset_is_of_all_sensors(pair):
     assert seen.accel_y[k + 250:] == pytest.approx(plain.accel_y[250:-k], abs=0.1)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
 def test_gyro_bias_shows_at_rest(pair, nano):
     plain, seen = pair("gyro_bias:0.05", ((STRAIGHT, 0.0, 0.5),), f"&nano={nano}")
     still = seen.between(1.5, 2.5)

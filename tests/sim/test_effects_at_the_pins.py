@@ -39,7 +39,7 @@ def differences(one, other):
 
 
 @pytest.mark.parametrize("name", INJECTED)
-@pytest.mark.few("steering_lag", "encoder_scale")
+@pytest.mark.few("encoder_scale")
 def test_a_host_reads_other_numbers(driven, plain, name):
     found = differences(driven(f"{PLAIN}&effect={large(name)}", PLAN), plain)
     assert any(found[c] > NOISE[c] for c in NOISE), found
@@ -80,7 +80,7 @@ def test_tyres_are_nothing_to_a_car_without_slip(name):
         open_backend(f"{PLAIN}&physics=kinematic&effect={large(name)}")
 
 
-@pytest.mark.few("mass", "gyro_bias")
+@pytest.mark.few("mass")
 @pytest.mark.parametrize("name", [
     "mass", "quadratic_drag", "rolling_resistance", "steering_trim", "steering_lag",
     "motor_gain", "encoder_ring", "gyro_bias", "throttle_delay"])

@@ -53,8 +53,8 @@ def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
     assert seen[2:] == pytest.approx(plain[2:], abs=1e-6)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
 def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(told, nano):
     plain, seen = told(nano), told(nano, "steering_trim:0.05")
     assert abs(plain[1]) < 0.03

@@ -112,7 +112,7 @@ def test_no_symptom_without_a_failure(raw_car, nano):
     assert [f for f, symptom in SYMPTOMS.items() if symptom(seen, seen.during)] == []
 
 
-@pytest.mark.few("mcu:freeze")
+@pytest.mark.more
 @pytest.mark.emulator
 @pytest.mark.parametrize("failure", ["mcu:hang", "mcu:freeze"])
 def test_a_program_that_stands_sends_nothing(raw_car, failure):

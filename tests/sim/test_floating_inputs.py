@@ -61,7 +61,7 @@ GOOD = [("mock", "mux"), ("mock", "oe"), ("mock", "mux-no-ground"),
 
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
-@pytest.mark.few("avr-oe", "mock-mux")
+@pytest.mark.few("mock-mux")
 def test_unplugging_the_nano_stops_the_car(raw_car, nano, cutoff):
     assert not live_after(raw_car, f"nano={nano}&cutoff={cutoff}", "power:nano", 1.0)
 

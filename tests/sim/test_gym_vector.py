@@ -31,8 +31,8 @@ def actions(n, k):
     return a.astype(np.float32)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
-@pytest.mark.few("speed")
 def test_together_as_alone(options):
     """150 steps beside gymnasium's own SyncVectorEnv, across many resets."""
     n = 5

@@ -158,6 +158,7 @@ def test_encoder_slip_follows_the_force():
     assert coasting[1] < 0.99 * coasting[0]
 
 
+@pytest.mark.more
 def test_battery_fade_is_of_the_time_since_the_reset():
     def gained(text, wait):
         car = car_with(text)

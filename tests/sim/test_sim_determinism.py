@@ -92,6 +92,7 @@ def test_a_command_acts_from_the_frame_it_answers(raw_car):
     assert all(log.t_start == now for now, log in times)
 
 
+@pytest.mark.more
 def test_the_world_is_where_the_host_is_when_a_late_frame_comes(raw_car):
     """Else a bus write that answers it would act before the frame arrived."""
     car = raw_car("sim://?nano=mock&jitter=busy")

@@ -94,6 +94,7 @@ def test_lost_pulses_let_the_car_roll_out(raw_car):
     assert car.truth.v_x == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.more
 def test_looking_at_the_truth_changes_nothing(raw_car):
     one, two = raw_car(), raw_car()
     for car, look in ((one, False), (two, True)):

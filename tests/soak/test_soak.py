@@ -62,6 +62,7 @@ def test_one_fault_a_second_with_time_to_arm_in_between():
     assert all(f.start % CYCLE >= QUIET or (f.target, f.kind) == ("mcu", "reset") for f in faults)
 
 
+@pytest.mark.more
 def test_a_host_that_counts_lost_frames_wrong_is_found(monkeypatch):
     right = Ledger.note
 

@@ -268,6 +268,7 @@ def hook(monkeypatch, tmp_path):
 
 @needs_compiler
 @pytest.mark.parametrize(("version", "pure"), [("standard", False), ("editable", True)])
+@pytest.mark.few("editable-True")
 def test_building_the_package_compiles_all_variants(hook, version, pure):
     made, said, folder = hook
     folder.mkdir()

@@ -171,6 +171,7 @@ def test_a_rear_tyre_without_end_is_one_without_end():
     assert apart(free, capped) > 0.1
 
 
+@pytest.mark.more
 def test_what_is_not_finite_is_left_to_numpy():
     """NaN in one lane stays in that lane; a state that runs away is not made finite."""
     state = driving(PAPER, 3)[:6]

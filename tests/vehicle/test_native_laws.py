@@ -205,6 +205,7 @@ def test_a_motion_step_of_casadi_symbols_takes_parameters_as_symbols_too():
 
 
 @pytest.mark.parametrize(("limited", "chatters"), [(False, True), (True, False)])
+@pytest.mark.few("True-False")
 def test_a_step_of_10_ms_bears_the_paper_s_tyres_at_walking_pace(limited, chatters, monkeypatch):
     """The lateral motion relaxes no faster than the step can follow; without that it chatters."""
     free = replace(PAPER, friction=replace(PAPER.friction, a=0.0, c=0.0),

@@ -30,6 +30,7 @@ def bits(values):
 
 @pytest.mark.parametrize(("make", "names"), [(_dynamic, DYNAMIC), (_kinematic, KINEMATIC)])
 @pytest.mark.parametrize("name", sorted(CARS))
+@pytest.mark.few("paper*", "upstream*", "effects*", "hidden-_dynamic*")
 def test_every_bit_is_the_same(name, make, names):
     maker = partial(make, CARS[name], DT)
     line, closures = straight(maker, names), maker(SCALAR)
@@ -42,6 +43,7 @@ def test_every_bit_is_the_same(name, make, names):
     same()
 
 
+@pytest.mark.more
 def test_a_drive_of_ten_thousand_steps_is_the_same():
     maker = partial(_dynamic, CARS["hidden"], DT)
     line, closures = straight(maker, DYNAMIC), maker(SCALAR)

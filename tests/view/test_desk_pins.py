@@ -40,6 +40,7 @@ ENDS = {"released": lambda at: at.say("one", m.Release()),
 
 
 @pytest.mark.parametrize("how", ENDS)
+@pytest.mark.few("released", "gone")
 def test_an_end_that_is_told_is_at_the_pin_at_once(how):
     last, at = end_of_hold(ENDS[how])
     assert last <= AT_ONCE

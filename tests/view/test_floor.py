@@ -70,6 +70,7 @@ def test_a_car_without_a_room_has_no_map(url):
     assert map_lines(url, None) == {}
 
 
+@pytest.mark.more
 def test_other_cars_are_told_in_the_frame_of_this_one_alone():
     urls = [f"sim://?nano=mock&mocap=1&world=others&seed={n}&at={n},0,0" for n in (1, 2)]
     with Fleet.open(urls, room="local://others") as fleet:

@@ -54,10 +54,10 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     assert min(change for n, change in felt.items() if n not in unseen()) > 20.0
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("name", "k"), [
     ("encoder_scale", 0.04), ("encoder_latency", 0.06), ("gyro_scale", 0.06),
     ("gyro_bias", 0.05), ("gyro_latency", 0.08), ("clock_offset", 0.06)])
-@pytest.mark.few("gyro_bias-0.05")
 def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, plain, name, k):
     """Its error is in the start of every window, too, and is taken off there."""
     wrong = evidence(recorded(tmp_path, apply(PAPER, name, k=k), seed=21))
@@ -124,6 +124,7 @@ def test_residuals_are_the_same_every_time(plain):
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
 
 
+@pytest.mark.more
 def test_what_is_kept_of_the_servo_is_of_that_servo(plain):
     """Whatever was asked before: the residuals of each vehicle, to the last bit."""
     limited = apply(PAPER, "steering_rate_limit", k=0.2)

@@ -34,6 +34,7 @@ def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
     assert error < 0.1 * abs(hidden)
 
 
+@pytest.mark.more
 def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
     """The control: measured once, at the model as it was."""
     measured = Search._measured
@@ -48,6 +49,7 @@ def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
 
 
 @pytest.mark.parametrize("refit", [False, True])
+@pytest.mark.few("True")
 def test_effects_of_the_base_move_with_a_refit_only(refit):
     """A rate limit that is free stretches until no lag is missing."""
     base = apply(PAPER, "steering_rate_limit", k=0.1)

@@ -75,9 +75,9 @@ def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
     assert names(search(read(path), p=p, names=some, max_causes=1)), "or it would show nothing"
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("name", "k", "seconds"), [("mass", 0.2, 40.0),
                                                     ("yaw_inertia", 1.2, 80.0)])
-@pytest.mark.few("mass-*")
 def test_a_mass_that_is_wrong_is_still_found(name, k, seconds):
     """40 s do not separate an inertia from the age of commands: 1.49 of 1.2 at an age of 7 ms."""
     found = search(drive((name, k), seconds=seconds),
@@ -193,7 +193,7 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     assert size_of(found, name) == pytest.approx(k, rel=0.5)
 
 
-@pytest.mark.few("motor_saturation-3.3")
+@pytest.mark.more
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     monkeypatch.setattr(scanning, "next_larger_size", lambda *given: None)

@@ -254,6 +254,7 @@ def test_a_level_imu_has_no_tilt():
     assert abs(trial.values.get("k", 0.0)) < 3e-3
 
 
+@pytest.mark.more
 def test_only_a_car_that_stands_counts_as_standing():
     assert tilted(0.0, rest=True).sensor_still.sum() > 10
     assert not tilted(0.0, rest=False).sensor_still.any()

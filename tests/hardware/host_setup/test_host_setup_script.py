@@ -21,10 +21,12 @@ from setup_laws import (
 )
 
 
+@pytest.mark.more
 def test_the_plan_is_what_happens(box: Box) -> None:
     plan_is_what_happens(box)
 
 
+@pytest.mark.more
 def test_a_second_run_does_nothing(box: Box) -> None:
     second_run_does_nothing(box)
 
@@ -37,12 +39,14 @@ def test_the_computer_never_sleeps(box: Box) -> None:
     sleep_is_masked(box)
 
 
+@pytest.mark.more
 def test_control_a_script_without_the_step_lets_it_sleep(box: Box) -> None:
     box.change("setup.sh", "step_sleep\n", "")
     with pytest.raises(AssertionError, match="sleep"):
         sleep_is_masked(box)
 
 
+@pytest.mark.more
 def test_sleep_that_was_masked_before_stays_masked(box: Box) -> None:
     link = box.root / "etc" / "systemd" / "system" / "sleep.target"
     link.parent.mkdir(parents=True, exist_ok=True)
@@ -69,6 +73,7 @@ def test_remove_can_be_tried_first(box: Box) -> None:
     assert announced(plan.stdout) == announced(box.run("--remove").stdout)
 
 
+@pytest.mark.more
 def test_what_a_fresh_computer_gets(box: Box) -> None:
     done = box.run("--car", "mine", "--i2c", "1")
     assert done.returncode == 0, done.stderr + done.stdout
@@ -175,6 +180,7 @@ def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
 
 # -- the controls: a broken copy must be found out -------------------------------
 
+@pytest.mark.more
 @pytest.mark.parametrize(("law", "name", "old", "new"), [
     (plan_is_what_happens, "lib.sh", '[ "$dry" = no ] || return 0', ""),
     (plan_is_what_happens, "lib.sh", "    printf '   > %s\\n' \"$1\"\n", ""),
@@ -185,7 +191,6 @@ def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
     (remove_undoes, "environment.sh", '"$data/cars/$car"\n', '"$data/cars/$car" "$data/junk"\n'
      '    run touch "$data/junk/x"\n'),
 ])
-@pytest.mark.few("remove_undoes-system*")
 def test_a_broken_script_is_found_out(box: Box, law: object, name: str, old: str,
                                       new: str) -> None:
     box.change(name, old, new)

@@ -119,8 +119,7 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
         assert all(apart(c) == 0.0 for c in ("v_x", "v_y", "omega")), "sensors move no car"
 
 
-@pytest.mark.few("combined_slip", "cornering_drag", "battery_fade", "gyro_scale", "mass",
-                 "steering_lag", "encoder_ring", "mocap_latency")
+@pytest.mark.few("battery_fade", "mass", "encoder_ring")
 @EVERY
 def test_a_larger_size_shows_more(name, base_drive):
     channel, _ = CHANGES[name]
