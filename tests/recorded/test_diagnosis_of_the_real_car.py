@@ -108,14 +108,7 @@ DRIFTS = pytest.mark.xfail(strict=True, reason=(
     "every measuring of the noise moves the base on, by several standard errors"))
 
 
-MOVES = pytest.mark.xfail(strict=True, reason=(
-    "with encoder_slip accepted the noise is measured again, which moves the base: on the day that "
-    "is held out v_x and v_y improve by 13 and 45 %, the position gets worse by 14 % (-3 to 35)"))
-
-
-def test_no_error_on_other_days_grows(case, request):
-    if request.node.callspec.params["case"] == "excerpt":
-        request.applymarker(MOVES)
+def test_no_error_on_other_days_grows(case):
     assert worse(case[1]) == {}
 
 

@@ -63,6 +63,12 @@ class Noise:
         """Of the equivalent least squares."""
         return soft_l1_weight(x, self.policy.robust)
 
+    def with_motion(self, other: Noise) -> Noise:
+        """The same with the motion of another."""
+        c = len(self.motion)
+        return replace(other, sensors=self.sensors,
+                       weight=np.concatenate([other.weight[:c], self.weight[c:]]))
+
     @property
     def log_volume(self) -> float:
         """Sum of the logarithms of the standard deviations of all independent directions."""

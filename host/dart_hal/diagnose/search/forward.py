@@ -47,7 +47,9 @@ class SearchResult:
 
     noise: that of the residuals of the last point, from which the causes are taken. A cause that is
     part of the noise has little weight in the very directions in which it shows, and what is left
-    for its size is where the noise happens to cancel it: it is found too small.
+    for its size is where the noise happens to cancel it: it is found too small. Causes that change
+    readings alone are no part of the noise of the motion, which stays that of the base: each
+    measuring of it moves the base on, and a cause in a sensor would move the car.
 
     alike: a name with what it cannot be told from beside all others that were found.
     """
@@ -141,6 +143,8 @@ class Search:
             alike = partial(self._alike, point, noise, self._before)
         if not named:
             return SearchResult(given, (base,), base_noise, (), rejected, first, alike)
+        if all(only_read(catalogue()[one.effect]) for one in named):
+            noise = noise.with_motion(base_noise)
         points = self.steps(base, point, noise, [one.effect for one in named])
         return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
                      tuple(named), rejected, first, alike)
