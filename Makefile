@@ -24,13 +24,13 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 	@$(BIN)/dart-hal demo --out demo $(ARGS)
 
 # Real time comes behind the tests that keep the processors busy, from the files that name it:
-# collecting all of them takes as long as running these. They wait, so their CPU time says how busy
-# the machine is, and has no limit. 5: none of it was asked for.
+# collecting all of them takes as long as running these. They mostly wait: four run at a time, and
+# their CPU time, which says how busy the machine is, has no limit. 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
 QUICK := --cpu-limit 2 $(ARGS)
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
-	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
