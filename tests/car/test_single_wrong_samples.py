@@ -107,7 +107,7 @@ def check_covered(drive, bit, every, run):
 
 
 @pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK)
-@pytest.mark.few("slalom-*")
+@pytest.mark.few("straight-4-5-1")
 def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
     check_covered(drives(name), bit, every, run)
 

@@ -68,7 +68,7 @@ def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
     assert "car_1_copy.csv" in inputs.notes[0]
 
 
-@pytest.mark.few("vicon*")
+@pytest.mark.few("vicon x-*")
 @pytest.mark.parametrize(("column", "factor"), [
     ("vicon x", 1000.0), ("vel encoder", 1000.0), ("vel encoder", 0.001), ("vel encoder", 3.6),
     ("vel encoder", 100.0), ("vel encoder", -1.0), ("W (IMU)", 57.2958), ("W (IMU)", 0.001),

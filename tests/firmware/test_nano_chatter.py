@@ -65,7 +65,7 @@ def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring:
 @pytest.mark.parametrize("edge_min_us", [0, 100])
 @pytest.mark.parametrize("rings", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("rate", [100e3, 260e3, 1e6])
-@pytest.mark.few("100000.0-*")
+@pytest.mark.few("100000.0-rings0-0")
 def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[int, ...],
                                          edge_min_us: int,
                                          request: pytest.FixtureRequest) -> None:
