@@ -7,6 +7,8 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.errors import UsageError
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 
 def drive(car, seconds):
     seen = []

@@ -20,6 +20,7 @@ def settled(learns):
     return 100.0 * float(np.abs(drive.error[(way > 2.2) & (way < 2.8)]).max())
 
 
+@pytest.mark.more
 def test_a_car_comes_to_the_middle():
     assert settled(learns=True) < 1.5
 

@@ -25,8 +25,8 @@ def found_and_error(recording, name):
     return value(point.vehicle, f"{name}.k"), errors[f"{name}.k"]
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("name", "hidden"), [("mocap_yaw", 0.03), ("mass", 0.2), ("grip", -0.2)])
-@pytest.mark.few("mocap_yaw-*")
 def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
     """By a noise with the cause inside they were found at 78, 81 and 86 % of their size."""
     found, error = found_and_error(drive((name, hidden)), name)
