@@ -43,7 +43,7 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
 
 @pytest.fixture(scope="module")
 def joint():
-    return fit_jointly(Problem.of([driven(1), driven(2)]), PAPER)
+    return fit_jointly(Problem.of([driven(1, 30.0), driven(2, 30.0)]), PAPER)
 
 
 @pytest.mark.cpu(5)
@@ -104,7 +104,7 @@ def test_what_the_data_do_not_show_is_said():
 
 @pytest.mark.more
 def test_the_order_of_recordings_does_not_matter(joint):
-    other = fit_jointly(Problem.of([driven(2), driven(1)]), PAPER)
+    other = fit_jointly(Problem.of([driven(2, 30.0), driven(1, 30.0)]), PAPER)
     for name in joint.names:
         assert value(other.vehicle, name) == pytest.approx(value(joint.vehicle, name), rel=2e-3,
                                                            abs=2e-3)
