@@ -72,7 +72,7 @@ def pages() -> list[Path]:
     return [p for p in sorted(DOCS.rglob("*.md")) if built not in p.parents] + beside
 
 
-def as_shown(shown: str, printed: str) -> bool:
+def as_shown(shown: str, printed: str, *, any_numbers: bool = False) -> bool:
     """Whether the text of an output block is in what was printed, its numbers within 10 %."""
     pattern, numbers = "", []
     for line in filter(None, (x.strip() for x in shown.splitlines())):
@@ -88,7 +88,7 @@ def as_shown(shown: str, printed: str) -> bool:
             numbers += NUMBER.findall(word)
             words.append(r"([-+]?\d+(?:\.\d+)?)".join(map(re.escape, NUMBER.split(word))))
         pattern += r"[ \t]*" + r"\s+".join(words) + r"[ \t]*\n+"
-    return any(all(map(is_near, numbers, found.groups()))
+    return any(any_numbers or all(map(is_near, numbers, found.groups()))
                for found in re.finditer(pattern, printed + "\n"))
 
 
