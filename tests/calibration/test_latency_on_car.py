@@ -181,3 +181,18 @@ def test_a_pulse_that_ends_between_two_points_counts_for_its_share():
     seen = held(grid, Traffic(written, np.zeros((0, 0)), 0.0), t)
     assert np.sum(seen - 1500.0) * DT == pytest.approx(100.0 * (down - up))
     assert set(seen[np.abs(t - up) > DT].round(6)) == {1500.0, 1600.0}
+
+
+@pytest.mark.more
+def test_rates_that_a_state_withholds_are_in_the_log(tmp_path):
+    """At the begin of a turn each rate jumps: the log has the sample, the State the one before."""
+    with Car.open(f"{URL}5", cars=tmp_path) as car:
+        log, shown = TrafficLog(car), []
+        car.on_state(lambda state: shown.append(state.yaw_rate))
+        with car.raw():
+            for k, _ in enumerate(car.states(duration=6.0)):
+                car.pulses(steering_us=1900.0 if k > 400 else 1500.0, throttle_us=1600.0)
+        logged = log.take().column("yaw_rate")
+    ahead = np.abs(logged - np.array(shown[-len(logged):], dtype=float))
+    assert np.nanmedian(ahead) < 1e-3
+    assert 0 < np.count_nonzero(ahead > 0.03) < 20

@@ -10,11 +10,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from dart_hal.car.identity import Hello
+from dart_hal.car.telemetry import mounting_of
+from dart_hal.config import CarFiles
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.estimation.imu_clock import AGE_STD, ImuClock, gyro_read_delay
@@ -32,7 +35,10 @@ WRAP = 1 << 32
 
 
 class LoggedCar(WatchedCar, Protocol):
-    """A car that says what its firmware can do."""
+    """A car that says what its firmware can do, and how its IMU is mounted."""
+
+    @property
+    def files(self) -> CarFiles: ...
 
     @property
     def hello(self) -> Hello: ...
@@ -48,8 +54,8 @@ class Written(NamedTuple):
 
 class Seen(NamedTuple):
     """One STATE: t of its latch and arrival [s], device time, edges with the time of the last
-    [s], yaw rate [rad/s] (nan = none), begin [s] of a read that finds it at its mean age, one
-    sigma of that age [s], speed [m/s], one sigma of t [s]."""
+    [s], yaw rate [rad/s] of this sample (nan = none), begin [s] of a read that finds it at its mean
+    age, one sigma of that age [s], speed [m/s], one sigma of t [s]."""
 
     t: float
     arrival: float
@@ -93,15 +99,21 @@ class Traffic:
 
 
 class TrafficLog:
-    """Follows the traffic of one car from now on."""
+    """Follows the traffic of one car from now on.
+
+    A State withholds the yaw rate of a sample that jumps until the next one (``single_samples``).
+    At the begin of a turn that is a rate too late, so the samples themselves are logged, less the
+    bias that the States take off.
+    """
 
     def __init__(self, car: LoggedCar) -> None:
         self._up, self._down = Decoder(UP, Gates()), Decoder(DOWN)
-        self._reader, self._imu_clock = FrameReader(), ImuClock()
+        self._reader, self._imu_clock = FrameReader(mounting_of(car.files)), ImuClock()
         self._reader.identified(car.hello.caps)
         self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
         self._written: list[Written] = []
         self._seen: list[Seen] = []
+        self._biases: list[float] = []
         self._slot = math.nan
         car.on_bytes(self._bytes)
         car.on_state(self._state)
@@ -110,10 +122,14 @@ class TrafficLog:
         """What came since the last call. Errors: CalibrationFailed if it is next to nothing."""
         written, self._written = self._written, []
         seen, self._seen = self._seen, []
+        biases, self._biases = self._biases, []
         if len(seen) < FEW or not written:
             raise CalibrationFailed("no telemetry", found=f"{len(seen)} frames",
                                     expected="100 per second", remedy="dart-hal doctor")
-        return Traffic(np.array(written), np.array(seen), self._slot)
+        rows = np.array(seen)
+        if biases:  # most samples do not jump
+            rows[:, Seen._fields.index("yaw_rate")] -= median(biases)
+        return Traffic(np.array(written), rows, self._slot)
 
     @property
     def age_std(self) -> float | None:
@@ -153,7 +169,10 @@ class TrafficLog:
         if not self._waiting:
             return
         sample, arrival = self._waiting.popleft()
-        rate = math.nan if state.yaw_rate is None else state.yaw_rate
+        rate = math.nan
+        if state.yaw_rate is not None and sample.gyro is not None:
+            rate = sample.gyro[2]
+            self._biases.append(rate - state.yaw_rate)
         if sample.restarted:
             self._imu_clock.restart()
         read = self._imu_clock.mean_read(sample.imu_t, sample.look)

@@ -53,6 +53,13 @@ def _noise(metres_per_edge: Quantity, gyro_scale: Quantity | None) -> OdometryNo
     return OdometryNoise(**stated)
 
 
+def mounting_of(files: CarFiles) -> Mounting:
+    """Mounting of the IMU by a car's files; not calibrated: as ``car.toml`` has it, scale 1."""
+    yaw, pitch, roll = files.imu_mount
+    imu = files.calibration.imu if files.calibration else None
+    return Mounting(roll, pitch, yaw, imu.gyro_scale.value if imu and imu.gyro_scale else 1.0)
+
+
 class Telemetry:
     """One per open car; ``read`` is called once per STATE frame.
 
@@ -60,15 +67,13 @@ class Telemetry:
     """
 
     def __init__(self, files: CarFiles, byte_time: float) -> None:
-        yaw, pitch, roll = files.imu_mount
         imu = files.calibration.imu if files.calibration else None
         known = imu.gyro_scale if imu else None
-        scale = known.value if known else 1.0
         bias = imu.gyro_bias if imu and imu.gyro_bias else None
         encoder = files.config.encoder
         self._wheelbase = files.config.geometry.wheelbase
         self._wire_time = STATE.wire_size * byte_time
-        self._frames = FrameReader(Mounting(roll, pitch, yaw, scale))
+        self._frames = FrameReader(mounting_of(files))
         self.clock = ClockFit(byte_time=byte_time)
         self.speed = WheelSpeed(files.metres_per_edge.value, encoder.edges_per_rev, files.ring)
         self.odometry = Odometry(_noise(files.metres_per_edge, known),
