@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
 from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.motion import AT_REST, Drive, DynamicMotion, KinematicMotion
+from dart_hal.sim.motion import Drive
 from dart_hal.sim.stand import Stand
 from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.friction import make_friction
@@ -22,22 +22,6 @@ URL = "sim://?nano=mock&seed=3"
 def stand(seed=3, tick=TICK, **options):
     car = hidden_car(seed)
     return car, Stand(car, Drive(car.vehicle), tick, **options)
-
-
-@pytest.mark.parametrize("kind", [DynamicMotion, KinematicMotion])
-@pytest.mark.parametrize("seed", [0, 3])
-def test_car_at_rest_is_where_the_integration_would_leave_it(kind, seed):
-    """Control: a hand that pushes moves it."""
-    motion = kind(hidden_car(seed).vehicle, 1e-3)
-    before = (motion.x, motion.y, motion.eta)
-    assert motion.step(0.0, 0.0, 0.2) is AT_REST
-    motion.omega = 1e-300  # integrated
-    for _ in range(100):
-        assert max(map(abs, motion.step(0.0, 0.0, 0.2))) < 1e-200
-    assert (motion.x, motion.y, motion.eta) == pytest.approx(before, abs=1e-200)
-    motion.drive.push = 5.0
-    motion.step(0.0, 0.0, 0.2)
-    assert motion.v_x > 0.0
 
 
 @pytest.mark.parametrize("throttle", [0.25, 0.6, -0.5])

@@ -45,12 +45,6 @@ class Felt(NamedTuple):
     omega_dot: float
 
 
-AT_REST = Felt(0.0, 0.0, 0.0, 0.0, 0.0)
-"""Of a car without velocity and without drive force: it stays where it is, without integration."""
-ROUNDING = 1e-9
-"""N below which the drive force is zero: the motor's curve leaves 1e-13 N at zero throttle."""
-
-
 class Motion(Protocol):
     """State of the car; x, y [m] and velocities belong to the centre of mass."""
 
@@ -84,8 +78,7 @@ class Drive:
         if now != self._set:
             self._set = now
             k0, self.k1 = self._gains(throttle)
-            force = self.leads * k0 + self.push
-            self.k0 = force if abs(force) > ROUNDING else 0.0
+            self.k0 = self.leads * k0 + self.push
 
 
 class DynamicMotion:
@@ -105,8 +98,6 @@ class DynamicMotion:
         if angle != self._angle:
             self._angle, self._cos, self._sin = angle, math.cos(angle), math.sin(angle)
         u, v, r, f = self.v_x, self.v_y, self.omega, self._per_dt
-        if u == v == r == drive.k0 == 0.0:
-            return AT_REST
         self.x, self.y, self.eta, vx, vy, om = self._advance(
             self.x, self.y, self.eta, u, v, r, drive.k0, drive.k1, brake, self._cos, self._sin)
         self.v_x, self.v_y, self.omega = vx, vy, om
@@ -130,8 +121,6 @@ class KinematicMotion:
         drive, f, tan = self.drive, self._per_dt, math.tan(angle)
         drive.set(throttle)
         u, v, r = self.v_x, self.v_y, self.omega
-        if u == v == r == drive.k0 == 0.0:
-            return AT_REST
         self.x, self.y, self.eta, vx = self._advance(
             self.x, self.y, self.eta, u, drive.k0, drive.k1, brake, tan)
         om = vx * tan / self._wheelbase
