@@ -18,10 +18,12 @@ DAY = 86_400.0
 
 
 def read(path: str | Path) -> Recording:
-    """The recording with the marker frame that the simulated car has on its day."""
+    """The recording with the marker frame that the simulated car has on its day; one of another
+    day is no simulated one."""
     recording = read_file(path)
     if recording.mocap is None or recording.mocap.epoch is None:
         return recording
-    frame, = {frame for epoch, frame in PLACES.values()
+    frames = {frame for epoch, frame in PLACES.values()
               if abs(recording.mocap.epoch - epoch) < DAY}
-    return with_marker_frames([recording], Reference(*frame, "of the simulation"))[0]
+    given = Reference(*frames.pop(), "of the simulation") if frames else None
+    return with_marker_frames([recording], given)[0]
