@@ -113,8 +113,10 @@ def armed_esc(monkeypatch: pytest.MonkeyPatch) -> None:
     from dart_hal.sim import car_file
     from dart_hal.sim.esc import Esc, EscParams
 
+    usual = "arm_neutral = 2.0"
+    assert usual in car_file._TEXT
     monkeypatch.setattr(car_file, "_TEXT", car_file._TEXT.replace(
-        "arm_neutral = 2.0", f"arm_neutral = {SHORT_NEUTRAL}"))
+        usual, f"arm_neutral = {SHORT_NEUTRAL}"))
     start = Esc.__init__
 
     def start_armed(esc: Esc, params: EscParams | None = None) -> None:

@@ -67,7 +67,6 @@ class Copy:
 
         Raises RuntimeError if pytest crashes without the mutant.
 
-
         1. The quick tests of the subject: its files, then its folders, which take long to collect.
         2. If ``widely``, for a survivor: the quick tests of ``WIDE``, then the slower ones of
            the subject.
