@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from dart_hal.car.identity import Hello
-from dart_hal.car.telemetry import mounting_of
+from dart_hal.car.telemetry import compose_mounting
 from dart_hal.config import CarFiles
 from dart_hal.errors import CalibrationFailed
 from dart_hal.estimation.frames import FrameReader, Sample
@@ -35,7 +35,7 @@ WRAP = 1 << 32
 
 
 class LoggedCar(WatchedCar, Protocol):
-    """A car that says what its firmware can do, and how its IMU is mounted."""
+    """A car with the capabilities of its firmware and the mounting of its IMU."""
 
     @property
     def files(self) -> CarFiles: ...
@@ -108,7 +108,7 @@ class TrafficLog:
 
     def __init__(self, car: LoggedCar) -> None:
         self._up, self._down = Decoder(UP, Gates()), Decoder(DOWN)
-        self._reader, self._imu_clock = FrameReader(mounting_of(car.files)), ImuClock()
+        self._reader, self._imu_clock = FrameReader(compose_mounting(car.files)), ImuClock()
         self._reader.identified(car.hello.caps)
         self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
         self._written: list[Written] = []

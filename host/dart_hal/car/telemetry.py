@@ -53,8 +53,8 @@ def _noise(metres_per_edge: Quantity, gyro_scale: Quantity | None) -> OdometryNo
     return OdometryNoise(**stated)
 
 
-def mounting_of(files: CarFiles) -> Mounting:
-    """Mounting of the IMU by a car's files; not calibrated: as ``car.toml`` has it, scale 1."""
+def compose_mounting(files: CarFiles) -> Mounting:
+    """Compose the mounting of the IMU from a car's files; without a calibration the scale is 1."""
     yaw, pitch, roll = files.imu_mount
     imu = files.calibration.imu if files.calibration else None
     return Mounting(roll, pitch, yaw, imu.gyro_scale.value if imu and imu.gyro_scale else 1.0)
@@ -73,7 +73,7 @@ class Telemetry:
         encoder = files.config.encoder
         self._wheelbase = files.config.geometry.wheelbase
         self._wire_time = STATE.wire_size * byte_time
-        self._frames = FrameReader(mounting_of(files))
+        self._frames = FrameReader(compose_mounting(files))
         self.clock = ClockFit(byte_time=byte_time)
         self.speed = WheelSpeed(files.metres_per_edge.value, encoder.edges_per_rev, files.ring)
         self.odometry = Odometry(_noise(files.metres_per_edge, known),

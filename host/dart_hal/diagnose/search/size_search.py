@@ -38,8 +38,8 @@ def ladder(p: Parameter, shares: Sequence[float] = USUAL.scan.ladder
 
 
 def needs_larger_sizes(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-             policy: ScanPolicy) -> bool:
-    """Whether sizes further from the null are worth a look; ``gains`` near it may grow by one.
+                       policy: ScanPolicy) -> bool:
+    """Whether sizes further from the null are to be tried; ``gains`` near it may grow by one.
 
     Not where the parabola of those near it promises next to nothing, nor where its
     top is near and gains what it promises. What is one-sided may begin beyond a threshold.
@@ -61,8 +61,8 @@ def needs_larger_sizes(gains: dict[float, float], p: Parameter, gain: Callable[[
 
 
 def promises_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[float, FloatArray],
-              policy: ScanPolicy) -> bool:
-    """Whether sizes that were tried before are worth another look; gains: what each would gain.
+                  policy: ScanPolicy) -> bool:
+    """Whether sizes that were tried before are to be tried again; gains: what each would gain.
 
     Always, where what they explain may have a threshold or several tops.
     """
@@ -88,7 +88,7 @@ def next_larger_size(gains: Mapping[float, float], p: Parameter, last: float) ->
 
 
 def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-                moved: Callable[[float], float], policy: ScanPolicy) -> None:
+               moved: Callable[[float], float], policy: ScanPolicy) -> None:
     """Look for a threshold between a size that does next to nothing and one that does too much.
 
     A saturation beyond what a drive reaches changes nothing, a little below it cuts all that is
@@ -110,7 +110,7 @@ def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], 
 
 
 def refine_best_size(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
-            policy: ScanPolicy) -> None:
+                     policy: ScanPolicy) -> None:
     """Go to the best size: by parabolas, and where one does not keep its promise by halves."""
     for _ in range(policy.refinements):
         bracket = bracket_best_size(gains)
@@ -136,7 +136,7 @@ def bracket_best_size(gains: Mapping[float, float]) -> tuple[float, float, float
 
 
 def parabola_top(gains: Mapping[float, float], bracket: tuple[float, float, float]
-              ) -> tuple[float, float]:
+                 ) -> tuple[float, float]:
     """(top, its height) of the parabola through three sizes; the middle one where it is that."""
     a, b, c = bracket
     u, v, w = (gains[k] for k in bracket)
