@@ -19,7 +19,7 @@ from dart_hal.diagnose.evidence.space import Space, Timing
 from dart_hal.diagnose.grade import names
 from dart_hal.diagnose.grade.bag import Problem, probability, sizes
 from dart_hal.diagnose.grade.constancy import constancy
-from dart_hal.diagnose.grade.names import Judged, impossible_size, shown, sure_ratio
+from dart_hal.diagnose.grade.names import impossible_size, shown, sure_ratio
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.fit import refit
@@ -141,10 +141,10 @@ def test_an_unsure_name_comes_back_after_one_that_does_not_stand_elsewhere(
 
     def cost(name, kept):
         low = {"a": 0.98, "b": 1.01, "c": beside_b if "b" in kept else 1.01}[name]
-        return Judged((low + 0.01, low, low + 0.02), None)
+        return low + 0.01, low, low + 0.02
 
-    with_ = names.Grading(search, None, USUAL, 0, lambda kept, points: [
-        cost(n, kept) for n in kept], lambda fit, name: "")
+    with_ = replace(grading(search, None),
+                    costs=lambda fit, without: {n: cost(n, without) for n in without})
     found = shown(with_, ("", *"abc"), "", None, "abc")
     assert "".join(found.names) == found_then
     assert set(found.left_out) == set("abc") - set(found_then)
@@ -165,7 +165,32 @@ def test_interval_of_the_test_ratio_that_includes_1_makes_a_name_possible(low, l
 
 def grading(search, cost, impossible=lambda fit, name: ""):
     return names.Grading(search, None, USUAL, 0,
-                         lambda kept, points: [Judged(cost, None) for _ in kept], impossible)
+                         lambda fit, without: dict.fromkeys(without, cost),
+                         lambda kept, points: [None for _ in kept], impossible)
+
+
+def test_name_is_judged_beside_all_others(monkeypatch):
+    """b is small beside a, and clear once a is in the fit: each ratio leaves out one name alone."""
+    monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
+    monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(kept, 1.0))
+    for name in ("sizes", "constancy"):
+        monkeypatch.setattr(names, name, lambda *given: ())
+    search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
+                             steps=lambda base, at, noise, kept: (base, *kept))
+    errors = {"": 10.0, "a": 3.0, "b": 9.9, "ab": 1.0}
+
+    def costs(fit, without):
+        ratios = {n: errors[other] / errors[fit] for n, other in without.items()}
+        return {n: (ratio, ratio - 0.1, ratio + 0.1) for n, ratio in ratios.items()}
+
+    with_ = replace(grading(search, None), costs=costs)
+    found = shown(with_, ("", "b", "ab"), "", None, "ba")
+    assert found.names == ("b", "a")
+    assert found.judged["b"].cost[0] == 3.0
+    errors["a"] = 1.0  # the control: with a alone nothing is missed
+    found = shown(with_, ("", "b", "ab"), "", None, "ba")
+    assert found.names == ("a",)
+    assert found.judged["a"].cost[0] == 10.0
 
 
 @pytest.mark.parametrize("why", ["", "k = 1.5 is on the end of the interval"])

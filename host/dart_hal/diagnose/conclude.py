@@ -23,7 +23,7 @@ from .evidence.space import Timing
 from .gains import Fitted, Side, overall
 from .grade.names import Grading, Shown, impossible_size, shown
 from .grade.secants import secants
-from .judge import Predictor, judge
+from .judge import Predictor, compute_costs, compute_gains
 from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
@@ -81,7 +81,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
     predicting = partial(as_predicted, q, (found.point.timing, unseen.timing(found.point)))
     grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(judge, q.train, q.test, q.settings, unseen, predicting),
+                      partial(compute_costs, unseen),
+                      partial(compute_gains, q.train, q.test, q.settings, unseen, predicting),
                       impossible_size)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
     if sure.left_out:

@@ -101,7 +101,7 @@ class Cause:
     enters: stage of the effect; loss: drop of the robust loss on the training
     recordings; experiment: the drive that would tell it from its like.
     gain: of the channel where it shows most; cost: root of the robust loss of the test recordings
-    before it over that with it, at the timing that suits them, and its 90 % interval.
+    without it over that with all causes, at the timing that suits them, and its 90 % interval.
     probability: share of bags of recordings whose rest wants it; sizes: (size
     relative to the fitted one, standard error) by training recording.
     """

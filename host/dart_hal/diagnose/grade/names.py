@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -64,15 +64,18 @@ class Judged(NamedTuple):
 class Grading:
     """What it takes to grade: the search that made the fits, and the training evidence.
 
-    judge(names, points): each on recordings that no fit has seen, by the fit before it and that
-    with it. impossible(fit, name): why no car has the size that a name has there, or "".
+    costs(fit, without): errors on recordings that no fit has seen without each name, over those of
+    the fit with all; without: the fits without one name each. gains(names, points): what each name
+    gains there in the channel where it shows, by the fit before it and that with it.
+    impossible(fit, name): why no car has the size that a name has there, or "".
     """
 
     search: Search
     evidence: Evidence
     policy: Policy
     seed: int
-    judge: Callable[[Sequence[str], Sequence[Point]], Sequence[Judged]]
+    costs: Callable[[Point, Mapping[str, Point]], Mapping[str, Cost]]
+    gains: Callable[[Sequence[str], Sequence[Point]], Sequence[Gained]]
     impossible: Callable[[Point, str], str]
 
 
@@ -82,25 +85,29 @@ def shown(with_: Grading, points: Sequence[Point], at: Point, noise: Noise,
 
     Possible ones that went come back, the one that gains most first, where all are sure enough
     with it: what made them unsure may have gone after them. Then go, one at a time, those whose
-    size no car has, and the one that gains least, until all surely lower the errors on recordings
-    that no fit has seen (the interval of the ratio is above 1). What is unsure is then tried again,
-    unless it pushes out a name that stands.
+    size no car has, and the one that is missed least, until errors on recordings that no fit has
+    seen are surely larger without any of them (the interval of the ratio is above 1). All others
+    are in both fits of a ratio: beside a large error that another one explains, what a name gains
+    alone is lost. What is unsure is then tried again, unless it pushes out a name that stands.
     points: the base, with one effect more each, and perhaps with all fitted together; at: where the
     search has ended.
     One at a time: a name that goes may have been what hid another.
     """
     if not names:
         return Shown((), (points[0],), {}, {}, {}, {})
-    fits = _Fits(with_, at, noise, names)
+    fits = _Fits(with_, at, noise, names, points[0])
     first = fits.back(*fits.sure(fits.graded(names, points[-1])))
-    stands = _tested(fits, *first, points)
+    stands = _tested(fits, *first)
     if stands.kept.names != first[0].names:
         stands = _retried(fits, stands)
     kept, of = stands.kept, stands.kept.of
     if not kept.names:
         return Shown((), (points[0],), {}, {}, {}, stands.left_out)
-    return Shown(kept.names, tuple(stands.points),
-                 {n: Grade(p, sizes(of, n)) for n, p in kept.sure.items()}, stands.judged,
+    steps = tuple(_steps(with_, points, at, noise, kept.names, kept.fit))
+    gains = with_.gains(kept.names, steps)
+    judged = {n: Judged(stands.costs[n], gain) for n, gain in zip(kept.names, gains, strict=True)}
+    return Shown(kept.names, steps,
+                 {n: Grade(p, sizes(of, n)) for n, p in kept.sure.items()}, judged,
                  {n: constancy(of, n, with_.policy.grade, with_.seed) for n in kept.names},
                  stands.left_out)
 
@@ -116,12 +123,23 @@ class _Graded(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """Fits of some of the names, from one start, each graded."""
+    """Fits of some of the names, from one start, each done once; base: the one without any."""
 
     with_: Grading
     at: Point
     noise: Noise
     names: Sequence[str]
+    base: Point
+    _done: dict[tuple[str, ...], Point] = field(default_factory=dict)
+
+    def fit(self, names: Collection[str], near: Point) -> Point:
+        """With these names, from a fit with nearly the same."""
+        ordered = self._ordered(names)
+        if not ordered:
+            return self.base
+        if ordered not in self._done:
+            self._done[ordered] = self.with_.search.fit(self.at, self.noise, ordered, near)
+        return self._done[ordered]
 
     def graded(self, names: Sequence[str], fit: Point) -> _Graded:
         policy, seed = self.with_.policy, self.with_.seed
@@ -131,11 +149,15 @@ class _Fits:
 
     def of(self, names: Collection[str], near: Point) -> _Graded:
         """Of these, in the order in which they gain."""
-        ordered = [n for n in self.names if n in names]
-        return self.graded(ordered, self.with_.search.fit(self.at, self.noise, ordered, near))
+        return self.graded(self._ordered(names), self.fit(names, near))
 
     def without(self, those: _Graded, name: str) -> _Graded:
         return self.of(set(those.names) - {name}, those.fit)
+
+    def costs(self, those: _Graded) -> Mapping[str, Cost]:
+        """Errors on recordings that no fit has seen without each name, over those with all."""
+        return self.with_.costs(those.fit, {n: self.fit(set(those.names) - {n}, those.fit)
+                                            for n in those.names})
 
     def sure(self, those: _Graded) -> tuple[_Graded, dict[str, LeftOut]]:
         """The least sure leaves until all are sure enough; and those that left."""
@@ -160,22 +182,23 @@ class _Fits:
                 del away[name]
         return those, away
 
+    def _ordered(self, names: Collection[str]) -> tuple[str, ...]:
+        return tuple(n for n in self.names if n in names)
+
     def _are(self, those: _Graded) -> bool:
         return all(p >= self.with_.policy.grade.shown for p in those.sure.values())
 
 
 class _Stands(NamedTuple):
-    """What is left on recordings that no fit has seen: fits with one name more each, their worth,
-    and all that has left by now."""
+    """What is left on recordings that no fit has seen, what leaving each out costs there, and all
+    that has left by now."""
 
     kept: _Graded
-    points: Sequence[Point]
-    judged: Mapping[str, Judged]
+    costs: Mapping[str, Cost]
     left_out: dict[str, LeftOut]
 
 
-def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut], points: Sequence[Point]
-            ) -> _Stands:
+def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut]) -> _Stands:
     """Drop one name at a time until all have a possible size and surely lower errors."""
     with_, away = fits.with_, dict(left_out)
     while kept.names:
@@ -184,16 +207,15 @@ def _tested(fits: _Fits, kept: _Graded, left_out: Mapping[str, LeftOut], points:
             worst = min(impossible, key=lambda n: kept.sure[n])
             why = impossible[worst]
         else:
-            points = _steps(with_, points, fits.at, fits.noise, kept.names, kept.fit)
-            judged = dict(zip(kept.names, with_.judge(kept.names, points), strict=True))
-            worst = min(kept.names, key=lambda n: sure_ratio(judged[n].cost))
-            if sure_ratio(judged[worst].cost) > 1.0:
-                return _Stands(kept, points, judged, away)
-            why = no_gain(judged[worst].cost)
+            costs = fits.costs(kept)
+            worst = min(costs, key=lambda n: sure_ratio(costs[n]))
+            if sure_ratio(costs[worst]) > 1.0:
+                return _Stands(kept, costs, away)
+            why = no_gain(costs[worst])
         away[worst] = LeftOut(kept.sure[worst], why)
         kept, unsure = fits.sure(fits.without(kept, worst))
         away |= unsure
-    return _Stands(kept, points, {}, away)
+    return _Stands(kept, {}, away)
 
 
 def impossible_size(fit: Point, name: str) -> str:
@@ -224,7 +246,7 @@ def _retried(fits: _Fits, stands: _Stands) -> _Stands:
         new = set(kept.names) - set(stands.kept.names)
         if not new:
             return stands
-        tested = _tested(fits, kept, left_out, stands.points)
+        tested = _tested(fits, kept, left_out)
         if set(stands.kept.names) <= set(tested.kept.names):
             stands = tested
         else:
