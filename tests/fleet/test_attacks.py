@@ -391,7 +391,7 @@ def test_after_a_forged_session_the_car_is_found_again():
 @given(st.lists(st.integers(0, 400), max_size=300))
 def test_no_number_is_accepted_twice_in_any_order(numbers):
     """Against a list of all that were accepted, for frames that overtake each other at random."""
-    sender, accepted = Sender(Session("red", 1), 0.0, 0.0), set()
+    sender, accepted = Sender(Session("red", 1), 0.0, 0.0, 0.0), set()
     for seq in numbers:
         order = sender.place(seq)
         newest = max(accepted, default=-1)
@@ -407,14 +407,14 @@ def test_no_number_is_accepted_twice_in_any_order(numbers):
 
 
 def test_a_late_number_is_accepted_once():
-    sender = Sender(Session("red", 1), 0.0, 0.0)
+    sender = Sender(Session("red", 1), 0.0, 0.0, 0.0)
     assert [sender.place(seq) for seq in (5, 3, 3, 5, 4, 3)] == [
         Order.NEWEST, Order.LATE, Order.COPY, Order.COPY, Order.LATE, Order.COPY]
 
 
 def test_a_number_stays_known_while_others_overtake_it():
     """100, then the 63 below, then the 63 above: 100 is still in the window."""
-    sender = Sender(Session("red", 1), 0.0, 0.0)
+    sender = Sender(Session("red", 1), 0.0, 0.0, 0.0)
     for seq in (100, *range(37, 100), *range(101, 164)):
         assert sender.place(seq) in (Order.NEWEST, Order.LATE)
     assert sender.place(100) is Order.COPY

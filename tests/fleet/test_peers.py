@@ -257,8 +257,8 @@ def test_a_law_of_several_cars_tells_its_own_bytes(fed):
         encode(m.COORDINATION, 7, 1, 0.0, ("red", b"x" * 256))
 
 
-def test_a_member_without_an_echo_is_reported_after_the_time_that_a_frame_may_travel(fed):
-    key = RoomKey(b"key of the laboratory")
+@pytest.mark.parametrize("key", [None, RoomKey(b"key of the laboratory")])
+def test_watcher_without_an_echo_is_reported_after_the_time_that_a_frame_may_travel(fed, key):
     peers = Peers("blue", 1, key)
     for n in range(60):
         now = n * STEP

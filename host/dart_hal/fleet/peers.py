@@ -212,7 +212,7 @@ class Peers:
             del self.sessions[oldest.session]
             if self.senders.get(oldest.session.name) is oldest:
                 del self.senders[oldest.session.name]
-        new = Sender(session, arrived, arrived, source, first=heard.seq)
+        new = Sender(session, arrived, arrived, arrived, source, first=heard.seq)
         self.sessions[session] = new
         return new
 
@@ -267,8 +267,7 @@ class Peers:
         found = dict(self.decoder.ignored)
         for session, sender in self.sessions.items():
             matters = self.decoder.key is not None or m.BEAT.id in sender.told
-            proof = sender.proof if sender.proof > -inf else sender.heard
-            if matters and now - sender.last < LATEST < now - proof:
+            if matters and now - sender.last < LATEST < now - max(sender.proof, sender.began):
                 found.setdefault(session.name, UNPROVEN)
         return found
 

@@ -38,14 +38,16 @@ class Order(Enum):
 class Sender:
     """One session.
 
-    ``last``: own car's time of its last frame, also of one that was dropped; ``heard``: of its
-    last frame that counted; ``newest``, ``came``: see ``place``; ``told``: of each
-    kind when the newest frame arrived, what it took, and the frame; ``proof``: own car's time of
-    the newest own frame that it has echoed; ``displaced``: when another session of its name took
-    its place in the table of names. Counts: frames taken, late (overtaken), twice (came again).
+    ``began``: own car's time of its first frame; ``last``: of its last one, also of one that was
+    dropped; ``heard``: of its last frame that counted; ``newest``, ``came``: see ``place``;
+    ``told``: of each kind when the newest frame arrived, what it took, and the frame; ``proof``:
+    own car's time of the newest own frame that it has echoed; ``displaced``: when another session
+    of its name took its place in the table of names. Counts: frames taken, late (overtaken), twice
+    (came again).
     """
 
     session: Session
+    began: float
     heard: float
     last: float
     source: object = None
