@@ -3,7 +3,8 @@
     python driver.py URL CAR CARS HOW
 
 Prints "driving" when the pins carry a throttle, then reads a line; on "now" it
-prints "at STAMP" (CLOCK_MONOTONIC) and does HOW.
+prints "at STAMP" (CLOCK_MONOTONIC) and does HOW. Ends with an error where no
+throttle came within ``PATIENCE``.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ THROTTLE = 0.3
 LONG = 3.0
 ESC_STARTS = 2.2
 """s of neutral after which every ESC obeys: one that does not looks like a dead encoder."""
+PATIENCE = 60.0
+"""s within which a car drives, on a busy machine, too, where a late frame disarms it again."""
 
 
 def say(*words: object) -> None:
@@ -80,12 +83,16 @@ def main(url: str, name: str, cars: str, how: str) -> None:
     with Car.open(url, car=name, cars=cars or None, raise_on_trip=False) as car:
         threading.Thread(target=listen, daemon=True).start()
         driven, done, told = 0, False, False
+        deadline = time.monotonic() + PATIENCE
         with suppress(LinkLost):
             for _ in car.states(duration=ESC_STARTS, timeout=20.0):
                 pass
         while True:
+            if not told and time.monotonic() > deadline:
+                sys.exit(f"no throttle within {PATIENCE:.0f} s: {car.mode} {car.causes}")
             with suppress(NotArmed, LinkLost):
-                if not driven and car.mode != "ARMED":      # later trips are not healed
+                if not told and car.mode != "ARMED":      # later trips are not healed
+                    driven = 0
                     car.arm(waive=WAIVE)
             if how == "patient" and told:
                 time.sleep(0.5)
@@ -100,7 +107,7 @@ def main(url: str, name: str, cars: str, how: str) -> None:
                     if driven > 20 and not told:
                         told = True
                         say("driving")
-                    if car.mode != "ARMED" and not driven:
+                    if not told and (car.mode != "ARMED" or time.monotonic() > deadline):
                         break
 
 

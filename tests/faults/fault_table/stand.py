@@ -23,8 +23,6 @@ from dart_hal.links.i2c import open_bus
 from fault_table.row import NEVER
 
 HERE = Path(__file__).parent
-PATIENCE = 40.0
-"""s for anything that starts on a busy machine."""
 NEUTRAL_US, SLACK_US = 1500.0, 5.0
 COUNT_US = 122 / 25.0
 FAVOURED = -10
