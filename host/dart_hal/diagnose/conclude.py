@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -44,7 +44,7 @@ from .result import (
     added,
 )
 from .search.fit import Point, covariance
-from .search.forward import Search, SearchResult
+from .search.forward import Search, SearchResult, noise_beside
 from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
 from .unexplained.structure import groups, shares, unexplained
@@ -85,9 +85,15 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
                       partial(compute_gains, q.train, q.test, q.settings, unseen, predicting),
                       impossible_size)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
+    noise = noise_beside(sure.names, found.noise, found.base_noise)
+    if sure.names and not np.array_equal(noise.motion, found.noise.motion):
+        # what is left out had shaped the noise
+        points = q.search.steps(found.base, found.point, noise, sure.names)
+        again = shown(grading, points, found.point, noise, sure.names)
+        sure = replace(again, left_out={**sure.left_out, **again.left_out})
     if sure.left_out:
         points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
-        at = _mounted(q, points[-1], found.noise)
+        at = _mounted(q, points[-1], noise)
         left = _left(q, at)
     stages = _stages(q, found.given, points, named, predicting, unseen)
     last = points[-1]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from searched import drive, evidence, search, size_of
 
+from dart_hal.diagnose import conclude, diagnose
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.fit import covariance
 from dart_hal.diagnose.search.forward import Search
@@ -12,6 +14,7 @@ from dart_hal.diagnose.search.selection import Settings, rows_at
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
+from dart_hal.vehicle.load import find_model
 
 SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""
@@ -56,3 +59,32 @@ def test_effects_of_the_base_move_with_a_refit_only(refit):
     found = search(drive(("steering_lag", 0.12), seconds=24.0), p=base, names=("steering_lag",),
                    max_causes=0, refit=refit)
     assert (size_of(found, "steering_rate_limit") == 0.1) is not refit
+
+
+@pytest.mark.more
+@pytest.mark.cpu(30)
+@pytest.mark.parametrize("impossible", ["grip", ""])
+def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch):
+    """Beside causes of sensors alone the noise of the motion is that of the base."""
+    base, used = [], []
+    noise_beside, mounted = conclude.noise_beside, conclude.mounted
+
+    def spy_on_base(effects, noise, base_noise):
+        base.append(base_noise)
+        return noise_beside(effects, noise, base_noise)
+
+    def spy_on_use(search, evidence, point, noise):
+        used.append(noise)
+        return mounted(search, evidence, point, noise)
+
+    monkeypatch.setattr(conclude, "noise_beside", spy_on_base)
+    monkeypatch.setattr(conclude, "mounted", spy_on_use)
+    monkeypatch.setattr(conclude, "impossible_size",
+                        lambda fit, name: "no car has it" if name == impossible else "")
+    train, test = (drive(("gyro_scale", 0.05), ("grip", -0.2), seconds=40.0, seed=s)
+                   for s in (3, 4))
+    file, p = find_model("paper")
+    found = diagnose(file, p, [train], [test], refit=False, only=("gyro_scale", "grip"))
+    accepted = {"gyro_scale", "grip"} - {impossible}
+    assert {c.effect for c in found.causes} == accepted
+    assert np.array_equal(used[-1].motion, base[-1].motion) is bool(impossible)

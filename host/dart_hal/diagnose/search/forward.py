@@ -47,9 +47,8 @@ class SearchResult:
 
     noise: that of the residuals of the last point, from which the causes are taken. A cause that is
     part of the noise has little weight in the very directions in which it shows, and what is left
-    for its size is where the noise happens to cancel it: it is found too small. Causes that change
-    readings alone are no part of the noise of the motion, which stays that of the base: each
-    measuring of it moves the base on, and a cause in a sensor would move the car.
+    for its size is where the noise happens to cancel it: it is found too small. base_noise: that of
+    the residuals of the base.
 
     alike: a name with what it cannot be told from beside all others that were found.
     """
@@ -57,6 +56,7 @@ class SearchResult:
     given: Point
     points: tuple[Point, ...]
     noise: Noise
+    base_noise: Noise
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     ranking: tuple[Trial, ...]
@@ -75,6 +75,17 @@ class SearchResult:
     def point(self) -> Point:
         """With all effects that were named."""
         return self.points[-1]
+
+
+def noise_beside(effects: Sequence[str], noise: Noise, base_noise: Noise) -> Noise:
+    """Return the noise beside some effects: that of the base's motion if all change readings alone.
+
+    Such effects are no part of the noise of the motion. Each measuring of it moves the base on, and
+    a cause in a sensor would move the car.
+    """
+    if all(only_read(catalogue()[name]) for name in effects):
+        return noise.with_motion(base_noise)
+    return noise
 
 
 class Search:
@@ -142,12 +153,12 @@ class Search:
             named = self._weighed(point, noise, named)
             alike = partial(self._alike, point, noise, self._before)
         if not named:
-            return SearchResult(given, (base,), base_noise, (), rejected, first, alike)
-        if all(only_read(catalogue()[one.effect]) for one in named):
-            noise = noise.with_motion(base_noise)
-        points = self.steps(base, point, noise, [one.effect for one in named])
+            return SearchResult(given, (base,), base_noise, base_noise, (), rejected, first, alike)
+        effects = [one.effect for one in named]
+        noise = noise_beside(effects, noise, base_noise)
+        points = self.steps(base, point, noise, effects)
         return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
-                     tuple(named), rejected, first, alike)
+                            base_noise, tuple(named), rejected, first, alike)
 
     def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:
