@@ -10,6 +10,7 @@ import pytest
 from dart_hal.errors import RecordingError, UsageError
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.identify.shooting import Problem, fit_jointly
+from dart_hal.identify.shooting.fit import WAIT_STD
 from dart_hal.predict.actuators import actuated, delayed, first_order_lag
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
@@ -189,3 +190,18 @@ def test_descent_that_gets_nowhere_does_not_call_it_convergence():
     found = descend(lambda x: x + 2.0, lambda x, r: -np.eye(1), np.zeros(1), np.full(1, -9.0),
                     np.full(1, 9.0), robust=1e6, prior=0.0)
     assert not found.converged
+
+
+@pytest.mark.more
+@pytest.mark.cpu(20)
+@pytest.mark.parametrize("wait", [WAIT_STD, 0.0])
+def test_commands_of_a_run_that_all_waited_longer_make_no_sure_lag(wait):
+    """The control: as if each command waited a time of its own."""
+    car = with_values(PAPER, {"delay.throttle_s": 0.02, "delay.throttle_lag_s": 0.0,
+                              "delay.steering_s": 0.02, "delay.steering_lag_s": 0.0})
+    late = with_values(car, {"delay.throttle_s": 0.026, "delay.steering_s": 0.026})
+    grids = [driven(seed, 40.0, late, (0.004, 0.002, 0.01)) for seed in (1, 2)]
+    problem = replace(Problem.of(grids), waits=(wait, wait))
+    found = fit_jointly(problem, car, ("delay",), known={"delay.throttle_s": 0.001})
+    lag = found.fits["delay"].parameters["throttle_lag_s"]
+    assert (lag.value < 2.0 * lag.std) is (wait > 0.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.control.drivetrain import FRAME
 from dart_hal.errors import RecordingError
 from dart_hal.fitting.covariance import RECORDINGS, block_covariance, held_covariance
 from dart_hal.fitting.least_squares import EDGE, Solution
@@ -44,6 +45,10 @@ STEP = 1e-2  # of the prior, to both sides
 TIMING_STEP = 4e-3  # s, both sides: a delay of held commands is smooth only beyond their grid
 POSE_LATENCY_STD = 0.5e-3
 """s, one sigma of the latency of poses as it was measured: of 12 emulated cars 0.1 to 0.5 ms."""
+WAIT_STD = FRAME / 12.0**0.5
+"""s, one sigma of the wait for a PWM frame, which is anything up to a frame. A run writes its
+commands every second message of the Nano, 20.02 ms, and a frame is as long but for 0.02 %: all
+commands of a minute wait about as long, and those of another run another time."""
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
 MAX_RESIDUAL = 1e3  # typical errors; a rollout that left the road is not wronger than this
 IDENTIFIED = 1.0 / 3.0
@@ -157,7 +162,8 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
         raise RecordingError("none of these recordings can be predicted", found=reasons,
                              expected="motion capture of a moving car",
                              remedy="without --joint the sub-models are fitted one by one")
-    problem = Problem.of([g for _, g in used])
+    waits = tuple(0.0 if r.commands is None else WAIT_STD for r, _ in used)
+    problem = replace(Problem.of([g for _, g in used]), waits=waits)
     return fit_jointly(problem, base, submodels, progress, known), used, unused
 
 
@@ -220,10 +226,11 @@ class _Work:
 
 def _held_columns(problem: Problem, names: tuple[str, ...], data: Solution, space: Coordinates,
                   scale: FloatArray) -> FloatArray:
-    """Changes (n, h) of the residuals by one standard error of marker frame and pose latency.
+    """Changes (n, h) of the residuals by one standard error of marker frame, latency and waits.
 
     The measured v_y changes by -omega per m of L_x, by v_x per rad of theta, and v_x by omega
-    per m of L_y. Poses that came later than was measured make both delays shorter alike.
+    per m of L_y. Poses that came later than was measured make both delays shorter alike. So does
+    a longer wait of all commands of one recording, in its windows alone.
     """
     columns = []
     along, _, turning = np.moveaxis(problem.measured, 1, 0)
@@ -231,11 +238,15 @@ def _held_columns(problem: Problem, names: tuple[str, ...], data: Solution, spac
         change = np.zeros_like(problem.measured)
         change[:, channel] = series * problem.frame_errors(which)
         columns.append((change / scale).ravel())
-    late = np.zeros(len(data.residual))
+    later = np.zeros(len(data.residual))  # per s
     for i, name in enumerate(names):
         if name in ("delay.steering_s", "delay.throttle_s"):
-            late += data.jacobian[:, i] * POSE_LATENCY_STD / space.width(i)
-    columns.append(late)
+            later += data.jacobian[:, i] / space.width(i)
+    columns.append(POSE_LATENCY_STD * later)
+    recording, _ = stretches(problem.parts, BLOCK)
+    for i, wait in enumerate(problem.waits):
+        inside = np.broadcast_to(recording == i, problem.measured.shape).ravel()
+        columns.append(np.where(inside, wait * later, 0.0))
     return np.stack(columns, axis=1)
 
 

@@ -28,11 +28,13 @@ class Problem:
     """n windows of some recordings.
 
     parts: the recordings with the first samples of their windows; measured
-    (len(READ), 3, n): CHANNELS to be predicted.
+    (len(READ), 3, n): CHANNELS to be predicted; waits [s]: by recording, standard
+    error of how long its commands waited for their pulse, () = of none.
     """
 
     parts: Parts
     measured: FloatArray
+    waits: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, grids: Sequence[Grid], every: float = EVERY) -> Problem:
