@@ -22,13 +22,12 @@ from dart_hal.errors import LinkLost, NotArmed
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
 from fault_table.drive import WAIVE
 from fault_table.layers import inherit
+from fault_table.stand import PATIENCE
 
 THROTTLE = 0.3
 LONG = 3.0
 ESC_STARTS = 2.2
 """s of neutral after which every ESC obeys: one that does not looks like a dead encoder."""
-PATIENCE = 60.0
-"""s within which a car drives, on a busy machine, too, where a late frame disarms it again."""
 
 
 def say(*words: object) -> None:

@@ -23,6 +23,8 @@ from dart_hal.links.i2c import open_bus
 from fault_table.row import NEVER
 
 HERE = Path(__file__).parent
+PATIENCE = 60.0
+"""s within which a car drives, on a busy machine, too, where a late frame disarms it again."""
 NEUTRAL_US, SLACK_US = 1500.0, 5.0
 COUNT_US = 122 / 25.0
 FAVOURED = -10
