@@ -169,7 +169,7 @@ def grading(search, cost, impossible=lambda fit, name: ""):
                          lambda kept, points: [None for _ in kept], impossible)
 
 
-def test_name_is_judged_beside_all_others(monkeypatch):
+def test_cause_is_compared_with_the_fit_of_all_others(monkeypatch):
     """b is small beside a, and clear once a is in the fit: each ratio leaves out one name alone."""
     monkeypatch.setattr(names, "secants", lambda evidence, fit, kept, policy: "".join(kept))
     monkeypatch.setattr(names, "grades", lambda of, kept, *rest: dict.fromkeys(kept, 1.0))

@@ -195,7 +195,7 @@ def test_descent_that_gets_nowhere_does_not_call_it_convergence():
 @pytest.mark.more
 @pytest.mark.cpu(20)
 @pytest.mark.parametrize("wait", [WAIT_STD, 0.0])
-def test_commands_of_a_run_that_all_waited_longer_make_no_sure_lag(wait):
+def test_commands_of_a_run_that_all_waited_longer_make_no_significant_lag(wait):
     """The control: as if each command waited a time of its own."""
     car = with_values(PAPER, {"delay.throttle_s": 0.02, "delay.throttle_lag_s": 0.0,
                               "delay.steering_s": 0.02, "delay.steering_lag_s": 0.0})

@@ -44,7 +44,7 @@ from .result import (
     added,
 )
 from .search.fit import Point, covariance
-from .search.forward import Search, SearchResult, noise_beside
+from .search.forward import Search, SearchResult, select_noise
 from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
 from .unexplained.structure import groups, shares, unexplained
@@ -85,9 +85,9 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
                       partial(compute_gains, q.train, q.test, q.settings, unseen, predicting),
                       impossible_size)
     sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
-    noise = noise_beside(sure.names, found.noise, found.base_noise)
+    noise = select_noise(sure.names, found.noise, found.base_noise)
     if sure.names and not np.array_equal(noise.motion, found.noise.motion):
-        # what is left out had shaped the noise
+        # the rejected causes had shaped the noise
         points = q.search.steps(found.base, found.point, noise, sure.names)
         again = shown(grading, points, found.point, noise, sure.names)
         sure = replace(again, left_out={**sure.left_out, **again.left_out})

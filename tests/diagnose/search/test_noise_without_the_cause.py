@@ -67,17 +67,17 @@ def test_effects_of_the_base_move_with_a_refit_only(refit):
 def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch):
     """Beside causes of sensors alone the noise of the motion is that of the base."""
     base, used = [], []
-    noise_beside, mounted = conclude.noise_beside, conclude.mounted
+    select_noise, mounted = conclude.select_noise, conclude.mounted
 
     def spy_on_base(effects, noise, base_noise):
         base.append(base_noise)
-        return noise_beside(effects, noise, base_noise)
+        return select_noise(effects, noise, base_noise)
 
     def spy_on_use(search, evidence, point, noise):
         used.append(noise)
         return mounted(search, evidence, point, noise)
 
-    monkeypatch.setattr(conclude, "noise_beside", spy_on_base)
+    monkeypatch.setattr(conclude, "select_noise", spy_on_base)
     monkeypatch.setattr(conclude, "mounted", spy_on_use)
     monkeypatch.setattr(conclude, "impossible_size",
                         lambda fit, name: "no car has it" if name == impossible else "")

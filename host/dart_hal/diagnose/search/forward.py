@@ -77,8 +77,8 @@ class SearchResult:
         return self.points[-1]
 
 
-def noise_beside(effects: Sequence[str], noise: Noise, base_noise: Noise) -> Noise:
-    """Return the noise beside some effects: that of the base's motion if all change readings alone.
+def select_noise(effects: Sequence[str], noise: Noise, base_noise: Noise) -> Noise:
+    """Select the noise of some effects: the motion of the base if all change readings alone.
 
     Such effects are no part of the noise of the motion. Each measuring of it moves the base on, and
     a cause in a sensor would move the car.
@@ -155,7 +155,7 @@ class Search:
         if not named:
             return SearchResult(given, (base,), base_noise, base_noise, (), rejected, first, alike)
         effects = [one.effect for one in named]
-        noise = noise_beside(effects, noise, base_noise)
+        noise = select_noise(effects, noise, base_noise)
         points = self.steps(base, point, noise, effects)
         return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
                             base_noise, tuple(named), rejected, first, alike)
