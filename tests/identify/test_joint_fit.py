@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.errors import RecordingError, UsageError
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.identify.shooting import Problem, fit_jointly
-from dart_hal.identify.shooting.fit import WAIT_STD
 from dart_hal.predict.actuators import actuated, delayed, first_order_lag
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24

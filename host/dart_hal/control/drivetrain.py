@@ -25,6 +25,10 @@ BRAKE_ABOVE = 0.25
 """m/s; slower the car rolls out, for an ESC without a brake would drive it backward."""
 FRAME = 0.020
 """s of one PWM frame: a throttle is held for it."""
+WAIT_STD = FRAME / 12.0**0.5
+"""s, one sigma of the wait for a PWM frame, which is anything up to a frame. A run writes its
+commands every second message of the Nano, 20.02 ms, and a frame is as long but for 0.02 %: all
+commands of a minute wait about as long, and those of another run another time."""
 
 Correction = Callable[[float], float]
 """Throttle to add at a speed [m/s]."""

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from searched import drive, evidence
 
-from dart_hal.diagnose.evidence.noise import WAIT, measure
+from dart_hal.control.drivetrain import WAIT_STD
+from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Residuals
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.search.forward import Search
@@ -42,7 +43,8 @@ def test_commands_of_a_run_wait_for_a_frame_and_no_longer(seen):
     run = type(seen)(runs, PAPER.body.l_r)
     assert run.commands_stamped
     r = run.residuals(PAPER, SOME_AGE).motion
-    late = run.residuals(PAPER, replace(SOME_AGE, command_age=SOME_AGE.command_age - WAIT)).motion
+    younger = replace(SOME_AGE, command_age=SOME_AGE.command_age - WAIT_STD)
+    late = run.residuals(PAPER, younger).motion
     moved = np.abs(late - r) / np.median(np.abs(r), axis=0)
     certain = certainty(run)
     assert np.min(certain[moved < 0.01]) > 0.95
@@ -57,8 +59,9 @@ def test_a_known_wait_is_the_size_of_its_doubt():
     older = np.repeat([0.0, 5.0], [900, 100])[:, None]  # rad/s2: a step in a tenth of the windows
     motion = 0.004 * rng.normal(size=(1000, 1)) + older * rng.uniform(-0.01, 0.01, (1000, 1))
     block = np.arange(1000) // 4
-    found = measure(Residuals(motion, np.empty((0, 4))), (block, block[:0]), older=older, wait=WAIT)
+    found = measure(Residuals(motion, np.empty((0, 4))), (block, block[:0]), older=older,
+                    wait=WAIT_STD)
     assert np.all(found.certain[:900] == 1.0)
     assert found.certain[900:] == pytest.approx(
-        1.0 / np.sqrt(1.0 + (WAIT * 5.0 / 0.004)**2), rel=0.1)
+        1.0 / np.sqrt(1.0 + (WAIT_STD * 5.0 / 0.004)**2), rel=0.1)
     assert np.std(found.certain[900:] * motion[900:]) == pytest.approx(0.004, rel=0.15)

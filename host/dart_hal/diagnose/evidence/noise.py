@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
 from dart_hal.types import FloatArray, IntArray
 
@@ -28,8 +27,6 @@ from .space import MAX_COMMAND_AGE
 
 WIDEST = MAX_COMMAND_AGE / np.sqrt(12.0)  # s; standard deviation of ages of which nothing is known
 ROUNDS = 3  # of sizes and ages, each without the other
-WAIT = FRAME / np.sqrt(12.0)
-"""s: a command acts with the next PWM frame, in step with none: standard deviation of that wait."""
 
 
 @dataclass(frozen=True, slots=True)

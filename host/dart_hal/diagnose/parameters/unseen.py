@@ -13,11 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
+from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older
-from ..evidence.noise import WAIT, Noise, measure
+from ..evidence.noise import Noise, measure
 from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import rows_of
 from ..evidence.space import LATE_REACH, Space, Timing
@@ -72,7 +73,7 @@ class Unseen:
         r = evidence.residuals(point.vehicle, timing)
         moved = older(evidence, point.vehicle, timing, r, policy.noise.age_s)
         here = measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
-                       policy.noise, WAIT if evidence.commands_stamped else None)
+                       policy.noise, WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, certain=here.certain)
 
     def _timing(self, point: Point, noise: Noise) -> Timing:

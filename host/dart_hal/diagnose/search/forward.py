@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older
-from ..evidence.noise import WAIT, Noise, measure
+from ..evidence.noise import Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
 from ..evidence.space import Space, Timing
 from ..unexplained.driven import undriven
@@ -277,7 +278,7 @@ class Search:
         r = undriven(self._evidence, vehicle, seen, policy.unexplained) if (
             stamped and not self._evidence.exact) else seen
         moved = older(self._evidence, vehicle, timing, seen, policy.noise.age_s)
-        return self._noise(r, moved, WAIT if stamped else None)
+        return self._noise(r, moved, WAIT_STD if stamped else None)
 
     def _noise(self, r: Residuals, moved: FloatArray | None = None,
                wait: float | None = None) -> Noise:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
+from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.errors import RecordingError
 from dart_hal.fitting.covariance import RECORDINGS, block_covariance, held_covariance
 from dart_hal.fitting.least_squares import EDGE, Solution
@@ -45,10 +45,6 @@ STEP = 1e-2  # of the prior, to both sides
 TIMING_STEP = 4e-3  # s, both sides: a delay of held commands is smooth only beyond their grid
 POSE_LATENCY_STD = 0.5e-3
 """s, one sigma of the latency of poses as it was measured: of 12 emulated cars 0.1 to 0.5 ms."""
-WAIT_STD = FRAME / 12.0**0.5
-"""s, one sigma of the wait for a PWM frame, which is anything up to a frame. A run writes its
-commands every second message of the Nano, 20.02 ms, and a frame is as long but for 0.02 %: all
-commands of a minute wait about as long, and those of another run another time."""
 BLOCK = 5.0  # s; the disturbances of a drive are forgotten after that
 MAX_RESIDUAL = 1e3  # typical errors; a rollout that left the road is not wronger than this
 IDENTIFIED = 1.0 / 3.0
