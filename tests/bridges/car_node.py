@@ -1,7 +1,10 @@
 """An emulated car in real time on ROS 1; at the end of its standard input it writes what the ESC
 got.
 
-    python car_node.py PINS.json [URL]: {"pulses": [[time.time(), us], ...], "said": [...]}
+    python car_node.py PINS.json [URL]
+
+{"pulses": [[time.time(), us], ...], "speeds": [[time.time(), true m/s], ...] of each State that
+the bridge took, "said": [...]}
 """
 
 from __future__ import annotations
@@ -28,8 +31,13 @@ def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):
         (time.time(), (pulse[1] - pulse[0]) * 1e6)) if channel == 1 else None)
     with Car.over(backend) as car:
         threading.Thread(target=lambda: (sys.stdin.read(), node.close()), daemon=True).start()
-        car.on_state(lambda state: speeds.append((time.time(), world.truth().v_x)))
-        Bridge(car, 1, node, said.append).run(car.arming(), car.states())
+
+        def taken_states():
+            for state in car.states():
+                speeds.append((time.time(), world.truth().v_x))
+                yield state
+
+        Bridge(car, 1, node, said.append).run(car.arming(), taken_states())
     Path(out).write_text(json.dumps({"pulses": pulses, "said": said, "speeds": speeds}))
 
 

@@ -13,6 +13,7 @@ import time
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from xmlrpc.client import ServerProxy
 
 HERE = Path(__file__).parent
 DEBIAN = "/usr/lib/python3/dist-packages"
@@ -64,6 +65,12 @@ class RosWorld(ExitStack):
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
+    def published_topics(self):
+        """Names of the topics that a node has told the master it publishes."""
+        master = ServerProxy(self.ros["ROS_MASTER_URI"])
+        _, _, (publishers, _, _) = master.getSystemState("/test")
+        return {topic for topic, _ in publishers}
+
     def start(self, script, *args):
         """A Python script in a process; its output is kept in the folder."""
         words = [sys.executable, str(script), *map(str, args)]
@@ -91,12 +98,16 @@ class RosWorld(ExitStack):
         """What the node of ``driver_node.py`` saw, and the pulses of the car's ESC.
 
         A computer that is too busy for the emulated car starves its link, which refuses to arm or
-        trips, as it has to: such a drive is begun again, twice at most.
+        trips, as it has to. So the car starts after all nodes have loaded their libraries, and a
+        starved drive is repeated, up to four times.
         """
-        for _ in range(3):
+        commands = {f"/{name}" for name in ("safety_value", "steering_1", "throttle_1")}
+        for _ in range(5):
             pins, seen = self.folder / "pins.json", self.folder / "seen.json"
-            car = self.start(HERE / "car_node.py", pins, *url)
             driver = self.start(HERE / "driver_node.py", mode, seen)
+            until(lambda: commands <= self.published_topics(), 30.0)
+            assert commands <= self.published_topics(), self.published_topics()
+            car = self.start(HERE / "car_node.py", pins, *url)
             until(partial(one_ended, driver, car), 60.0)
             early = car.poll() is not None
             self._end(car, told=True)
