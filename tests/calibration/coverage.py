@@ -9,8 +9,8 @@ that "all" has measured, another minute. Each car of "latency" by itself, and of
 is esc, has a delay and a lag of its motor drawn from its seed; "steering" by itself is of a car
 that nothing has measured before. One row per quantity: the share of its intervals that hold the
 truth, rms of error by standard error, worst of both. In the pooled share every quantity of every
-car weighs the same, the 20 numbers of a ring as one. The clock's intervals are wide here: the
-crystal of a simulated host has no error.
+car weighs the same, the 20 numbers of a ring as one. Host crystal, filter of the gyro and rear tyre
+are drawn from the seed as well (``real_parts``).
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import brentq
+from tests.calibration.real_parts import filtered_gyro, host_second, in_seconds, rear_bend
 
 from dart_hal.calibration import esc, order
 from dart_hal.calibration.asking import agree, silent
@@ -43,6 +44,8 @@ VERBS: dict[str, Callable[[Car, Workshop], Measured | SteeringResult]] = {
     "lidar": lambda car, workshop: calibrate_lidar(car, room_map(car.url))}
 LATE = ("latency", "lagging")
 """Verbs whose car has a delay and a lag of its motor."""
+BENT = ("mocap", "lidar", "all")
+"""Verbs whose car has a rear tyre that bends: the circles of the two are what shows it."""
 
 
 def room_map(url: str) -> Map:
@@ -50,14 +53,19 @@ def room_map(url: str) -> Map:
     return map_of_lines(np.array(reveal_url(Url.parse(url))["room"]["lines"]))
 
 
-def url_of(seed: int, mocap: bool = False, late: bool = True, lidar: bool = False) -> str:
-    """The hidden car of a seed; ``late``: with a delay and a lag of its motor."""
+def url_of(seed: int, mocap: bool = False, late: bool = True, lidar: bool = False,
+           bent: bool = False) -> str:
+    """The hidden car of a seed; ``late``: with a delay and a lag of its motor, ``bent``: with a
+    rear tyre that is no straight line."""
     url = f"sim://?seed={seed}&nano=mock&mocap={int(mocap)}&lidar={int(lidar)}"
-    if not late:
-        return url
-    rng = np.random.default_rng([seed, 500])
-    delay, lag = rng.uniform(0.0, 0.04), rng.uniform(0.015, 0.1)
-    return f"{url}&effect=throttle_delay:{delay:.4f},throttle_lag:{lag:.4f}"
+    effects = []
+    if late:
+        rng = np.random.default_rng([seed, 500])
+        delay, lag = rng.uniform(0.0, 0.04), rng.uniform(0.015, 0.1)
+        effects += [f"throttle_delay:{delay:.4f}", f"throttle_lag:{lag:.4f}"]
+    if bent:
+        effects.append(f"rear_saturation:{rear_bend(seed):.4f}")
+    return f"{url}&effect={','.join(effects)}" if effects else url
 
 
 def true_sensors(url: str) -> dict[str, float]:
@@ -69,6 +77,8 @@ def true_sensors(url: str) -> dict[str, float]:
     found = reveal_url(Url.parse(url))
     sensors = dict(found["sensors"])
     for effect in found["effects"]:
+        if effect["name"] == "rear_saturation":  # no sensor shows it
+            continue
         size = next(iter(effect["parameters"].values()))["value"]
         name = {"throttle_delay": "latency.pulse_to_wheel",
                 "throttle_lag": "latency.pulse_to_wheel_lag"}[effect["name"]]
@@ -85,7 +95,8 @@ Errors = dict[str, list[tuple[float, float]]]
 
 def errors(verb: str, seed: int) -> Errors:
     """What one procedure found on one hidden car, "all": every one, each by what came before."""
-    url = url_of(seed, verb in ("mocap", "all"), verb in LATE, verb in ("lidar", "all"))
+    url = url_of(seed, verb in ("mocap", "all"), verb in LATE, verb in ("lidar", "all"),
+                 verb in BENT)
     with tempfile.TemporaryDirectory() as folder:
         if verb == "all":
             return all_errors(seed, url, folder)
@@ -93,7 +104,7 @@ def errors(verb: str, seed: int) -> Errors:
             with Car.open(url, cars=folder) as car:
                 calibrate_steering(car)
         backend = open_backend(url)
-        with Car.over(backend, cars=folder) as car:
+        with filtered_gyro(seed), Car.over(backend, cars=folder) as car:
             return errors_in(seed, url, car.files, VERBS[verb](car, backend.workshop))
 
 
@@ -109,7 +120,7 @@ def all_errors(seed: int, url: str, folder: str) -> Errors:
     rows: Errors = {}
     for step in steps:
         backend = open_backend(url)
-        with Car.over(backend, cars=folder) as car:
+        with filtered_gyro(seed), Car.over(backend, cars=folder) as car:
             found = step.run(car, backend.workshop, silent, agree)
             files = car.files
         write(files, found)
@@ -125,11 +136,11 @@ def errors_in(seed: int, url: str, files: CarFiles, found: Measured | SteeringRe
 
 def errors_of(seed: int, url: str, found: Measured) -> Errors:
     """Of every number that stands in ``found``."""
-    true = true_sensors(url)
+    true, second = true_sensors(url), host_second(seed)
     rows = {}
     for name, q in found.quantities.items():
         value, std = np.atleast_1d(q.value), np.broadcast_to(q.std, np.shape(q.value) or 1)
-        off = off_by(value, np.atleast_1d(true[name]))
+        off = off_by(value, in_seconds(name, np.atleast_1d(true[name]), second))
         rows[name] = [(float(e), float(s)) for e, s in zip(off, std, strict=True)]
     return rows | drive_errors(seed, found)
 
@@ -154,12 +165,15 @@ def map_errors(url: str, files: CarFiles, found: SteeringResult) -> Errors:
 
 
 def drive_errors(seed: int, found: Measured) -> Errors:
-    """(error, standard error) [us] of each point of a drive table, together."""
+    """(error, standard error) [us] of each point of a drive table, together.
+
+    The simulator's speeds and pulses count in the host's seconds.
+    """
     table = found.others.get("throttle.drive")
     if not isinstance(table, DriveTable):
         return {}
-    rows = zip(table.speed, table.pulse_us, table.std_us, strict=True)
-    return {"throttle.drive": [(pulse - holding_pulse(seed, speed), std)
+    rows, second = zip(table.speed, table.pulse_us, table.std_us, strict=True), host_second(seed)
+    return {"throttle.drive": [(pulse - holding_pulse(seed, speed * second) * second, std)
                                for speed, pulse, std in rows]}
 
 

@@ -29,7 +29,7 @@ FLOOR = "8"
 
 def calibrated(seed: int, folder: Path) -> Errors:
     """Calibrate the car of a seed into ``folder``; errors of all quantities."""
-    url = url_of(seed, mocap=True, late=False, lidar=True)
+    url = url_of(seed, mocap=True, late=False, lidar=True, bent=True)
     return all_errors(seed, url, str(folder))
 
 
