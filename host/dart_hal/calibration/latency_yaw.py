@@ -13,6 +13,7 @@ common to all. When the IMU took each sample tell its looks (``estimation.imu_cl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,9 +34,11 @@ NOISE = 0.003
 """rad/s: the gyro's 2.5e-4 rad/s/sqrt(Hz) at 100 Hz, and its step of 1/900."""
 FILTER_STD = 0.0005
 """s, one sigma of the delay of 5 ms of the gyro's filter: 10 %."""
-TYRES_LATE = 0.0004
-"""s, one sigma of what one stiffness for both axles leaves of the 4 to 7 ms by which the yaw rate
-is behind the wheels at 0.5 m/s, where front, rear and inertia are each known to 10 %."""
+TYRES_LATE, TYRES_SLEW = 0.00035, 0.011
+"""s, and relative: one sigma of what one stiffness for both axles leaves in the delay and in the
+slew, where the stiffness of front and rear and the inertia are each known to 10 %. Each was changed
+by so much in the fits of three hidden cars: 0.33 to 0.37 ms and 0.6 to 1.1 %, all three together.
+The yaw rate is 4 to 7 ms behind the wheels at 0.5 m/s."""
 HIDDEN_LAG, LAG_STD = 0.010, 0.003
 """s: a shorter lag shows nothing, for the slew holds the servo back all of a small step, 20 ms; and
 one sigma of what map and tyres leave in a longer one."""
@@ -175,7 +178,8 @@ def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float],
              shape: float) -> Turning:
     """What the turns have in common; the delay by the stairs, less those of another PWM frame.
 
-    A slew that is too slow by 1 % makes half of a step longer by 0.1 ms, which the delay lacks.
+    A slew that is too slow by 1 % makes half of a step longer by 0.1 ms, which the delay lacks;
+    for the tyres' part of the slew that is in TYRES_LATE.
     """
     own = found.x[4:]
     told = turns.told & (np.abs(own - np.median(own[turns.told])) < PERIOD)
@@ -189,7 +193,8 @@ def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float],
     lag = (float(found.x[LAG]), float(np.hypot(found.std[LAG], LAG_STD)))
     return Turning((float(mean[4:] @ own) + read[0] - 0.5 * PERIOD, float(std)),
                    lag if shows else None,
-                   (slew, float(np.hypot(found.std[RATE], shape * slew))), found.left)
+                   (slew, math.hypot(found.std[RATE], shape * slew, TYRES_SLEW * slew)),
+                   found.left)
 
 
 def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
