@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.calibration import mocap_fit
 from dart_hal.calibration.mocap_fit import NAMES, Track, fit_marker
 from dart_hal.errors import CalibrationFailed
 from dart_hal.types import NINETY
 
 TRUE = {"marker_x": 0.102, "marker_y": -0.006, "marker_yaw": 0.021, "latency": 0.012}
 SLIP = 0.034
+TURN_IN = 0.05
 
 
-def track(seed: int, rate: float = 100.0) -> Track:
+def track(seed: int, rate: float = 100.0, turn_in: float = TURN_IN) -> Track:
     """Slow and fast circles both ways; gyro and wheels 0.1 % off, a slipping rear axle."""
     rng = np.random.default_rng(seed)
     dt, t = 0.01, np.arange(0.0, 52.0, 0.01)
@@ -24,7 +26,8 @@ def track(seed: int, rate: float = 100.0) -> Track:
     omega = np.convolve(np.where(leg % 2 == 0, 1.0, -1.0) * v / 0.55, np.ones(30) / 30, "same")
     yaw = 0.3 + np.cumsum(omega) * dt
     middle = np.exp(1j * (yaw - 0.5 * omega * dt))  # of each step, which ends at yaw
-    moved = (v - 1j * SLIP * v**2 * omega) * middle * dt
+    force = v * omega + (turn_in - SLIP * v**2) * np.gradient(omega, dt)
+    moved = (v - 1j * SLIP * v * force) * middle * dt
     place = np.cumsum(moved) + (TRUE["marker_x"] + 1j * TRUE["marker_y"]) * np.exp(1j * yaw)
     at = np.arange(1.0, 51.0, 1.0 / rate)
     when = at - TRUE["latency"]
@@ -49,6 +52,21 @@ def test_the_intervals_hold_the_truth(rate):
         assert found["latency"].std < 4e-3
     assert np.mean(np.abs(errors) < NINETY) >= 0.75
     assert np.max(np.abs(errors)) < 4.0
+
+
+def test_slip_follows_the_yaw_acceleration():
+    """What a change of side adds to the slip is not taken for the marker's place."""
+    near, far = (fit_marker(track(1, turn_in=turn_in)).found for turn_in in (0.03, 0.06))
+    for name in NAMES:
+        assert near[name].value == pytest.approx(far[name].value, abs=0.3 * near[name].std)
+
+
+def test_control_slip_of_steady_turns_alone_scatters(monkeypatch):
+    free = fit_marker(track(1)).found
+    monkeypatch.setattr(mocap_fit, "TURN_IN", (SLIP * 0.64, 1e-6))  # none at 0.8 m/s
+    steady = fit_marker(track(1)).found
+    assert steady["marker_y"].std > 1.5 * free["marker_y"].std
+    assert steady["marker_yaw"].std > 2.0 * free["marker_yaw"].std
 
 
 @pytest.mark.more
