@@ -142,6 +142,29 @@ def test_what_is_wrong_with_the_mount_is_named(told):
     assert found.found["yaw"].value == pytest.approx(backend_lidar(URL)["mount_yaw"], abs=1e-3)
 
 
+def read_with_gyro(drive, scale):
+    """The drive, its heading and places by a gyro whose scale is ``scale`` times as large."""
+    car = np.array([(s.pose.x, s.pose.y, s.pose.yaw) for s in drive.states])
+    yaw = car[0, 2] + scale * (car[:, 2] - car[0, 2])
+    step = np.hypot(*np.diff(car[:, :2], axis=0).T) * np.exp(0.5j * (yaw[1:] + yaw[:-1]))
+    place = car[0, 0] + 1j * car[0, 1] + np.concatenate([[0.0], np.cumsum(step)])
+    return Drive([replace(s, pose=replace(s.pose, x=float(p.real), y=float(p.imag), yaw=float(w)))
+                  for s, p, w in zip(drive.states, place, yaw, strict=True)], drive.scans)
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+def test_the_yaw_follows_the_scale_of_the_gyro_as_its_standard_error_says(told):
+    chart = room_map(URL)
+    any_gyro, calibrated = fit_lidar(told, chart), fit_lidar(told, chart, 3e-4)
+    moved = fit_lidar(read_with_gyro(told, 1.01), chart).found["yaw"].value
+    shift = abs(moved - calibrated.found["yaw"].value)
+    assert shift == pytest.approx(5e-4, rel=0.2)
+    assert shift < 1.65 * any_gyro.found["yaw"].std
+    assert shift > 1.65 * calibrated.found["yaw"].std, "control: no calibrated gyro does that"
+    assert any_gyro.found["x"].std == calibrated.found["x"].std
+
+
 @pytest.mark.more
 @pytest.mark.cpu(60)
 def test_a_map_of_another_room_is_refused(told):

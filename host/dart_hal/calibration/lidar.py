@@ -16,7 +16,7 @@ from dart_hal.localisation.field import Map
 from dart_hal.types import Estimate, Scan, State
 
 from .asking import Ask, Progress, agree, begin, silent
-from .lidar_fit import Drive, Sits, fit_lidar, sense_of
+from .lidar_fit import ANY_GYRO, Drive, Sits, fit_lidar, sense_of
 from .measured import Measured
 from .mocap import SPEEDS, drive
 from .runner import AskingCar, Runner
@@ -79,7 +79,7 @@ def calibrate_lidar(car: LidarCar, chart: Map, *, progress: Progress = silent, a
             drive(Runner(car), files, progress, watch, LEGS, LOCK, whole=True)
     finally:
         car.stop()
-    sits = found_by(Drive(states, scans), chart)
+    sits = found_by(Drive(states, scans), chart, _gyro_std(files))
     method = f"{sits.scans} scans in a map"
     found = {f"lidar.{KEYS[name]}": Quantity(e.value, e.std, method)
              for name, e in sits.found.items()}
@@ -91,13 +91,20 @@ def calibrate_lidar(car: LidarCar, chart: Map, *, progress: Progress = silent, a
                      "large",))
 
 
-def found_by(told: Drive, chart: Map) -> Sits:
+def _gyro_std(files: CarFiles) -> float:
+    """Relative standard error of the gyro's scale, by the car's files or of any BNO055."""
+    imu = files.calibration.imu if files.calibration else None
+    scale = imu.gyro_scale if imu else None
+    return scale.std / scale.value if scale else ANY_GYRO
+
+
+def found_by(told: Drive, chart: Map, gyro_std: float = ANY_GYRO) -> Sits:
     """Errors: CalibrationFailed for scans that turn the wrong way, are of another room, and for a
     lidar that sits quite otherwise than car.toml says."""
     sense, mount = sense_of(told), told.scans[0].mount
     if sense is not None and sense < MIRRORED:
         raise _mirrored(mount.inverted, sense)
-    sits = fit_lidar(told, chart)
+    sits = fit_lidar(told, chart, gyro_std)
     for name, limit in WITHIN.items():
         was, now = getattr(mount, name), sits.found[name]
         if abs(now.value - was) > limit:
